@@ -1,0 +1,1 @@
+"""From a noisy state map to a clean one (paper section IV-B)."""

@@ -1,0 +1,56 @@
+"""The errors a user can meet; each says what was given, what is valid and what to do next.
+
+The command line maps them to exit codes: 1 the input is at fault, 2 the arguments are,
+3 the machine is.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SpikingTacError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+    exit_code = 1
+
+
+class RecordingError(SpikingTacError):
+    """A recording cannot be read: missing, foreign, or damaged beyond what was allowed."""
+
+
+class FormatError(RecordingError):
+    """The bytes do not fit the format that the file's name or header claims."""
+
+
+class DamageError(RecordingError):
+    """Damage was found and the caller asked for none (``strict``)."""
+
+
+class CalibrationError(SpikingTacError):
+    """The calibration cannot be made or read; names the markers that are missing."""
+
+
+class ConfigError(SpikingTacError):
+    """A setting or an argument is unknown or out of range; names the nearest valid one."""
+
+    exit_code = 2
+
+
+class MissingExtraError(SpikingTacError):
+    """An optional library is not installed; names the extra that brings it."""
+
+    exit_code = 3
+
+
+class DeviceError(SpikingTacError):
+    """A camera, robot or gripper does not answer as it should."""
+
+    exit_code = 3
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the closest valid name, or an empty string."""
+    close = difflib.get_close_matches(name, list(valid), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

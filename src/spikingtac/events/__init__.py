@@ -1,0 +1,1 @@
+"""Events: sources, formats, windows and filters."""

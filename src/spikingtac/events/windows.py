@@ -1,0 +1,85 @@
+"""Cut a stream at given times; regular windows keep the empty ones, since silence is data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from spikingtac.types import EventPacket
+
+
+def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:
+    """Yield one packet for each stretch between consecutive edges.
+
+    The stream before the first edge is dropped. The last packet ends where the stream ends, if that
+    is before the next edge.
+
+    Args:
+        packets: Packets in order of time, of any length.
+        edges_us: Increasing times, us; endless iterators are fine.
+    """
+    start = next(edges_us, None)
+    end = next(edges_us, None)
+    parts: list[EventPacket] = []
+    reached: int | None = None
+    for packet in packets:
+        while start is not None and end is not None and packet.t_end_us >= end:
+            parts.append(_between(packet, start, end))
+            yield _joined(parts, start, end)
+            parts, start, end = [], end, next(edges_us, None)
+        if start is None or end is None:
+            return
+        if packet.t_end_us > start:
+            parts.append(_between(packet, start, end))
+            reached = packet.t_end_us
+    if start is not None and end is not None and parts and reached is not None and reached > start:
+        yield _joined(parts, start, min(end, reached))
+
+
+def windows(
+    packets: Iterable[EventPacket], period_us: int, t_start_us: int | None = None
+) -> Iterator[EventPacket]:
+    """Yield regular half-open windows of ``period_us``, including the empty ones.
+
+    Args:
+        packets: Packets in order of time, of any length.
+        period_us: Length of a window, us.
+        t_start_us: Where the first window begins; None begins at the first packet.
+
+    Raises:
+        ValueError: The period is not positive.
+    """
+    if period_us < 1:
+        raise ValueError(f"period_us is {period_us}, it must be at least 1")
+    stream = iter(packets)
+    first = next(stream, None)
+    if first is None:
+        return
+    origin = first.t_start_us if t_start_us is None else t_start_us
+
+    def edges() -> Iterator[int]:
+        edge = origin
+        while True:
+            yield edge
+            edge += period_us
+
+    def again() -> Iterator[EventPacket]:
+        yield first
+        yield from stream
+
+    yield from cut(again(), edges())
+
+
+def _between(packet: EventPacket, start_us: int, end_us: int) -> EventPacket:
+    first, last = np.searchsorted(packet.t, (start_us, end_us))
+    span = max(start_us, packet.t_start_us), min(end_us, packet.t_end_us)
+    return packet.part(int(first), int(last), *span)
+
+
+def _joined(parts: list[EventPacket], start_us: int, end_us: int) -> EventPacket:
+    kept = [part for part in parts if len(part)]
+    if not kept:
+        return EventPacket.empty(start_us, end_us, parts[0].size)
+    whole = kept[0] if len(kept) == 1 else EventPacket.concatenate(kept)
+    return whole.part(0, len(whole), start_us, end_us)

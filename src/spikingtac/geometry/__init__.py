@@ -1,0 +1,1 @@
+"""Geometry by touch (paper section V-C)."""

@@ -1,0 +1,1 @@
+"""Arms and closed loops (paper sections V-B and V-C)."""

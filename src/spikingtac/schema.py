@@ -1,0 +1,148 @@
+"""Strict TOML for frozen dataclasses: unknown keys are refused with the nearest valid name."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from spikingtac.errors import ConfigError, nearest
+
+T = TypeVar("T")
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Parse a TOML file.
+
+    Raises:
+        ConfigError: The file cannot be read, or is no TOML (with line and column).
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {str(path)!r}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{str(path)!r} is not valid TOML: {error}") from error
+
+
+def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
+    """Build a dataclass from a mapping, table by table.
+
+    Args:
+        cls: A dataclass; fields may be numbers, strings, booleans, tuples, optional values,
+            other dataclasses, or tuples of dataclasses (TOML arrays of tables).
+        mapping: Parsed TOML or JSON.
+        where: Name of the document or table, for errors.
+
+    Raises:
+        ConfigError: A key is unknown or missing, or a value has the wrong type or range; names the
+            key, what was given and what is valid.
+    """
+    hints = typing.get_type_hints(cls)
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    for key in mapping:
+        if key not in fields:
+            raise ConfigError(
+                f"{where}: unknown key {key!r}{nearest(key, fields)} "
+                f"(valid: {', '.join(sorted(fields))})"
+            )
+    values = {key: _convert(hints[key], value, f"{where}.{key}") for key, value in mapping.items()}
+    missing = [
+        name
+        for name, field in fields.items()
+        if name not in values
+        and field.default is dataclasses.MISSING
+        and field.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise ConfigError(f"{where}: the key {missing[0]!r} is missing")
+    try:
+        return cls(**values)
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def to_mapping(value: Any) -> Any:
+    """Return dataclasses as plain dictionaries (None left out), for manifests and digests."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        pairs = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
+        return {name: to_mapping(item) for name, item in pairs if item is not None}
+    if isinstance(value, tuple | list):
+        return [to_mapping(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): to_mapping(item) for key, item in value.items()}
+    return value
+
+
+def _convert(hint: Any, value: Any, where: str) -> Any:
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _convert_union(typing.get_args(hint), value, where)
+    if origin is typing.Literal:
+        return _convert_literal(typing.get_args(hint), value, where)
+    if origin is tuple:
+        return _convert_tuple(typing.get_args(hint), value, where)
+    if dataclasses.is_dataclass(hint):
+        if not isinstance(value, Mapping):
+            raise ConfigError(f"{where}: expected a table, got {value!r}")
+        return build(typing.cast(type, hint), value, where)
+    return _convert_scalar(hint, value, where)
+
+
+def _convert_union(options: tuple[Any, ...], value: Any, where: str) -> Any:
+    if value is None and type(None) in options:
+        return None
+    rest = [option for option in options if option is not type(None)]
+    if len(rest) == 1:
+        return _convert(rest[0], value, where)
+    for option in rest:
+        try:
+            return _convert(option, value, where)
+        except ConfigError:
+            continue
+    raise ConfigError(f"{where}: {value!r} fits none of the valid kinds")
+
+
+def _convert_literal(options: tuple[Any, ...], value: Any, where: str) -> Any:
+    if value in options:
+        return value
+    names = [str(option) for option in options]
+    raise ConfigError(
+        f"{where}: {value!r} is not valid{nearest(str(value), names)} (valid: {', '.join(names)})"
+    )
+
+
+def _convert_tuple(items: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise ConfigError(f"{where}: expected a list, got {value!r}")
+    if len(items) == 2 and items[1] is Ellipsis:
+        return tuple(_convert(items[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+    if len(items) != len(value):
+        raise ConfigError(f"{where}: expected {len(items)} values, got {len(value)}")
+    pairs = zip(items, value, strict=True)
+    return tuple(_convert(item, got, f"{where}[{i}]") for i, (item, got) in enumerate(pairs))
+
+
+def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
+    if hint is Any:
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is float and number:
+        if value != value or value in (float("inf"), float("-inf")):
+            raise ConfigError(f"{where}: {value!r} is not a finite number")
+        return float(value)
+    if hint is int and isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if hint in (str, bool) and isinstance(value, hint):
+        return value
+    if hint is dict or typing.get_origin(hint) is dict:
+        if isinstance(value, Mapping):
+            return dict(value)
+    raise ConfigError(
+        f"{where}: expected {getattr(hint, '__name__', hint)}, got {value!r} "
+        f"({type(value).__name__})"
+    )

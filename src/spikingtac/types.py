@@ -1,0 +1,321 @@
+"""The values that travel between the stages, and the conventions they share.
+
+Conventions, stated once: (x, y) in px with the origin at the centre of the top-left pixel, y
+down; images are indexed ``[y, x]``; marker index is row-major (rows top to bottom, then left to
+right); geometry in mm; time in integer microseconds (``_us``).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import CalibrationError
+
+EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
+"""Structured dtype at the edges, equal to that of the aedat and faery packages."""
+
+CALIBRATION_SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class EventPacket:
+    """Consecutive events of one camera, as columns.
+
+    Invariants, checked once where data enters and trusted afterwards: columns of equal length,
+    ``t`` never decreasing and inside ``[t_start_us, t_end_us)``, ``x < width``, ``y < height``.
+
+    Attributes:
+        x: ``uint16[n]`` column, px.
+        y: ``uint16[n]`` row, px.
+        p: ``bool[n]`` polarity, True where the pixel became brighter (+1).
+        t: ``int64[n]`` time, us.
+        t_start_us: First microsecond that the packet covers.
+        t_end_us: First microsecond after the packet (half-open).
+        size: ``(width, height)`` of the sensor, px.
+    """
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    p: NDArray[np.bool_]
+    t: NDArray[np.int64]
+    t_start_us: int
+    t_end_us: int
+    size: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @classmethod
+    def empty(cls, t_start_us: int, t_end_us: int, size: tuple[int, int]) -> EventPacket:
+        """Return a packet that covers a stretch of silence."""
+        return cls(
+            x=np.empty(0, np.uint16),
+            y=np.empty(0, np.uint16),
+            p=np.empty(0, np.bool_),
+            t=np.empty(0, np.int64),
+            t_start_us=t_start_us,
+            t_end_us=t_end_us,
+            size=size,
+        )
+
+    def part(self, first: int, last: int, t_start_us: int, t_end_us: int) -> EventPacket:
+        """Return events ``first`` to ``last`` (exclusive) as a packet of the given span (views)."""
+        chosen = slice(first, last)
+        return EventPacket(
+            self.x[chosen],
+            self.y[chosen],
+            self.p[chosen],
+            self.t[chosen],
+            t_start_us,
+            t_end_us,
+            self.size,
+        )
+
+    def select(self, keep: NDArray[Any]) -> EventPacket:
+        """Return the events that a mask or an index array keeps, over the same span."""
+        return EventPacket(
+            self.x[keep],
+            self.y[keep],
+            self.p[keep],
+            self.t[keep],
+            self.t_start_us,
+            self.t_end_us,
+            self.size,
+        )
+
+    def to_structured(self) -> NDArray[Any]:
+        """Return the events as one array of :data:`EDGE_DTYPE`."""
+        out = np.empty(len(self), EDGE_DTYPE)
+        out["t"], out["x"], out["y"], out["p"] = self.t, self.x, self.y, self.p
+        return out
+
+    @classmethod
+    def from_structured(cls, events: NDArray[Any], size: tuple[int, int]) -> EventPacket:
+        """Build a packet from an array with the fields t, x, y and p (``on`` is accepted)."""
+        t = events["t"].astype(np.int64)
+        return cls(
+            x=events["x"].astype(np.uint16),
+            y=events["y"].astype(np.uint16),
+            p=events["p"].astype(np.bool_),
+            t=t,
+            t_start_us=int(t[0]) if len(t) else 0,
+            t_end_us=int(t[-1]) + 1 if len(t) else 0,
+            size=size,
+        )
+
+    @classmethod
+    def concatenate(cls, packets: list[EventPacket]) -> EventPacket:
+        """Join packets that follow each other in time; at least one is needed."""
+        return cls(
+            x=np.concatenate([packet.x for packet in packets]),
+            y=np.concatenate([packet.y for packet in packets]),
+            p=np.concatenate([packet.p for packet in packets]),
+            t=np.concatenate([packet.t for packet in packets]),
+            t_start_us=packets[0].t_start_us,
+            t_end_us=packets[-1].t_end_us,
+            size=packets[0].size,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerFrame:
+    """The markers at one time; every stage's output stays inspectable.
+
+    Attributes:
+        t_us: Time of the estimate, us.
+        detected_px: ``(m, 2)`` the truthful estimate, px.
+        position_px: ``(m, 2)`` after the hysteresis law, px.
+        displacement_px: ``(m, 2)`` position minus reference, px.
+        held: ``(m,)`` True where the position was sustained or predicted, not observed.
+        confidence: ``(m,)`` from 0 (no support) to 1.
+    """
+
+    t_us: int
+    detected_px: NDArray[np.float64]
+    position_px: NDArray[np.float64]
+    displacement_px: NDArray[np.float64]
+    held: NDArray[np.bool_]
+    confidence: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A contact decision: when, and the count that exceeded which threshold."""
+
+    t_us: int
+    count: float
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Position ``(3,)`` in mm and rotation ``(3, 3)`` of a body in a named frame."""
+
+    position_mm: NDArray[np.float64]
+    rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    frame: str = "base"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Calibration:
+    """Where the markers rest, and what the recording taught about them.
+
+    Attributes:
+        reference_px: ``(m, 2)`` rest positions, row-major, px.
+        radius_px: ``(m,)`` disc radii, px.
+        grid: ``(rows, columns)``.
+        size: ``(width, height)`` of the sensor, px.
+        polarity: ``"white"`` markers on dark ground, or ``"dark"`` on light.
+        step_on: Share of the full swing that one ON event stands for, or None (use the preset's).
+        step_off: The same for OFF events.
+        contrast: Marker over ground intensity ratio, or None.
+        edge_px: Logistic scale of a marker's edge, px, or None.
+        lag_us: Delay of the events behind the motion, us, or None.
+        px_per_mm: Image scale at the skin, or None where no pitch was given.
+        hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
+        provenance: Where the calibration came from.
+    """
+
+    reference_px: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
+    grid: tuple[int, int]
+    size: tuple[int, int]
+    polarity: str = "white"
+    step_on: float | None = None
+    step_off: float | None = None
+    contrast: float | None = None
+    edge_px: float | None = None
+    lag_us: float | None = None
+    px_per_mm: float | None = None
+    hysteresis: str | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, path: str | Path) -> None:
+        """Write ``calibration.json``; optional values that are unknown are left out."""
+        document: dict[str, Any] = {
+            "schema": CALIBRATION_SCHEMA,
+            "size": list(self.size),
+            "grid": list(self.grid),
+            "polarity": self.polarity,
+        }
+        for name in _OPTIONAL_NUMBERS:
+            value = getattr(self, name)
+            if value is not None:
+                document[name] = round(float(value), 6)
+        if self.hysteresis is not None:
+            document["hysteresis"] = self.hysteresis
+        document["reference_px"] = np.round(self.reference_px, 4).tolist()
+        document["radius_px"] = np.round(self.radius_px, 4).tolist()
+        document["provenance"] = self.provenance
+        Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Calibration:
+        """Read ``calibration.json``; a minimal file written by hand is accepted.
+
+        Raises:
+            CalibrationError: The file is missing, is no JSON, or a key is missing or unfit.
+        """
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise CalibrationError(
+                f"cannot read the calibration {str(path)!r}: {error.strerror}; "
+                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+            ) from error
+        except (ValueError, RecursionError) as error:
+            raise CalibrationError(f"{str(path)!r} is not JSON: {error}") from error
+        return cls.from_document(document, where=str(path))
+
+    @classmethod
+    def from_document(cls, document: Any, where: str = "calibration") -> Calibration:
+        """Build a calibration from parsed JSON; see :meth:`load`."""
+        values = _checked_document(document, where)
+        return cls(**values)
+
+
+_OPTIONAL_NUMBERS = (
+    "step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm",
+)  # fmt: skip
+
+
+def _checked_document(document: Any, where: str) -> dict[str, Any]:
+    def fail(what: str) -> CalibrationError:
+        return CalibrationError(
+            f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols], "
+            "reference_px [[x, y], ...] row-major and radius_px [...]"
+        )
+
+    if not isinstance(document, dict):
+        raise fail("the document is not a JSON object")
+    if document.get("schema") != CALIBRATION_SCHEMA:
+        raise fail(f"schema is {document.get('schema')!r}, this version reads 1")
+    try:
+        size = _pair(document["size"])
+        grid = _pair(document["grid"])
+        reference = np.array(document["reference_px"], np.float64)
+        radius = np.array(document["radius_px"], np.float64)
+        numbers = {
+            name: float(document[name])
+            for name in _OPTIONAL_NUMBERS
+            if document.get(name) is not None
+        }
+    except KeyError as error:
+        raise fail(f"the key {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise fail(str(error)) from error
+    markers = grid[0] * grid[1]
+    if reference.shape != (markers, 2):
+        raise fail(f"grid {list(grid)} asks for {markers} points, got shape {reference.shape}")
+    if radius.ndim == 0:
+        radius = np.full(markers, float(radius))
+    if radius.shape != (markers,):
+        raise fail(f"radius_px has shape {radius.shape}, expected ({markers},)")
+    if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
+        raise fail("positions must be finite and radii positive")
+    polarity = document.get("polarity", "white")
+    if polarity not in ("white", "dark"):
+        raise fail(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
+    bad = [name for name, value in numbers.items() if not (np.isfinite(value) and value >= 0)]
+    if bad:
+        raise fail(f"{bad[0]} is {numbers[bad[0]]}, it must be finite and not negative")
+    return {
+        "reference_px": reference,
+        "radius_px": radius,
+        "grid": grid,
+        "size": size,
+        "polarity": polarity,
+        "hysteresis": document.get("hysteresis"),
+        "provenance": dict(document.get("provenance") or {}),
+        **numbers,
+    }
+
+
+def _pair(value: Any) -> tuple[int, int]:
+    first, second = (int(item) for item in value)
+    if first < 1 or second < 1:
+        raise ValueError(f"{[first, second]} must be positive")
+    return first, second
+
+
+class LossCounters(dict[str, int]):
+    """How often each kind of damage or loss was met; absent kinds count zero."""
+
+    def __missing__(self, kind: str) -> int:
+        return 0
+
+    def add(self, kind: str, times: int = 1) -> None:
+        """Count ``times`` more of ``kind`` (nothing is stored for zero)."""
+        if times:
+            self[kind] = self[kind] + times
+
+    def kinds(self) -> Iterator[tuple[str, int]]:
+        """Yield (kind, count) in order of name."""
+        return iter(sorted(self.items()))
