@@ -139,9 +139,8 @@ def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
         return value
     if hint in (str, bool) and isinstance(value, hint):
         return value
-    if hint is dict or typing.get_origin(hint) is dict:
-        if isinstance(value, Mapping):
-            return dict(value)
+    if (hint is dict or typing.get_origin(hint) is dict) and isinstance(value, Mapping):
+        return dict(value)
     raise ConfigError(
         f"{where}: expected {getattr(hint, '__name__', hint)}, got {value!r} "
         f"({type(value).__name__})"

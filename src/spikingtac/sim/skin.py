@@ -1,0 +1,52 @@
+"""The two values that pass between the twin's parts: gel -> optics -> event camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class SkinState:
+    """The markers on the skin at one time, and what pushes them.
+
+    The frame is the image's, in mm: x right, y down, origin at the optical axis; z points towards
+    the camera, so that an indentation is positive.
+
+    Attributes:
+        t_us: Time, us.
+        marker_mm: ``(m, 3)`` positions of the markers.
+        gradient: ``(m, 2, 2)`` in-plane deformation gradient d(deformed xy) / d(rest xy).
+        force_n: ``(3,)`` force of the indenter on the skin, N.
+        torque_n_mm: ``(3,)`` its moment about the frame's origin, N mm.
+        pose_mm: ``(3,)`` the indenter's reference point, mm.
+        in_contact: True where any pressure acts.
+    """
+
+    t_us: int
+    marker_mm: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    force_n: NDArray[np.float64]
+    torque_n_mm: NDArray[np.float64]
+    pose_mm: NDArray[np.float64]
+    in_contact: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerImage:
+    """What the lens makes of a :class:`SkinState`.
+
+    Attributes:
+        t_us: Time, us.
+        center_px: ``(m, 2)`` marker centres on the sensor, px.
+        shape: ``(m, 2, 2)`` maps a pixel's offset from the centre (px) to the undeformed disc, so
+            that the marker covers the pixels with ``|shape @ offset| < radius_px``.
+        radius_px: ``(m,)`` radii of the undeformed discs on the sensor, px.
+    """
+
+    t_us: int
+    center_px: NDArray[np.float64]
+    shape: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
