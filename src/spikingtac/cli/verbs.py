@@ -1,0 +1,41 @@
+"""The verbs of the command line: name, one line of help, and where each lives.
+
+The table is static, so that ``spikingtac --help`` answers without importing any verb.
+"""
+
+from __future__ import annotations
+
+VERBS: dict[str, str] = {
+    "demo": "track a simulated finger press, without hardware: a table, a picture, a tracks file",
+    "info": "say what an event file holds: format, size, counts, rates, damage",
+    "convert": "rewrite an event file in another format, or cut a stretch of time out of it",
+    "simulate": "render a scene of the digital twin into a recording folder with ground truth",
+    "calibrate": "learn where the markers rest from bootstrap slides",
+    "track": "follow every marker through a recording",
+    "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
+}
+"""Verb -> one line; the module is ``spikingtac.cli.<verb>`` with ``Args`` and ``run(args)``."""
+
+OVERVIEW = """\
+usage: spikingtac VERB [options]
+
+Event-camera tactile sensing: marker displacements and contacts from raw events.
+
+verbs:
+{verbs}
+
+options for every verb:
+  -h, --help   what the verb takes
+  --json       one JSON object on stdout; progress goes to stderr
+  --debug      show the traceback of an error
+  --version    print the version
+
+exit codes: 0 done, 1 the input is at fault, 2 the arguments are, 3 the machine is.
+"""
+
+
+def overview() -> str:
+    """Return the text of ``spikingtac --help``."""
+    width = max(len(verb) for verb in VERBS)
+    lines = (f"  {verb:<{width}}   {line}" for verb, line in VERBS.items())
+    return OVERVIEW.format(verbs="\n".join(lines))
