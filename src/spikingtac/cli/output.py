@@ -29,16 +29,26 @@ def emit_json(document: Mapping[str, Any]) -> None:
     sys.stdout.write(json.dumps(document, allow_nan=False, default=_plain) + "\n")
 
 
-def emit_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
-    """Print a table on stdout; the first column is set left, the others right."""
+def emit_table(
+    title: str, columns: Iterable[str], rows: Iterable[Iterable[object]], words: int = 1
+) -> None:
+    """Print a table on stdout.
+
+    Args:
+        title: One line above the table.
+        columns: Their names.
+        rows: Cells, as wide as ``columns``.
+        words: How many of the first columns hold words (set left); the rest hold figures.
+    """
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for index, name in enumerate(columns):
-        table.add_column(name, justify="left" if index == 0 else "right")
+        table.add_column(name, justify="left" if index < words else "right")
     for row in rows:
-        table.add_row(*(str(cell) for cell in row))
+        table.add_row(*(Text(str(cell)) for cell in row))
     Console(highlight=False).print(table)
 
 
