@@ -1,0 +1,86 @@
+"""The binary map's kernels against plain Python, on random and edge packets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.types import EventPacket
+
+SIZE = (37, 23)
+
+
+def random_packet(
+    rng: np.random.Generator, events: int, t_start_us: int = 1_000, span_us: int = 9_500
+) -> EventPacket:
+    return EventPacket(
+        x=rng.integers(0, SIZE[0], events).astype(np.uint16),
+        y=rng.integers(0, SIZE[1], events).astype(np.uint16),
+        p=rng.random(events) < 0.5,
+        t=np.sort(rng.integers(t_start_us, t_start_us + span_us, events)).astype(np.int64),
+        t_start_us=t_start_us,
+        t_end_us=t_start_us + span_us,
+        size=SIZE,
+    )
+
+
+def naive_paint(start: np.ndarray, packet: EventPacket, dark_markers: bool) -> np.ndarray:
+    values = start.copy()
+    for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
+        values[y, x] = float(bool(p) ^ dark_markers)
+    return values
+
+
+def naive_counts(packet: EventPacket, period_us: int) -> list[int]:
+    counts = []
+    edge = packet.t_start_us
+    while edge < packet.t_end_us:
+        counts.append(int(np.sum((packet.t >= edge) & (packet.t < edge + period_us))))
+        edge += period_us
+    return counts
+
+
+@pytest.mark.parametrize("events", [0, 1, 2, 500, 5_000])
+@pytest.mark.parametrize("dark_markers", [False, True])
+def test_painting_equals_the_twin(events: int, dark_markers: bool) -> None:
+    rng = np.random.default_rng(events)
+    start = (rng.random((SIZE[1], SIZE[0])) < 0.3).astype(np.float32)
+    packet = random_packet(rng, events)
+    state_map = BinaryStateMap(SIZE, start, dark_markers=dark_markers)
+    state_map.absorb(packet)
+    np.testing.assert_array_equal(state_map.values, naive_paint(start, packet, dark_markers))
+    assert state_map.values.dtype == np.float32
+
+
+@pytest.mark.parametrize("events", [0, 1, 2, 500, 5_000])
+@pytest.mark.parametrize("period_us", [1, 1_000, 9_500, 20_000])
+def test_counting_equals_the_twin(events: int, period_us: int) -> None:
+    packet = random_packet(np.random.default_rng(events + 1), events)
+    state_map = BinaryStateMap(SIZE)
+    counts = state_map.absorb_counted(packet, period_us)
+    assert counts.tolist() == naive_counts(packet, period_us)
+    empty = np.zeros_like(state_map.values)
+    np.testing.assert_array_equal(state_map.values, naive_paint(empty, packet, False))
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("x", SIZE[0]), ("y", SIZE[1]), ("x", 65_535), ("t", 999), ("t", 10_500), ("t", 5_000)],
+)
+def test_unfit_events_are_refused(column: str, value: int) -> None:
+    packet = random_packet(np.random.default_rng(2), 100)
+    packet.t[60:] = np.maximum(packet.t[60:], 5_500)
+    getattr(packet, column)[70] = value
+    with pytest.raises(RecordingError, match="event 70 "):
+        BinaryStateMap(SIZE).absorb_counted(packet, 1_000)
+
+
+def test_a_period_of_nothing_is_refused() -> None:
+    with pytest.raises(ConfigError, match="at least 1"):
+        BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(0, 10, SIZE), 0)
+
+
+def test_an_empty_span_has_no_window() -> None:
+    assert len(BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(5, 5, SIZE), 1_000)) == 0
