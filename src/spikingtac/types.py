@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration_document import CALIBRATION_SCHEMA, OPTIONAL_NUMBERS, checked_document
 from spikingtac.errors import CalibrationError
 
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 """Structured dtype at the edges, equal to that of the aedat and faery packages."""
-
-CALIBRATION_SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +204,7 @@ class Calibration:
             "grid": list(self.grid),
             "polarity": self.polarity,
         }
-        for name in _OPTIONAL_NUMBERS:
+        for name in OPTIONAL_NUMBERS:
             value = getattr(self, name)
             if value is not None:
                 document[name] = round(float(value), 6)
@@ -237,72 +236,7 @@ class Calibration:
     @classmethod
     def from_document(cls, document: Any, where: str = "calibration") -> Calibration:
         """Build a calibration from parsed JSON; see :meth:`load`."""
-        values = _checked_document(document, where)
-        return cls(**values)
-
-
-_OPTIONAL_NUMBERS = (
-    "step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm",
-)  # fmt: skip
-
-
-def _checked_document(document: Any, where: str) -> dict[str, Any]:
-    def fail(what: str) -> CalibrationError:
-        return CalibrationError(
-            f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols], "
-            "reference_px [[x, y], ...] row-major and radius_px [...]"
-        )
-
-    if not isinstance(document, dict):
-        raise fail("the document is not a JSON object")
-    if document.get("schema") != CALIBRATION_SCHEMA:
-        raise fail(f"schema is {document.get('schema')!r}, this version reads 1")
-    try:
-        size = _pair(document["size"])
-        grid = _pair(document["grid"])
-        reference = np.array(document["reference_px"], np.float64)
-        radius = np.array(document["radius_px"], np.float64)
-        numbers = {
-            name: float(document[name])
-            for name in _OPTIONAL_NUMBERS
-            if document.get(name) is not None
-        }
-    except KeyError as error:
-        raise fail(f"the key {error} is missing") from error
-    except (TypeError, ValueError) as error:
-        raise fail(str(error)) from error
-    markers = grid[0] * grid[1]
-    if reference.shape != (markers, 2):
-        raise fail(f"grid {list(grid)} asks for {markers} points, got shape {reference.shape}")
-    if radius.ndim == 0:
-        radius = np.full(markers, float(radius))
-    if radius.shape != (markers,):
-        raise fail(f"radius_px has shape {radius.shape}, expected ({markers},)")
-    if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
-        raise fail("positions must be finite and radii positive")
-    polarity = document.get("polarity", "white")
-    if polarity not in ("white", "dark"):
-        raise fail(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
-    bad = [name for name, value in numbers.items() if not (np.isfinite(value) and value >= 0)]
-    if bad:
-        raise fail(f"{bad[0]} is {numbers[bad[0]]}, it must be finite and not negative")
-    return {
-        "reference_px": reference,
-        "radius_px": radius,
-        "grid": grid,
-        "size": size,
-        "polarity": polarity,
-        "hysteresis": document.get("hysteresis"),
-        "provenance": dict(document.get("provenance") or {}),
-        **numbers,
-    }
-
-
-def _pair(value: Any) -> tuple[int, int]:
-    first, second = (int(item) for item in value)
-    if first < 1 or second < 1:
-        raise ValueError(f"{[first, second]} must be positive")
-    return first, second
+        return cls(**checked_document(document, where))
 
 
 class LossCounters(dict[str, int]):
