@@ -1,1 +1,27 @@
 """Events: sources, formats, windows and filters."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from spikingtac.events.create import create_events
+    from spikingtac.events.source import EventSource, PacketSource
+    from spikingtac.events.windows import cut, windows
+
+__all__ = ["EventSource", "PacketSource", "create_events", "cut", "windows"]
+
+_HOMES = {
+    "EventSource": "source",
+    "PacketSource": "source",
+    "create_events": "create",
+    "cut": "windows",
+    "windows": "windows",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

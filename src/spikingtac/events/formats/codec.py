@@ -1,0 +1,62 @@
+"""What every codec shares: the writer's protocol, triggers, and the kinds of damage."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import NamedTuple, Protocol, Self
+
+from spikingtac.types import EventPacket
+
+KINDS: dict[str, str] = {
+    "truncated": "the file ends inside a word, a record or a message",
+    "resynchronised": "bytes were lost or inserted; the word boundary was found again",
+    "garbage": "blocks of words that fit no alignment; no event was taken from them",
+    "unknown_word": "words of a type that the format does not define",
+    "out_of_range": "events outside of the sensor; dropped",
+    "missing_state": "events before the first time, row or vector base; dropped",
+    "time_backwards": "time went back by less than 0.1 s; held until it caught up",
+    "time_glitch": "single time words that contradict both neighbours; ignored",
+    "time_reset": "time restarted; re-based so that it goes on from the last event",
+    "time_jump": "time leapt forward by 1 s or more; a leap of 2^24 us is taken back",
+    "gap": "a stretch is missing: time words or sequence numbers that always follow do not",
+    "trigger": "external trigger edges; delivered apart, no loss",
+    "padding": "padding words; no loss",
+    "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
+    "unknown_message": "messages of an encoding or type that is not read",
+    "bad_record": "lines, records or chunks that do not parse or fail their checksum",
+}
+"""Every kind that a source counts in its ``losses``, and what it means."""
+
+HARMLESS = frozenset({"trigger", "padding", "vendor_word"})
+"""Kinds that lose nothing; ``strict`` does not refuse them."""
+
+
+class Trigger(NamedTuple):
+    """One edge on a camera's external trigger input."""
+
+    t_us: int
+    channel: int
+    rising: bool
+
+
+class EventWriter(Protocol):
+    """A file that events are appended to, packet by packet, at constant memory."""
+
+    size: tuple[int, int]
+
+    def write(self, packet: EventPacket) -> None:
+        """Append the events of a packet that follows the ones before it in time."""
+        ...
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
