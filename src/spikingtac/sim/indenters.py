@@ -1,0 +1,267 @@
+"""The bodies that touch the skin, as height fields below their deepest point.
+
+Coordinates are mm in the skin's frame, from the indenter's reference point (its pose). Heights are
+zero at the deepest point and negative elsewhere. A soft body has a compliance of its own in series
+with the gel's: that of an incompressible layer on a rigid core, like the gel itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.schema import build
+
+Heights = NDArray[np.float64]
+
+CLEAR_MM = -1e3
+"""Height given to places where the body has no surface: far clear of any skin."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftLayer:
+    """Compliance of a soft body, as a bonded incompressible layer.
+
+    Attributes:
+        shear_modulus_kpa: Shear modulus, kPa.
+        thickness_mm: Thickness over the rigid core, mm.
+    """
+
+    shear_modulus_kpa: float
+    thickness_mm: float
+
+    def __post_init__(self) -> None:
+        for name in ("shear_modulus_kpa", "thickness_mm"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+
+
+class Indenter(Protocol):
+    """A body that can be pressed into the skin.
+
+    Attributes:
+        soft: Compliance of the body, or None where it is rigid.
+    """
+
+    soft: SoftLayer | None
+
+    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+        """Return the surface's height below the deepest point, mm (zero or negative).
+
+        Args:
+            x_mm: Offsets from the reference point to the right, mm, any shape.
+            y_mm: Offsets downwards in the image, mm, same shape.
+            rotation: ``(3, 3)`` orientation of the body.
+        """
+        ...
+
+    def center_mm(self, rotation: NDArray[np.float64]) -> float:
+        """Return the height of the point about which the body turns, mm (zero or negative)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class EllipsoidConfig:
+    """A smooth cap, given by its curvature at the deepest point.
+
+    Attributes:
+        radius_x_mm: Radius of curvature along its own x, mm.
+        radius_y_mm: Radius of curvature along its own y, mm.
+        half_height_mm: Semi-axis along the normal, mm; None takes ``radius_x_mm`` (a ball).
+        soft: Compliance of the body, or None.
+    """
+
+    radius_x_mm: float = 4.0
+    radius_y_mm: float = 4.0
+    half_height_mm: float | None = None
+    soft: SoftLayer | None = None
+
+
+class Ellipsoid:
+    """A ball, a finger tip or a spoon's head: an ellipsoid in any orientation."""
+
+    def __init__(self, config: EllipsoidConfig) -> None:
+        height = config.half_height_mm or config.radius_x_mm
+        # At the pole of an ellipsoid with semi-axes (a, b, c) the curvature radii are a²/c, b²/c.
+        axes = config.radius_x_mm * height, config.radius_y_mm * height, height**2
+        self._squares_mm2 = np.array(axes)
+        self.soft = config.soft
+
+    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+        m = (rotation / self._squares_mm2) @ rotation.T
+        linear = m[0, 2] * x_mm + m[1, 2] * y_mm
+        rest = m[0, 0] * x_mm**2 + 2.0 * m[0, 1] * x_mm * y_mm + m[1, 1] * y_mm**2 - 1.0
+        root = linear**2 - m[2, 2] * rest
+        top = (np.sqrt(np.maximum(root, 0.0)) - linear) / m[2, 2]
+        return np.where(root > 0.0, top + self.center_mm(rotation), CLEAR_MM)
+
+    def center_mm(self, rotation: NDArray[np.float64]) -> float:
+        """Return the centre's height below the deepest point; see :class:`Indenter`."""
+        return -math.sqrt(float(rotation[2] ** 2 @ self._squares_mm2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PunchConfig:
+    """A flat-ended cylinder with a rounded rim.
+
+    Attributes:
+        radius_mm: Outer radius, mm.
+        rim_mm: Radius of the rounded rim, mm (ours: a machined punch is broken at the edge).
+        soft: Compliance of the body, or None.
+    """
+
+    radius_mm: float = 3.0
+    rim_mm: float = 0.5
+    soft: SoftLayer | None = None
+
+
+class Punch:
+    """A flat punch; a tilt makes its face a plane on edge."""
+
+    def __init__(self, config: PunchConfig) -> None:
+        self._config = config
+        self.soft = config.soft
+
+    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+        flat = self._config.radius_mm - self._config.rim_mm
+        plane = _plane_mm(x_mm, y_mm, rotation)
+        beyond = np.maximum(np.hypot(x_mm, y_mm) - flat, 0.0)
+        rim = _arc_mm(beyond, self._config.rim_mm)
+        return plane + rim + self.center_mm(rotation)
+
+    def center_mm(self, rotation: NDArray[np.float64]) -> float:
+        """Return the face centre's height below the deepest point; see :class:`Indenter`."""
+        flat = self._config.radius_mm - self._config.rim_mm
+        return -flat * math.hypot(rotation[0, 2], rotation[1, 2]) / rotation[2, 2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodsConfig:
+    """Parallel rods that lie in the gel: a comb's teeth, or one probe.
+
+    Attributes:
+        count: Number of rods.
+        pitch_mm: Distance between neighbours, along the body's x, mm.
+        radius_mm: Radius of a rod, mm.
+        length_mm: Length along the body's y, mm, without the round ends.
+        soft: Compliance of the body, or None.
+    """
+
+    count: int = 6
+    pitch_mm: float = 2.0
+    radius_mm: float = 0.5
+    length_mm: float = 6.0
+    soft: SoftLayer | None = None
+
+
+class Rods:
+    """Rods with round ends; a tilt makes them lean (heights to second order in the lean)."""
+
+    def __init__(self, config: RodsConfig) -> None:
+        self._config = config
+        self.soft = config.soft
+
+    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+        """Return the surface's height below the deepest point; see :class:`Indenter`."""
+        config = self._config
+        plane = _plane_mm(x_mm, y_mm, rotation)
+        across = rotation[0, 0] * x_mm + rotation[1, 0] * y_mm + rotation[2, 0] * plane
+        along = rotation[0, 1] * x_mm + rotation[1, 1] * y_mm + rotation[2, 1] * plane
+        last = 0.5 * (config.count - 1)
+        rod = np.clip(np.round(across / config.pitch_mm + last), 0, config.count - 1) - last
+        beyond = np.maximum(np.abs(along) - 0.5 * config.length_mm, 0.0)
+        distance = np.hypot(across - rod * config.pitch_mm, beyond)
+        return plane + _arc_mm(distance, config.radius_mm) + self.center_mm(rotation)
+
+    def center_mm(self, rotation: NDArray[np.float64]) -> float:
+        """Return the middle's height below the deepest point; see :class:`Indenter`."""
+        config = self._config
+        corner = np.array([0.5 * (config.count - 1) * config.pitch_mm, 0.5 * config.length_mm])
+        return -float(np.abs(rotation[2, :2]) @ corner)
+
+
+def _plane_mm(x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+    """Return the height of the plane through the origin that is normal to the body's axis."""
+    return -(rotation[0, 2] * x_mm + rotation[1, 2] * y_mm) / rotation[2, 2]
+
+
+def _arc_mm(distance_mm: Heights, radius_mm: float) -> Heights:
+    """Return how far a circular arc has fallen at a distance from its top."""
+    root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0)) - radius_mm
+    return np.where(distance_mm < radius_mm, root, CLEAR_MM)
+
+
+FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
+"""Finger pulp as a layer over bone (ours: the middle of 20 to 50 kPa; adult distal phalanx)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FingerConfig(EllipsoidConfig):
+    """A finger tip: soft, 7 mm in radius (ours: adult index, 6 to 8 mm)."""
+
+    radius_x_mm: float = 7.0
+    radius_y_mm: float = 7.0
+    soft: SoftLayer | None = FINGER_PULP
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpoonConfig(EllipsoidConfig):
+    """The back of a spoon's head: curvature 15 by 10 mm (ours: a table spoon)."""
+
+    radius_x_mm: float = 15.0
+    radius_y_mm: float = 10.0
+    half_height_mm: float | None = 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeConfig(RodsConfig):
+    """A probe that lies in the gel, as when it is grasped (patch of 7 by 18 mm)."""
+
+    count: int = 1
+    radius_mm: float = 4.0
+    length_mm: float = 14.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndenterConfig:
+    """Which body, and its own settings where they differ from the usual ones.
+
+    Attributes:
+        kind: Name in :data:`INDENTERS`.
+        settings: Table of the body's settings.
+    """
+
+    kind: str = "ball"
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+INDENTERS: dict[str, tuple[type, type]] = {
+    "ball": (Ellipsoid, EllipsoidConfig),
+    "finger": (Ellipsoid, FingerConfig),
+    "spoon": (Ellipsoid, SpoonConfig),
+    "comb": (Rods, RodsConfig),
+    "punch": (Punch, PunchConfig),
+    "probe": (Rods, ProbeConfig),
+}
+"""Name -> (class, config class)."""
+
+
+def make_indenter(config: IndenterConfig) -> Indenter:
+    """Build an indenter by name.
+
+    Raises:
+        ConfigError: The name or a setting is unknown; names the nearest valid one.
+    """
+    if config.kind not in INDENTERS:
+        names = ", ".join(INDENTERS)
+        close = nearest(config.kind, INDENTERS)
+        raise ConfigError(f"unknown indenter {config.kind!r}{close} (valid: {names})")
+    cls, config_cls = INDENTERS[config.kind]
+    return cls(build(config_cls, config.settings, f"indenter {config.kind!r}"))
