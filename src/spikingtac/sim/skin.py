@@ -43,10 +43,15 @@ class MarkerImage:
         center_px: ``(m, 2)`` marker centres on the sensor, px.
         shape: ``(m, 2, 2)`` maps a pixel's offset from the centre (px) to the undeformed disc, so
             that the marker covers the pixels with ``|shape @ offset| < radius_px``.
-        radius_px: ``(m,)`` radii of the undeformed discs on the sensor, px.
+        radius_px: ``(m,)`` radii of the undeformed discs on the sensor, px; 0 where a marker is
+            missing.
+        chord: ``(m, 3)`` what is left of broken discs, or None where all are whole: the paint is
+            gone where ``chord[:, :2] @ (shape @ offset) > chord[:, 2]``, with unit ``chord[:, :2]``
+            and px; infinite ``chord[:, 2]`` for a whole disc.
     """
 
     t_us: int
     center_px: NDArray[np.float64]
     shape: NDArray[np.float64]
     radius_px: NDArray[np.float64]
+    chord: NDArray[np.float64] | None = None
