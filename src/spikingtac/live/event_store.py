@@ -1,0 +1,102 @@
+"""Events on disk with random access in time, so that a replay needs no memory of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.events.source import EventSource
+from spikingtac.types import EventPacket
+
+FIRST_CAPACITY = 1 << 20
+"""Events that the files hold before they grow; they double, and stay sparse on disk."""
+_COLUMNS = ("x", np.uint16), ("y", np.uint16), ("p", np.bool_), ("t", np.int64)
+
+
+class EventStore:
+    """Keeps every event that a source has given, in a temporary folder, and cuts it at any time.
+
+    A source that goes on (a camera, a simulation) is pulled only as far as is asked for.
+
+    Attributes:
+        size: ``(width, height)`` of the sensor, px.
+        ended: True once the source has nothing more.
+    """
+
+    def __init__(self, source: EventSource) -> None:
+        self.size = source.size
+        self.ended = False
+        self._stream: Iterator[EventPacket] = iter(source)
+        self._folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
+        self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        self._columns: dict[str, NDArray[Any]] = {}
+        self._events = 0
+        self._span: tuple[int, int] | None = None
+        self._grow(FIRST_CAPACITY)
+        self._pull()
+
+    @property
+    def t_start_us(self) -> int:
+        """First microsecond of the stream."""
+        return 0 if self._span is None else self._span[0]
+
+    @property
+    def t_end_us(self) -> int:
+        """First microsecond that was not pulled yet."""
+        return 0 if self._span is None else self._span[1]
+
+    def __len__(self) -> int:
+        return self._events
+
+    def extend_to(self, t_us: int) -> bool:
+        """Pull the source until it covers ``t_us``; False where it ends before."""
+        while not self.ended and self.t_end_us < t_us:
+            self._pull()
+        return self.t_end_us >= t_us
+
+    def extend_to_end(self) -> None:
+        """Pull everything; only for sources that end."""
+        while not self.ended:
+            self._pull()
+
+    def between(self, t_start_us: int, t_end_us: int) -> EventPacket:
+        """Return the events of ``[t_start_us, t_end_us)`` among those that were pulled (views)."""
+        times_us = self._columns["t"][: self._events]
+        first, last = np.searchsorted(times_us, (t_start_us, t_end_us))
+        x, y, p, t = (self._columns[name][first:last] for name in ("x", "y", "p", "t"))
+        return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
+
+    def close(self) -> None:
+        """Remove the temporary files."""
+        self._columns.clear()
+        self._remove()
+
+    def _pull(self) -> None:
+        packet = next(self._stream, None)
+        if packet is None:
+            self.ended = True
+            return
+        start_us = packet.t_start_us if self._span is None else self._span[0]
+        self._span = start_us, packet.t_end_us
+        after = self._events + len(packet)
+        if after > len(self._columns["t"]):
+            self._grow(max(after, 2 * len(self._columns["t"])))
+        for name, column in self._columns.items():
+            column[self._events : after] = getattr(packet, name)
+        self._events = after
+
+    def _grow(self, capacity: int) -> None:
+        for name, dtype in _COLUMNS:
+            path = self._folder / name
+            path.touch()
+            os.truncate(path, capacity * np.dtype(dtype).itemsize)
+            # asarray: slices of np.memmap itself cost microseconds each.
+            self._columns[name] = np.asarray(np.memmap(path, dtype, mode="r+", shape=(capacity,)))

@@ -1,0 +1,177 @@
+"""A recording or a running source, tracked forwards and revisited at any time.
+
+The tracker's state at a time depends on everything before it. Going back therefore means to take
+the last copy that was kept before that time and to track again from there: exact, because any
+cutting of the stream gives the same result.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from spikingtac.live.event_store import EventStore
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.types import Contact, EventPacket, MarkerFrame
+
+WINDOW_US = 1_000
+"""Contact windows: raw events are counted in 1 ms (paper section V-B)."""
+CHECKPOINT_US = 250_000
+"""First distance between kept copies; tracking 0.25 s again takes a fraction of it."""
+MOST_CHECKPOINTS = 64
+"""Beyond it every other copy is dropped and the distance doubles, so that memory stays bounded."""
+RECENT_STEPS = 2_000
+"""Step times kept for the percentiles, 2 s at 1 kHz."""
+
+
+class ContactWatch(Protocol):
+    """What playback asks of a contact detector."""
+
+    def update(self, window: EventPacket) -> Contact | None:
+        """Take the next window; return the contact that begins in it, if one does."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Checkpoint:
+    t_us: int
+    step: int
+    frame: MarkerFrame | None
+    tracker: MarkerTracker
+    watch: ContactWatch | None
+
+
+class Playback:
+    """Tracks a stream up to an aim, a slice of work at a time, so that its caller stays responsive.
+
+    Attributes:
+        store: The events.
+        position_us: Everything before this time was tracked.
+        aim_us: Where :meth:`work` leads to.
+        frame: The estimate at the last estimate time, or None before the first.
+        contacts: The contacts found so far, by time.
+        steps: Estimates made so far, those of repeated stretches included.
+    """
+
+    def __init__(
+        self,
+        store: EventStore,
+        make_tracker: Callable[[], MarkerTracker],
+        make_watch: Callable[[], ContactWatch | None] = lambda: None,
+        *,
+        rate_hz: float,
+    ) -> None:
+        if rate_hz <= 0:
+            raise ValueError(f"rate_hz is {rate_hz}, it must be positive")
+        self.store = store
+        self.contacts: dict[int, Contact] = {}
+        self.steps = 0
+        self._rate_hz = rate_hz
+        self._make_tracker, self._make_watch = make_tracker, make_watch
+        self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
+        self._checkpoint_us = CHECKPOINT_US
+        self.aim_us = store.t_start_us
+        self._restart()
+
+    @property
+    def tracker(self) -> MarkerTracker:
+        """The tracker, as it stands at the position."""
+        return self._tracker
+
+    def aim(self, t_us: int) -> None:
+        """Set where to go, before or after the position."""
+        self.aim_us = max(t_us, self.store.t_start_us)
+        if self.aim_us >= self.position_us:
+            return
+        kept = [point for point in self._checkpoints if point.t_us <= self.aim_us]
+        if kept:
+            self._resume(kept[-1])
+        else:
+            self._restart()
+
+    def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
+        """Track again from the beginning with another tracker, up to the present aim."""
+        self._make_tracker = make_tracker
+        self._restart()
+
+    def work(self, budget_s: float) -> bool:
+        """Track towards the aim for about ``budget_s``; True once it is reached."""
+        until_s = time.perf_counter() + budget_s
+        while self.position_us < self.aim_us:
+            if not self._advance():
+                self.aim_us = self.position_us
+                return True
+            if time.perf_counter() > until_s:
+                return self.position_us >= self.aim_us
+        return True
+
+    def step_percentiles_us(self) -> tuple[float, float]:
+        """Return p50 and p99 of the time that a step (absorb and estimate) takes, us."""
+        if not self._step_s:
+            return 0.0, 0.0
+        p50_s, p99_s = np.percentile(np.array(self._step_s), (50, 99))
+        return float(p50_s) * 1e6, float(p99_s) * 1e6
+
+    def _advance(self) -> bool:
+        """Go on to the next estimate time or window's end; False where the source has ended."""
+        store = self.store
+        estimate_us = store.t_start_us + int((self._step + 1) * 1e6 / self._rate_hz)
+        since_us = self.position_us - store.t_start_us
+        window_us = store.t_start_us + (since_us // WINDOW_US + 1) * WINDOW_US
+        edge_us = min(estimate_us, window_us)
+        if not store.extend_to(edge_us):
+            return False
+        if edge_us == window_us:
+            self._watch_window(window_us)
+        self._track(edge_us, estimate=edge_us == estimate_us)
+        self.position_us = edge_us
+        if edge_us == estimate_us:
+            self._step += 1
+            self.steps += 1
+        self._keep()
+        return True
+
+    def _watch_window(self, end_us: int) -> None:
+        if self._watch is None:
+            return
+        contact = self._watch.update(self.store.between(end_us - WINDOW_US, end_us))
+        if contact is not None:
+            self.contacts[contact.t_us] = contact
+
+    def _track(self, edge_us: int, *, estimate: bool) -> None:
+        packet = self.store.between(self.position_us, edge_us)
+        begun_s = time.perf_counter()
+        self._tracker.absorb(packet)
+        if estimate:
+            self.frame = self._tracker.estimate(edge_us)
+        self._step_s.append(time.perf_counter() - begun_s)
+
+    def _keep(self) -> None:
+        last_us = self._checkpoints[-1].t_us if self._checkpoints else self.store.t_start_us
+        if self.position_us < last_us + self._checkpoint_us:
+            return
+        try:
+            parts = copy.deepcopy((self._tracker, self._watch))
+        except TypeError:  # a part that cannot be copied, such as a network's session
+            self._checkpoint_us = 1 << 62
+            return
+        self._checkpoints.append(_Checkpoint(self.position_us, self._step, self.frame, *parts))
+        if len(self._checkpoints) > MOST_CHECKPOINTS:
+            self._checkpoints = self._checkpoints[1::2]
+            self._checkpoint_us *= 2
+
+    def _resume(self, point: _Checkpoint) -> None:
+        self._tracker, self._watch = copy.deepcopy((point.tracker, point.watch))
+        self.position_us, self._step, self.frame = point.t_us, point.step, point.frame
+
+    def _restart(self) -> None:
+        self._tracker, self._watch = self._make_tracker(), self._make_watch()
+        self._checkpoints: list[_Checkpoint] = []
+        self.position_us, self._step = self.store.t_start_us, 0
+        self.frame: MarkerFrame | None = None

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from spikingtac.live import event_store
+from spikingtac.live.event_store import EventStore
+from spikingtac.types import EventPacket
+from stand_ins.live import SIZE, random_packets, random_source
+
+
+@pytest.mark.parametrize("capacity", [1, 7, 1 << 20])
+def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event_store, "FIRST_CAPACITY", capacity)
+    whole = EventPacket.concatenate(random_packets(1, 20))
+    store = EventStore(random_source(1, 20))
+    store.extend_to_end()
+    assert len(store) == len(whole)
+    for start_us, end_us in [(0, 10**9), (5_000, 5_001), (17_123, 90_001), (300_000, 400_000)]:
+        part = store.between(start_us, end_us)
+        inside = (whole.t >= start_us) & (whole.t < end_us)
+        for name in ("x", "y", "p", "t"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[inside])
+        assert (part.t_start_us, part.t_end_us, part.size) == (start_us, end_us, SIZE)
+    store.close()
+
+
+def test_views_outlive_growth(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event_store, "FIRST_CAPACITY", 2)
+    store = EventStore(random_source(2, 30))
+    store.extend_to(30_000)
+    early = store.between(0, 30_000)
+    before = early.t.copy()
+    store.extend_to_end()
+    np.testing.assert_array_equal(early.t, before)
+
+
+def test_a_source_is_pulled_no_further_than_needed() -> None:
+    store = EventStore(random_source(1, 20))
+    assert store.extend_to(12_000)
+    assert store.t_end_us == 15_000
+    assert not store.extend_to(10**9)
+    assert store.ended
+
+
+def test_an_empty_source_has_no_events_and_no_end() -> None:
+    store = EventStore(random_source(1, 0))
+    assert (len(store), store.ended, store.t_end_us) == (0, True, 0)
+    assert len(store.between(0, 100)) == 0

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from spikingtac.live import playback as module
+from spikingtac.live.event_store import EventStore
+from spikingtac.live.playback import Playback
+from stand_ins.live import BurstWatch, CountingTracker, random_source
+
+FOREVER_S = 3600.0
+
+
+def playback(rate_hz: float = 1000.0, packets: int = 60) -> Playback:
+    store = EventStore(random_source(seed=3, packets=packets))
+    return Playback(store, CountingTracker, BurstWatch, rate_hz=rate_hz)
+
+
+def tracked_to(play: Playback, t_us: int) -> np.ndarray:
+    play.aim(t_us)
+    assert play.work(FOREVER_S)
+    assert play.position_us == t_us
+    assert play.frame is not None
+    return play.frame.detected_px
+
+
+@pytest.mark.parametrize("rate_hz", [350.0, 1000.0, 3000.0])
+def test_every_event_is_seen_once_at_any_rate(rate_hz: float) -> None:
+    play = playback(rate_hz)
+    play.aim(play.store.t_start_us + 500_000)
+    play.work(FOREVER_S)
+    assert play.frame is not None
+    truth = play.store.between(play.store.t_start_us, play.frame.t_us)
+    np.testing.assert_array_equal(play.frame.detected_px, [[len(truth), truth.x.sum()]])
+
+
+def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CHECKPOINT_US", 30_000)
+    play = playback()
+    start_us = play.store.t_start_us
+    times = [start_us + ms * 1000 for ms in (10, 40, 95, 200, 480)]
+    forwards = [tracked_to(play, t_us).copy() for t_us in times]
+    for index in (3, 0, 4, 1, 2):
+        np.testing.assert_array_equal(tracked_to(play, times[index]), forwards[index])
+
+
+def test_checkpoints_stay_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CHECKPOINT_US", 1_000)
+    monkeypatch.setattr(module, "MOST_CHECKPOINTS", 8)
+    play = playback()
+    tracked_to(play, play.store.t_start_us + 500_000)
+    assert 4 <= len(play._checkpoints) <= 8
+    first = tracked_to(play, play.store.t_start_us + 321_000).copy()
+    play.retune(CountingTracker)
+    np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 321_000), first)
+
+
+def test_a_tracker_that_cannot_be_copied_is_tracked_from_the_start() -> None:
+    class Uncopied(CountingTracker):
+        def __deepcopy__(self, memo: dict[int, object]) -> None:
+            raise TypeError("no copies")
+
+    play = Playback(EventStore(random_source(3, 60)), Uncopied, rate_hz=1000.0)
+    late = tracked_to(play, play.store.t_start_us + 500_000).copy()
+    tracked_to(play, play.store.t_start_us + 20_000)
+    np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 500_000), late)
+
+
+def test_retuning_keeps_the_aim_and_uses_the_new_tracker() -> None:
+    play = playback()
+    at_us = play.store.t_start_us + 100_000
+    before = tracked_to(play, at_us).copy()
+    play.retune(lambda: CountingTracker(gain=2.0))
+    assert play.work(FOREVER_S)
+    assert play.position_us == at_us
+    assert play.frame is not None
+    np.testing.assert_array_equal(play.frame.detected_px, 2 * before)
+
+
+def test_work_stops_when_its_time_is_up() -> None:
+    play = playback()
+    play.aim(play.store.t_start_us + 500_000)
+    assert not play.work(0.0)
+    assert play.position_us == play.store.t_start_us + module.WINDOW_US
+
+
+def test_the_end_of_the_source_ends_the_aim() -> None:
+    play = playback(packets=5)
+    play.aim(10**12)
+    assert play.work(FOREVER_S)
+    assert play.store.ended
+    assert play.aim_us == play.position_us == play.store.t_end_us
+
+
+def test_contacts_are_found_once_however_often_a_stretch_is_played() -> None:
+    play = playback()
+    end_us = play.store.t_start_us + 500_000
+    tracked_to(play, end_us)
+    found = dict(play.contacts)
+    play.aim(play.store.t_start_us)
+    tracked_to(play, end_us)
+    assert play.contacts == found
+    assert found
+
+
+def test_a_rate_of_zero_is_refused() -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        playback(rate_hz=0.0)
