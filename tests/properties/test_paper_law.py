@@ -1,0 +1,142 @@
+"""What the published law does, fact by fact: each figure is its own, none of them is wished for."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spikingtac.errors import ConfigError
+from spikingtac.markers.hysteresis import LAWS, NoLaw, PaperLaw, PaperLawConfig
+
+REST = np.array([[100.0, 60.0]])
+
+
+def line(start: tuple[float, float], end: tuple[float, float], samples: int) -> np.ndarray:
+    share = np.arange(1, samples + 1)[:, None] / samples
+    return np.array(start) + share * (np.array(end) - np.array(start))
+
+
+def run(law: PaperLaw | NoLaw, path: np.ndarray) -> np.ndarray:
+    outputs = [law.update(REST + point, REST)[0] - REST[0] for point in path]
+    return np.array(outputs)
+
+
+def corner_loop(samples_per_leg: int = 1_000) -> np.ndarray:
+    """Leave along +x by 10 px, round the corner outside of the window, return along +y."""
+    return np.concatenate(
+        [
+            line((0, 0), (10, 0), samples_per_leg),
+            line((10, 0), (10, 10), samples_per_leg),
+            line((10, 10), (0, 10), samples_per_leg),
+            line((0, 10), (0, 0), samples_per_leg),
+        ]
+    )
+
+
+@pytest.mark.parametrize(("loops", "offset_px"), [(1, 1.70), (2, 3.39), (5, 8.49)])
+def test_a_loop_round_the_corner_shifts_the_zero_each_time(loops: int, offset_px: float) -> None:
+    end = run(PaperLaw(), np.concatenate([corner_loop()] * loops))[-1]
+    assert np.hypot(*end) == pytest.approx(offset_px, abs=0.01 * loops)
+    assert np.hypot(*end) == pytest.approx(loops * 0.3 * 4.0 * np.sqrt(2.0), abs=0.01 * loops)
+    assert end[0] < 0.0 < end[1] or end[1] < 0.0 < end[0]
+
+
+@pytest.mark.parametrize(("samples", "offset_px"), [(1, 3.0), (2, 1.5), (5, 0.6)])
+def test_the_bias_of_a_straight_trip_depends_on_the_rate(samples: int, offset_px: float) -> None:
+    path = np.concatenate([line((0, 0), (10, 0), samples), line((10, 0), (0, 0), samples)])
+    assert run(PaperLaw(), path)[-1].tolist() == pytest.approx([offset_px, 0.0])
+
+
+def test_a_single_jump_of_15_px_leaves_four_and_a_half() -> None:
+    assert run(PaperLaw(), np.array([[15.0, 0.0], [0.0, 0.0]]))[-1, 0] == pytest.approx(4.5)
+
+
+def test_a_fine_grained_residue_is_scaled_not_removed() -> None:
+    trip = [line((0, 0), (12, 0), 12_000), line((12, 0), (2, 0), 10_000)]
+    assert run(PaperLaw(), np.concatenate(trip))[-1, 0] == pytest.approx(1.4, abs=0.002)
+
+
+def closed(points: list[tuple[float, float]]) -> np.ndarray:
+    corners = [*points, points[0]]
+    return np.concatenate([line(one, two, 7) for one, two in pairwise(corners)])
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    radius_and_angle=st.lists(
+        st.tuples(st.floats(0.0, 3.9), st.floats(0.0, 6.28)), min_size=2, max_size=6
+    )
+)
+def test_loops_wholly_inside_the_window_leave_nothing(
+    radius_and_angle: list[tuple[float, float]],
+) -> None:
+    points = [(r * np.cos(a), r * np.sin(a)) for r, a in radius_and_angle]
+    law = PaperLaw()
+    start = run(law, np.array([points[0]]))[-1]
+    np.testing.assert_allclose(run(law, closed(points))[-1], start, atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(y=st.lists(st.floats(-30.0, 30.0), min_size=2, max_size=6), x=st.floats(4.0, 20.0))
+def test_loops_wholly_outside_the_window_leave_nothing(y: list[float], x: float) -> None:
+    points = [(x + abs(value), value) for value in y]
+    law = PaperLaw()
+    start = run(law, np.array([points[0]]))[-1]
+    np.testing.assert_allclose(run(law, closed(points))[-1], start, atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    path=st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=1, max_size=30),
+)
+def test_a_gain_of_one_is_the_identity(path: list[tuple[float, float]]) -> None:
+    law = PaperLaw(PaperLawConfig(gamma=1.0))
+    np.testing.assert_allclose(run(law, np.array(path)), np.array(path), atol=1e-9)
+    np.testing.assert_array_equal(run(NoLaw(), np.array(path)), REST + np.array(path) - REST)
+
+
+def test_the_window_belongs_to_the_outside() -> None:
+    assert run(PaperLaw(), np.array([[4.0, 0.0]]))[-1, 0] == pytest.approx(4.0)
+    assert run(PaperLaw(), np.array([[3.999, 0.0]]))[-1, 0] == pytest.approx(0.7 * 3.999)
+
+
+def test_a_held_marker_stays_and_a_reset_forgets() -> None:
+    law = PaperLaw()
+    path = np.array([[15.0, 0.0], [1.0, 2.0], [1.0, 2.0]])
+    outputs = run(law, path)
+    np.testing.assert_array_equal(outputs[1], outputs[2])
+    law.reset()
+    np.testing.assert_array_equal(run(law, path), outputs)
+
+
+def test_markers_do_not_mix() -> None:
+    rng = np.random.default_rng(1)
+    rest = rng.uniform(0, 320, (5, 2))
+    path = rest + np.cumsum(rng.normal(0, 2, (50, 5, 2)), axis=0)
+    whole, alone = PaperLaw(), [PaperLaw() for _ in rest]
+    for detected in path:
+        together = whole.update(detected, rest)
+        for i, law in enumerate(alone):
+            single = law.update(detected[i : i + 1], rest[i : i + 1])
+            np.testing.assert_array_equal(together[i], single[0])
+
+
+def test_outputs_are_arrays_of_their_own() -> None:
+    for law_class, config_class in LAWS.values():
+        law = law_class(config_class())
+        detected = REST + 1.0
+        first = law.update(detected, REST)
+        kept = first.copy()
+        first[:] = -1.0
+        assert detected.tolist() == (REST + 1.0).tolist()
+        np.testing.assert_array_equal(law.update(detected, REST), kept)
+
+
+@pytest.mark.parametrize("values", [{"delta_px": -1.0}, {"gamma": -0.1}, {"gamma": 1.1}])
+def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        PaperLawConfig(**values)
