@@ -1,0 +1,78 @@
+"""The memory of the gel: a creep chain driven by the history of the traction.
+
+A linear gel whose surface is held by a body shows no memory of its own while nothing slips (its
+modulus cancels); memory appears as a residual displacement after unloading. So the chain takes
+the traction, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectrumConfig:
+    """Retarded compliances of the gel (a Kelvin chain).
+
+    Attributes:
+        fractions: J_i / J0, the retarded over the instantaneous compliance. The usual ones are a
+            declared fit: no spectrum of the paper's gel is published.
+        times_s: Retardation times tau_i, s.
+    """
+
+    fractions: tuple[float, ...] = (0.05, 0.05, 0.12)
+    times_s: tuple[float, ...] = (0.02, 0.3, 8.0)
+
+    def __post_init__(self) -> None:
+        if len(self.fractions) != len(self.times_s):
+            raise ValueError("fractions and times_s must have equal length")
+        if any(fraction < 0 for fraction in self.fractions):
+            raise ValueError(f"fractions are {self.fractions}, none may be negative")
+        if any(not time > 0 for time in self.times_s):
+            raise ValueError(f"times_s are {self.times_s}, all must be positive")
+
+
+class CreepChain:
+    """Retarded displacement fields, stepped exactly for a traction that is constant in a step.
+
+    All displacements given and returned are per instantaneous compliance: ``elastic`` is J0 G q.
+    """
+
+    def __init__(self, config: SpectrumConfig, shape: tuple[int, ...]) -> None:
+        self._fractions = np.array(config.fractions)
+        self._times_s = np.array(config.times_s)
+        self._retarded = np.zeros((len(self._times_s), *shape))
+
+    def compliance(self, dt_s: float) -> float:
+        """Return the compliance that a traction meets over the coming step, over J0."""
+        return 1.0 + float(self._fractions @ -np.expm1(-dt_s / self._times_s))
+
+    def history(self, dt_s: float) -> Field:
+        """Return what remains, after the coming step, of all former tractions, mm."""
+        return np.tensordot(np.exp(-dt_s / self._times_s), self._retarded, axes=1)
+
+    def advance(self, dt_s: float, elastic: Field | None) -> None:
+        """Take a step under a constant traction.
+
+        Args:
+            dt_s: Length of the step, s.
+            elastic: Instantaneous displacement under that traction, mm; None where it is zero.
+        """
+        kept = np.exp(-dt_s / self._times_s)
+        for i, fraction in enumerate(self._fractions):
+            self._retarded[i] *= kept[i]
+            if elastic is not None:
+                self._retarded[i] += (1.0 - kept[i]) * fraction * elastic
+
+    def largest_mm(self) -> float:
+        """Return a bound of the displacement that is still stored, mm."""
+        return float(sum(np.abs(part).max() for part in self._retarded))
+
+    def reset(self) -> None:
+        """Forget every traction."""
+        self._retarded[:] = 0.0
