@@ -84,3 +84,17 @@ def test_a_period_of_nothing_is_refused() -> None:
 
 def test_an_empty_span_has_no_window() -> None:
     assert len(BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(5, 5, SIZE), 1_000)) == 0
+
+
+def test_packets_of_another_sensor_are_refused() -> None:
+    with pytest.raises(ConfigError, match="320x240"):
+        BinaryStateMap(SIZE).absorb(EventPacket.empty(0, 10, (320, 240)))
+
+
+def test_the_order_of_events_counts_not_their_packets() -> None:
+    packet = random_packet(np.random.default_rng(9), 3_000)
+    whole, parts = BinaryStateMap(SIZE), BinaryStateMap(SIZE)
+    whole.absorb(packet)
+    for first in range(0, 3_000, 7):
+        parts.absorb(packet.part(first, first + 7, packet.t_start_us, packet.t_end_us))
+    np.testing.assert_array_equal(whole.values, parts.values)

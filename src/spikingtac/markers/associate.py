@@ -60,9 +60,10 @@ def associate_tree(
         return match
     distance, nearest = KDTree(detected_px).query(previous_px)
     _, claimed = KDTree(previous_px).query(detected_px)
-    own = claimed[nearest] == np.arange(len(previous_px))
+    candidates = np.asarray(nearest)
+    own = np.asarray(claimed)[candidates] == np.arange(len(previous_px))
     matched = own & (distance <= proximity_px)
-    match[matched] = nearest[matched]
+    match[matched] = candidates[matched]
     return match
 
 

@@ -63,7 +63,17 @@ class BinaryStateMap:
         return self._values
 
     def absorb(self, packet: EventPacket) -> None:
-        """Paint every event of a packet; the packet is trusted (checked where it was decoded)."""
+        """Paint every event of a packet, which is trusted to lie inside its ``size``.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
+        height, width = self._values.shape
+        if packet.size != (width, height):
+            raise ConfigError(
+                f"events of a {packet.size[0]}x{packet.size[1]} sensor do not fit a map of "
+                f"{width}x{height}; make the map with the size of the recording"
+            )
         _paint_events_kernel(self._values, packet.x, packet.y, packet.p, self._dark_markers)
 
     def absorb_counted(self, packet: EventPacket, period_us: int) -> NDArray[np.int64]:
