@@ -1,0 +1,75 @@
+"""The arm, as a protocol: the digital twin and the real UR speak the same words.
+
+Lengths are mm, speeds mm/s, in the robot's base frame; positions are those of the tool centre
+point, which stands at the tip of the probe at rest.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.types import Pose
+
+
+class ArmState(enum.Enum):
+    """What the arm can do now."""
+
+    IDLE = "idle"
+    MOVING = "moving"
+    PROTECTIVE_STOP = "protective stop"
+    DISCONNECTED = "disconnected"
+
+
+@runtime_checkable
+class Arm(Protocol):
+    """A position-controlled arm. No call blocks for longer than one message needs."""
+
+    def pose(self) -> Pose:
+        """Return the last pose that the controller reported (it may be a control cycle old).
+
+        Raises:
+            DeviceError: Nothing was received within the driver's patience.
+        """
+        ...
+
+    def speed_mm_s(self) -> NDArray[np.float64]:
+        """Return the velocity ``(3,)`` of the tool as last reported, mm/s."""
+        ...
+
+    def move_linear(self, target_mm: NDArray[np.float64], speed_mm_s: float) -> None:
+        """Start to move along a straight line, keeping the rotation, and return at once.
+
+        Raises:
+            DeviceError: The arm moves already, stands in a protective stop, or is not connected.
+            ConfigError: The target is not three finite numbers, or the speed is out of range.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Brake along the path and return at once; harmless when the arm is at rest.
+
+        Raises:
+            DeviceError: The command could not be handed over.
+        """
+        ...
+
+    def state(self) -> ArmState:
+        """Return what the arm does; MOVING from the return of ``move_linear`` until at rest."""
+        ...
+
+    def close(self) -> None:
+        """Stop and let go of the controller; harmless when repeated."""
+        ...
+
+
+@runtime_checkable
+class TruthfulArm(Arm, Protocol):
+    """An arm that also knows where it truly is: the twin."""
+
+    def true_position_mm(self) -> NDArray[np.float64]:
+        """Return the tool's true position ``(3,)`` now, without noise or staleness, mm."""
+        ...

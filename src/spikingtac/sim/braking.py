@@ -1,0 +1,95 @@
+"""Jerk-limited motion along a line (ruckig): how the controller starts, cruises and brakes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
+
+from spikingtac.errors import DeviceError
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One planned motion along a line; before its start and after its end the arm stands.
+
+    Attributes:
+        start_s: Controller time at which it begins, s.
+        origin_mm: ``(3,)`` where the path coordinate is zero, mm.
+        direction: ``(3,)`` unit vector of the path.
+        plan: The trajectory of the path coordinate, or None for standing still.
+    """
+
+    start_s: float
+    origin_mm: Vector
+    direction: Vector
+    plan: Trajectory | None = None
+
+    @property
+    def end_s(self) -> float:
+        """Controller time at which the motion has ended, s."""
+        return self.start_s + (self.plan.duration if self.plan else 0.0)
+
+    def along(self, time_s: float) -> tuple[float, float, float]:
+        """Return path coordinate, speed and acceleration at a time (mm, mm/s, mm/s2)."""
+        if self.plan is None:
+            return 0.0, 0.0, 0.0
+        state = self.plan.at_time(min(max(time_s - self.start_s, 0.0), self.plan.duration))
+        return state[0][0], state[1][0], state[2][0]
+
+    def position_mm(self, time_s: float) -> Vector:
+        """Return the position ``(3,)`` at a time, mm."""
+        return self.origin_mm + self.direction * self.along(time_s)[0]
+
+    def velocity_mm_s(self, time_s: float) -> Vector:
+        """Return the velocity ``(3,)`` at a time, mm/s."""
+        return self.direction * self.along(time_s)[1]
+
+
+def plan_move(
+    start_s: float, origin_mm: Vector, target_mm: Vector, limits: tuple[float, float, float]
+) -> Segment:
+    """Plan from rest at ``origin_mm`` to rest at ``target_mm``.
+
+    Args:
+        start_s: Controller time of the start, s.
+        origin_mm: ``(3,)`` start, mm.
+        target_mm: ``(3,)`` goal, mm.
+        limits: Speed (mm/s), acceleration (mm/s2) and jerk (mm/s3).
+    """
+    path = target_mm - origin_mm
+    length = float(np.linalg.norm(path))
+    if length == 0.0:
+        return Segment(start_s, origin_mm, np.zeros(3))
+    request = InputParameter(1)
+    request.target_position = [length]
+    request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
+    return Segment(start_s, origin_mm, path / length, _planned(request))
+
+
+def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: float) -> Segment:
+    """Plan to come to rest along the path of ``moving``, from its state at ``start_s``."""
+    distance, speed, acceleration = moving.along(start_s)
+    if speed == 0.0 and acceleration == 0.0:
+        return Segment(start_s, moving.position_mm(start_s), moving.direction)
+    request = InputParameter(1)
+    request.control_interface = ControlInterface.Velocity
+    request.current_position = [distance]
+    request.current_velocity = [speed]
+    request.current_acceleration = [min(max(acceleration, -deceleration_mm_s2), deceleration_mm_s2)]
+    request.target_velocity = [0.0]
+    request.max_acceleration = [deceleration_mm_s2]
+    request.max_jerk = [jerk]
+    return Segment(start_s, moving.origin_mm, moving.direction, _planned(request))
+
+
+def _planned(request: InputParameter) -> Trajectory:
+    plan = Trajectory(1)
+    result = Ruckig(1).calculate(request, plan)
+    if result not in (Result.Working, Result.Finished):
+        raise DeviceError(f"no trajectory fits the limits: ruckig says {result.name}")
+    return plan

@@ -1,0 +1,102 @@
+"""How the rod's motion reaches the skin of each pad: the six unit responses, superposed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim.pads import MODES, PatchConfig, pad_response
+from spikingtac.sim.probe import ProbeState
+from spikingtac.sim.skin import SkinState
+
+Vector = NDArray[np.float64]
+
+NORMAL_MODE = 2
+"""Index of the translation along the pad's z; see :mod:`spikingtac.sim.pads`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadConfig:
+    """How a pad sits on the rod.
+
+    Attributes:
+        grid: Rows and columns of markers.
+        pitch_mm: Distance between neighbours, mm.
+        grip_mm: How deep the grip presses the rod into the pad, mm (ours: 10 % of the layer).
+        half_thickness_mm: From the rod's axis to the skin, mm (a 4 mm rod).
+    """
+
+    grid: tuple[int, int] = (8, 8)
+    pitch_mm: float = 2.4
+    grip_mm: float = 0.3
+    half_thickness_mm: float = 2.0
+
+    def rest_mm(self) -> Vector:
+        """Return the markers' nominal places ``(m, 2)`` about the optical axis, row-major, mm."""
+        rows, columns = self.grid
+        y, x = np.mgrid[0:rows, 0:columns].astype(np.float64)
+        centered = np.stack([x.ravel() - (columns - 1) / 2, y.ravel() - (rows - 1) / 2], axis=1)
+        return centered * self.pitch_mm
+
+
+PADS = 2
+"""Pads that share the rod's load; the second may be blind."""
+
+
+class Pad:
+    """One pad; the rod's patch lies at the middle of its markers.
+
+    Args:
+        config: How it sits on the rod.
+        patch: What of it sticks to the rod.
+        faces_back: False for pad A; True for pad B, whose camera looks the other way.
+    """
+
+    def __init__(self, config: PadConfig, patch: PatchConfig, faces_back: bool = False) -> None:
+        rest = config.rest_mm()
+        self._response = pad_response(patch, rest)
+        self._from_bushing = mode_amplitudes(config.half_thickness_mm, faces_back)
+        self._grip = np.zeros(MODES)
+        self._grip[NORMAL_MODE] = config.grip_mm
+        self._rest_mm = np.column_stack([rest, np.zeros(len(rest))])
+
+    def skin(self, state: ProbeState, rotation: Vector) -> SkinState:
+        """Return the skin under the rod.
+
+        Args:
+            state: The probe.
+            rotation: ``(3, 3)`` the gripper's axes as columns in the base frame.
+        """
+        amplitude = self._grip + self._from_bushing @ state.bushing
+        moved = np.tensordot(amplitude, self._response.displacement, axes=1)
+        strain = np.tensordot(amplitude, self._response.gradient, axes=1)
+        axes = self._from_bushing[:3, :3] @ rotation.T
+        force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
+        return SkinState(
+            t_us=state.t_us,
+            marker_mm=self._rest_mm + moved,
+            gradient=np.eye(2) + strain,
+            force_n=force,
+            torque_n_mm=np.cross(lever, force),
+            pose_mm=axes @ state.tip_mm,
+            in_contact=True,
+        )
+
+
+def mode_amplitudes(half_thickness_mm: float, faces_back: bool) -> Vector:
+    """Return ``(6, 6)``: amplitudes of the pad's modes per bushing motion (gripper frame).
+
+    Pad A sees the gripper's x and y as its own and z reversed; pad B sees x reversed. Rotating the
+    rod also carries its surface along, which lies half a thickness away from its axis.
+    """
+    side = 1.0 if faces_back else -1.0
+    out = np.zeros((MODES, MODES))
+    out[0, 0], out[1, 1], out[2, 2] = -side, 1.0, side
+    out[3, 5] = -side
+    out[4, 4] = 1.0
+    out[5, 3] = side
+    out[0, 4] = -half_thickness_mm
+    out[1, 3] = -side * half_thickness_mm
+    return out

@@ -1,0 +1,144 @@
+"""What the tip of the probe can touch: a wall, the wall of a round hole; and the bit that touches.
+
+Everything is rigid: contact is a distance that must not become negative. The frame is the robot's
+base (mm), in which the probe stands vertically and z points up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+HEXAGON_CORNERS = 6
+
+
+class Wall(Protocol):
+    """A rigid surface that points must stay on the free side of."""
+
+    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+        """Return the distance ``(n,)`` to the surface and its outward normal ``(n, 3)``.
+
+        Args:
+            point_mm: ``(n, 3)`` points in the base frame, mm; a negative gap is a penetration.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoWall:
+    """Free air."""
+
+    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+        """Return infinite gaps; see :class:`Wall`."""
+        return np.full(len(point_mm), np.inf), np.zeros((len(point_mm), 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneWall:
+    """A flat wall.
+
+    Attributes:
+        point_mm: Any point of the wall, mm.
+        normal: Direction away from the wall, into the free side (normalised here).
+    """
+
+    point_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal: tuple[float, float, float] = (-1.0, 0.0, 0.0)
+
+    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+        """Return distance and normal; see :class:`Wall`."""
+        normal = _unit(self.normal)
+        gap = (point_mm - np.array(self.point_mm)) @ normal
+        return gap, np.broadcast_to(normal, point_mm.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleWall:
+    """The inner wall of a round hole, deep enough that only its side is met.
+
+    Attributes:
+        center_mm: A point on the hole's axis, mm.
+        radius_mm: Radius of the hole, mm.
+        axis: Direction of the axis; tilt the plate by tilting it.
+    """
+
+    center_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius_mm: float = 2.0
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.radius_mm <= 0:
+            raise ValueError(f"radius_mm is {self.radius_mm}, a hole needs a positive radius")
+
+    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+        """Return distance and normal (towards the axis); see :class:`Wall`."""
+        axis = _unit(self.axis)
+        offset = point_mm - np.array(self.center_mm)
+        radial = offset - (offset @ axis)[:, None] * axis
+        distance = np.linalg.norm(radial, axis=1)
+        safe = np.maximum(distance, np.finfo(float).tiny)
+        return self.radius_mm - distance, -radial / safe[:, None]
+
+
+class Bit(Protocol):
+    """The end of the probe: balls of one radius around a few points."""
+
+    @property
+    def points_mm(self) -> Vector:
+        """Offsets ``(n, 3)`` of the touching points from the tip's centre, base frame, mm."""
+        ...
+
+    @property
+    def radius_mm(self) -> float:
+        """Radius around each point, mm (zero for sharp corners)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundBit:
+    """A cylindrical bit; 0.375 mm is the paper's R_offset (Section V-C).
+
+    Attributes:
+        radius_mm: Its radius, mm.
+    """
+
+    radius_mm: float = 0.375
+
+    @property
+    def points_mm(self) -> Vector:
+        """The axis alone; see :class:`Bit`."""
+        return np.zeros((1, 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HexBit:
+    """A hexagonal bit; it meets a concave wall with its corners, a flat one with corner or side.
+
+    Attributes:
+        across_flats_mm: Distance of opposite sides, mm (0.75 in the paper, Section V-C).
+        heading_rad: Direction of one corner in the base's xy-plane, rad.
+    """
+
+    across_flats_mm: float = 0.75
+    heading_rad: float = 0.0
+    radius_mm: float = field(default=0.0, init=False)
+
+    @property
+    def points_mm(self) -> Vector:
+        """The six corners; see :class:`Bit`."""
+        angle = self.heading_rad + np.arange(HEXAGON_CORNERS) * (2 * np.pi / HEXAGON_CORNERS)
+        corner_mm = self.across_flats_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
+        return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
+
+
+def _unit(direction: tuple[float, float, float]) -> Vector:
+    vector = np.asarray(direction, np.float64)
+    length = np.linalg.norm(vector)
+    if not length > 0:
+        raise ValueError(f"the direction {direction} has no length")
+    return vector / length
