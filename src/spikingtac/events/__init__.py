@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from spikingtac.events.create import create_events
+    from spikingtac.events.open import open_events
     from spikingtac.events.source import EventSource, PacketSource
     from spikingtac.events.windows import cut, windows
 
-__all__ = ["EventSource", "PacketSource", "create_events", "cut", "windows"]
+__all__ = ["EventSource", "PacketSource", "create_events", "cut", "open_events", "windows"]
 
 _HOMES = {
     "EventSource": "source",
     "PacketSource": "source",
     "create_events": "create",
     "cut": "windows",
+    "open_events": "open",
     "windows": "windows",
 }
 

@@ -30,6 +30,9 @@ KINDS: dict[str, str] = {
 HARMLESS = frozenset({"trigger", "padding", "vendor_word"})
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
+RESET_US = 100_000
+"""A fall of the time by less is held until the source catches up, a larger one re-based."""
+
 
 class Trigger(NamedTuple):
     """One edge on a camera's external trigger input."""

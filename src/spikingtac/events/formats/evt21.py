@@ -1,32 +1,175 @@
 """EVT 2.1: 64-bit words; an event word holds up to 32 pixels of one row, time and polarity.
 
-Source: Prophesee, "EVT 2.1 Format" (public documentation). Counted from the top, a word holds its
-type (4 bits), the lower time (6), the first column (11), the row (11) and the mask of valid pixels
-(32). Words come in three byte orders: ``little`` (GenX320, the default of the format), ``legacy``
-(IMX636 and older: the upper 32 bits first, each half little-endian) and ``big``.
+Source: Prophesee, "EVT 2.1 Format" (public documentation). The upper half of a word is an EVT2
+word, whose column is that of the first pixel; the lower half is the mask of the pixels with an
+event. Words come in three byte orders: ``little`` (GenX320; the format's default), ``legacy``
+(IMX636 and older: the upper half first, each half little-endian) and ``big``.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-TIME_LOW_BITS = 6
-TIME_BITS = 34
-TIME_HIGH = 0x8
-VECTOR_WIDTH_PX = 32
-SILENCE_STEP = 1 << 10
-"""Time words in silence: one for each 65,536 us."""
+from spikingtac.events.formats.clock import (
+    HEIGHT,
+    HIGH,
+    MISSING,
+    OUTSIDE,
+    WIDTH,
+    Integer,
+    time_high_kernel,
+    time_low_kernel,
+)
+from spikingtac.events.formats.decoder import Columns, TimeWords, WordDecoder
+from spikingtac.events.formats.evt2 import (
+    EVENT_ON,
+    PADDING,
+    SILENCE_STEP,
+    TIME_HIGH,
+    TIME_HIGH_BITS,
+    TIME_LOW_BITS,
+    rare_kernel,
+    suspect_kernel,
+    time_words_kernel,
+)
 
+BYTE_ORDERS = ("little", "legacy", "big")
+VECTOR_WIDTH_PX = 32
 NONE = -1
+LOWEST_BIT = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 1 << 16)], np.uint8)
+"""Index of the lowest set bit of each 16-bit mask."""
+
+
+class Evt21Decoder(WordDecoder):
+    """Turns EVT2.1 words into events; keeps the upper time from call to call.
+
+    Args:
+        size: ``(width, height)``; events outside are dropped and counted.
+        continuous: Whether the writer is known to leave no time word out.
+        byte_order: ``little``, ``legacy`` or ``big``.
+    """
+
+    name = "evt21"
+    events_per_word = VECTOR_WIDTH_PX
+    low_bits = TIME_LOW_BITS
+    high_bits = TIME_HIGH_BITS
+
+    def __init__(
+        self, size: tuple[int, int], continuous: bool = False, byte_order: str = "little"
+    ) -> None:
+        super().__init__(size, continuous)
+        self.word = np.dtype(">u8" if byte_order == "big" else "<u8")
+        half = "<u4" if byte_order != "big" else ">u4"
+        self._half = np.dtype(half)
+        self._head = 1 if byte_order == "little" else 0
+
+    def decode(self, words: NDArray[Any], out: Columns) -> int:
+        """Decode words into the columns and return the number of events."""
+        heads, masks = self._halves(words)
+        return decode_kernel(heads, masks, *out, self.state)
+
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for each byte offset."""
+        out = np.empty(max(len(data) - 7, 0), np.uint8)
+        suspects_kernel(data, 4 * self._head, self._half.str[0] == "<", out, self.state)
+        return out
+
+    def time_words(self, words: NDArray[Any]) -> TimeWords:
+        """Return the upper times."""
+        out = TimeWords.empty(len(words))
+        return out.first(time_words_kernel(self._halves(words)[0], *out))
+
+    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
+        """Write mended upper times back into the words."""
+        halves = words.view(self._half).reshape(-1, 2)
+        halves[times.position, self._head] = (TIME_HIGH << 28) | times.value
+
+    def _halves(self, words: NDArray[Any]) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+        halves = words.view(self._half).reshape(-1, 2)
+        if self._half.str[0] == ">":
+            halves = halves.astype("<u4")
+        return halves[:, self._head], halves[:, 1 - self._head]
+
+
+@njit(cache=True, nogil=True)
+def decode_kernel(
+    heads: NDArray[np.uint32],
+    masks: NDArray[np.uint32],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
+    t: NDArray[np.int64],
+    triggers: NDArray[np.int64],
+    state: NDArray[np.int64],
+) -> Any:
+    """Decode words, given as upper and lower halves; return the number of events."""
+    n = 0
+    for i in range(len(heads)):
+        head = np.int64(heads[i])
+        kind = head >> 28
+        if kind <= EVENT_ON:
+            mask = _visible_kernel(head, np.int64(masks[i]), state)
+            if not mask:
+                continue
+            now = time_low_kernel(state, (head >> 22) & 0x3F)
+            column, row = (head >> 11) & 0x7FF, head & 0x7FF
+            for _half in range(2):
+                bits = mask & 0xFFFF
+                while bits:
+                    x[n], y[n], p[n], t[n] = column + LOWEST_BIT[bits], row, kind, now
+                    bits &= bits - 1
+                    n += 1
+                mask >>= 16
+                column += 16
+        elif kind == TIME_HIGH:
+            time_high_kernel(state, head & 0xFFFFFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+        else:
+            rare_kernel(head, PADDING, triggers, state)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _visible_kernel(head: Integer, mask: Integer, state: NDArray[np.int64]) -> Any:
+    """Return the part of the mask that lies on the sensor; count the rest."""
+    column, row = (head >> 11) & 0x7FF, head & 0x7FF
+    timed = state[HIGH] >= 0
+    if timed and column + VECTOR_WIDTH_PX <= state[WIDTH] and row < state[HEIGHT]:
+        return mask
+    room = min(max(state[WIDTH] - column, 0), VECTOR_WIDTH_PX)
+    kept = mask & ((np.int64(1) << room) - 1) if timed and row < state[HEIGHT] else np.int64(0)
+    lost = mask & ~kept
+    while lost:
+        state[OUTSIDE if timed else MISSING] += 1
+        lost &= lost - 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def suspects_kernel(
+    data: NDArray[np.uint8],
+    head_offset: Integer,
+    little: bool,
+    out: NDArray[np.uint8],
+    state: NDArray[np.int64],
+) -> None:
+    """Mark for each byte offset what is wrong with the word that begins there."""
+    for i in range(len(out)):
+        head = np.int64(0)
+        for k in range(4):
+            shift = 8 * k if little else 24 - 8 * k
+            head |= np.int64(data[i + head_offset + k]) << shift
+        out[i] = suspect_kernel(head, state)
 
 
 class Evt21Encoder:
     """Turns packets into little-endian EVT2.1 words with columns aligned on 32, as sensors do."""
 
     name = "evt21"
-    time_bits = TIME_BITS
+    time_bits = TIME_LOW_BITS + TIME_HIGH_BITS
 
     def __init__(self) -> None:
         self._state = np.full(1, NONE, np.int64)
@@ -55,13 +198,13 @@ def encode_kernel(
     p: NDArray[np.bool_],
     out: NDArray[np.uint64],
     state: NDArray[np.int64],
-) -> int:
+) -> Any:
     """Write words to ``out`` and return their number; ``state`` is (time high)."""
     n, i = 0, 0
     while i < len(t):
         high = t[i] >> TIME_LOW_BITS
         if high != state[0]:
-            n = _time_words_kernel(high, out, n, state)
+            n = _lead_kernel(high, out, n, state)
         column = np.int64(x[i]) & ~31
         mask = np.int64(1) << (np.int64(x[i]) - column)
         last = i + 1
@@ -83,7 +226,9 @@ def encode_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _time_words_kernel(high: int, out: NDArray[np.uint64], n: int, state: NDArray[np.int64]) -> int:
+def _lead_kernel(
+    high: Integer, out: NDArray[np.uint64], n: Integer, state: NDArray[np.int64]
+) -> Any:
     first = state[0] + SILENCE_STEP if state[0] >= 0 else high
     for value in range(first, high, SILENCE_STEP):
         out[n] = np.uint64((TIME_HIGH << 28) | (value & 0xFFFFFFF)) << np.uint64(32)

@@ -1,0 +1,141 @@
+"""The part that all files have in common: iterate again, count, cut into packets, be strict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import DamageError
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
+from spikingtac.events.formats.packing import ColumnCheck, Packer
+from spikingtac.types import EventPacket, LossCounters
+
+Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Columns x, y, p and t of some consecutive events."""
+
+CHUNK_EVENTS = 1 << 17
+"""About how many events a packet holds unless told otherwise."""
+
+SIZES_PX = ((320, 320), (346, 260), (640, 480), (1280, 720))
+"""Sensors that are assumed where a file names no size: the first that holds its events."""
+
+STRAY_SHARE = 1e-3
+"""Share of a file's events that may lie outside of the size that is read from them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """How a file is to be read.
+
+    Attributes:
+        strict: Whether the first damage is an error (else it is mended and counted).
+        chunk_events: About how many events a packet holds.
+        encoding: Encoding of RAW words that overrides the header's, or None.
+        size: ``(width, height)`` that overrides the file's, px, or None.
+    """
+
+    strict: bool = False
+    chunk_events: int = CHUNK_EVENTS
+    encoding: str | None = None
+    size: tuple[int, int] | None = None
+
+
+class FileSource:
+    """Events of one file, as an :class:`~spikingtac.events.source.EventSource`.
+
+    Each iteration begins at the start of the file and counts anew.
+
+    Attributes:
+        path: The file.
+        format: Short name of the format.
+        size: ``(width, height)`` of the sensor, px.
+        losses: What was lost or mended in the latest iteration, by kind (see ``codec.KINDS``).
+        triggers: Trigger edges met in the latest iteration.
+        notes: What had to be assumed, in plain words.
+    """
+
+    format = "events"
+    checked = False
+    """Whether the columns come checked (in order, on the sensor, of the package's types)."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path = path
+        self.losses = LossCounters()
+        self.triggers: list[Trigger] = []
+        self.notes: list[str] = []
+        self._options = options
+        self.size = options.size or self._size()
+
+    def _size(self) -> tuple[int, int]:
+        """Return the sensor's size, from the file or from its events."""
+        return self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        """Yield columns from the start of the file; count what is wrong."""
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        """Yield the file's packets.
+
+        Raises:
+            RecordingError: The file cannot be read.
+            DamageError: Damage was found, and ``strict`` was asked for.
+        """
+        self.losses.clear()
+        self.triggers.clear()
+        packer = Packer(self.size, self._options.chunk_events)
+        check = ColumnCheck(self.size, self.losses)
+        for columns in self._columns():
+            self._refuse_damage()
+            yield from packer.push(*(columns if self.checked else check(*columns)))
+            self._refuse_damage()
+        self._refuse_damage()
+        yield from packer.finish()
+
+    def _refuse_damage(self) -> None:
+        if not self._options.strict:
+            return
+        for kind, count in self.losses.kinds():
+            if kind not in HARMLESS:
+                raise DamageError(
+                    f"{str(self.path)!r} is damaged: {kind} ({KINDS.get(kind, 'damage')}), "
+                    f"{count} so far; read it without strict to keep what is sound"
+                )
+
+    def _size_from_events(self) -> tuple[int, int]:
+        """Return the smallest usual sensor that holds nearly all events; say so in the notes."""
+        columns, rows = np.zeros(1 << 16, np.int64), np.zeros(1 << 16, np.int64)
+        self.size = (1 << 16, 1 << 16)
+        for x, y, _, _ in self._columns():
+            columns += np.bincount(_addresses(x), minlength=1 << 16)
+            rows += np.bincount(_addresses(y), minlength=1 << 16)
+        self.losses.clear()
+        self.triggers.clear()
+        if not columns.sum():
+            self.notes.append("no size and no events; assumed 320x320 px")
+            return SIZES_PX[0]
+        size = _fitting(_extent(columns), _extent(rows))
+        self.notes.append(f"the file names no size; {size[0]}x{size[1]} px holds its events")
+        return size
+
+
+def _addresses(column: NDArray[Any]) -> NDArray[np.int64]:
+    return column[(column >= 0) & (column < 1 << 16)].astype(np.int64)
+
+
+def _extent(histogram: NDArray[np.int64]) -> int:
+    """Return the length that holds all but a stray share of the addresses."""
+    covered = np.cumsum(histogram) >= (1 - STRAY_SHARE) * histogram.sum()
+    return int(np.argmax(covered)) + 1
+
+
+def _fitting(width: int, height: int) -> tuple[int, int]:
+    for size in SIZES_PX:
+        if width <= size[0] and height <= size[1]:
+            return size
+    return width, height

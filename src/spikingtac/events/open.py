@@ -1,0 +1,147 @@
+"""Open event files and recording folders: the content picks the reader, then the ending."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
+from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+
+READABLE = (
+    ".raw", ".npz", ".csv", ".txt", ".es", ".dat", ".aedat4", ".h5", ".hdf5",
+    ".db3", ".mcap", ".bag",
+)  # fmt: skip
+"""Endings that can be read."""
+
+RECORDING_NAME = "events.raw"
+
+
+class _Opener(Protocol):
+    def __call__(self, path: Path, options: ReadOptions) -> FileSource: ...
+
+
+def open_events(
+    path: str | Path,
+    *,
+    strict: bool = False,
+    chunk_events: int = CHUNK_EVENTS,
+    sensor: int = 0,
+    encoding: str | None = None,
+    size: tuple[int, int] | None = None,
+) -> FileSource:
+    """Open an event file, or a recording folder, for reading in packets.
+
+    Args:
+        path: File, or folder with ``events.raw``.
+        strict: Raise at the first damage instead of mending and counting it.
+        chunk_events: About how many events a packet holds.
+        sensor: In a folder, the sensor on the same clock: 1 opens ``events_1.raw``.
+        encoding: RAW words to assume whatever the header says: evt2, evt21 or evt3.
+        size: ``(width, height)`` to assume whatever the file says, px.
+
+    Returns:
+        A source that may be iterated again, with ``size``, ``losses``, ``triggers``, ``format`` and
+        ``notes`` (what had to be assumed).
+
+    Raises:
+        RecordingError: The file is missing or cannot be read; FormatError where its content does
+            not fit its header or ending.
+        ConfigError: The ending or an argument is unknown.
+        MissingExtraError: The format needs a library of the extra ``[formats]``.
+    """
+    if chunk_events < 1:
+        raise ConfigError(f"chunk_events is {chunk_events}, it must be at least 1")
+    options = ReadOptions(strict=strict, chunk_events=chunk_events, encoding=encoding, size=size)
+    file = _file(Path(path), sensor)
+    return _opener(file)(file, options)
+
+
+def _file(path: Path, sensor: int) -> Path:
+    if path.is_dir():
+        name = RECORDING_NAME if sensor == 0 else f"events_{sensor}.raw"
+        if not (path / name).is_file() and not _is_ros2_folder(path):
+            raise RecordingError(
+                f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
+                "(events_1.raw for a second sensor)"
+            )
+        return path / name if (path / name).is_file() else _ros2_storage(path)
+    if not path.exists():
+        raise RecordingError(f"there is no file {str(path)!r}; check the path")
+    return path
+
+
+def _is_ros2_folder(path: Path) -> bool:
+    return (path / "metadata.yaml").is_file() and bool(_storages(path))
+
+
+def _storages(path: Path) -> list[Path]:
+    return sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
+
+
+def _ros2_storage(path: Path) -> Path:
+    storages = _storages(path)
+    if len(storages) > 1:
+        raise RecordingError(
+            f"{str(path)!r} is a bag of {len(storages)} files; open one of them: "
+            + ", ".join(item.name for item in storages)
+        )
+    return storages[0]
+
+
+def _opener(path: Path) -> _Opener:
+    with path.open("rb") as file:
+        start = file.read(64)
+    kind = _kind_by_content(start) or _kind_by_ending(path)
+    if kind == "raw":
+        from spikingtac.events.formats.raw import RawSource as Source
+    elif kind == "npz":
+        from spikingtac.events.formats.npz import NpzSource as Source
+    elif kind == "csv":
+        from spikingtac.events.formats.csv import CsvSource as Source
+    elif kind == "es":
+        from spikingtac.events.formats.es import EsSource as Source
+    elif kind == "dat":
+        from spikingtac.events.formats.dat import DatSource as Source
+    elif kind == "aedat4":
+        from spikingtac.events.formats.aedat4 import Aedat4Source as Source
+    elif kind == "hdf5":
+        from spikingtac.events.formats.hdf5 import Hdf5Source as Source
+    else:
+        from spikingtac.events.formats.ros import RosSource as Source
+    return Source
+
+
+_SIGNATURES = (
+    (b"PK\x03\x04", "npz"),
+    (b"Event Stream", "es"),
+    (b"#!AER-DAT4.0", "aedat4"),
+    (b"\x89HDF\r\n\x1a\n", "hdf5"),
+    (b"SQLite format 3\x00", "ros"),
+    (b"\x89MCAP", "ros"),
+    (b"#ROSBAG", "ros"),
+)
+_KINDS = {
+    ".raw": "raw", ".npz": "npz", ".csv": "csv", ".txt": "csv", ".es": "es", ".dat": "dat",
+    ".aedat4": "aedat4", ".h5": "hdf5", ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros",
+    ".bag": "ros",
+}  # fmt: skip
+
+
+def _kind_by_content(start: bytes) -> str | None:
+    for signature, kind in _SIGNATURES:
+        if start.startswith(signature):
+            return kind
+    if start.startswith((b"% evt", b"% format", b"% camera_integrator")):
+        return "raw"
+    return None
+
+
+def _kind_by_ending(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending not in _KINDS:
+        raise FormatError(
+            f"{path.name!r} is no event file that this version knows{nearest(ending, READABLE)} "
+            f"(valid endings: {', '.join(READABLE)})"
+        )
+    return _KINDS[ending]
