@@ -1,0 +1,160 @@
+"""The published front end, one screen: map, denoiser, blobs, association, hold, output law.
+
+Paper sections IV-A to IV-C. Its error against truth is dominated by the bias of the last-polarity
+map (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.markers.associate import UNMATCHED, associate
+from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.state_map.state_map import StateMap
+from spikingtac.types import Calibration, EventPacket, MarkerFrame
+
+PAPER_RATE_HZ = 350
+"""Estimates per second of the published tracker (paper, abstract and section VI)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BlobTrackerConfig:
+    """What the paper leaves open in its front end, relative to the calibrated markers.
+
+    Attributes:
+        threshold: Level at which the cleaned map is binarised (ours: half-way).
+        min_area_share: Smallest blob, as a share of the smallest calibrated disc (ours: one half. A
+            smaller piece of a disc need not contain its centre; at a sudden release such pieces of
+            the erased footprint lie nearer than the marker and would capture its identity).
+        max_area_share: Largest blob, as a share of the largest calibrated disc (ours: motion
+            stretches a marker in the map, noise clumps it; two merged markers have twice the area
+            and lie too far from either to be taken for one).
+        proximity_share: Association threshold as a share of the smallest distance between two
+            resting markers (ours: one half, beyond which a neighbour could be nearer than the
+            marker itself).
+    """
+
+    threshold: float = 0.5
+    min_area_share: float = 0.5
+    max_area_share: float = 2.5
+    proximity_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:
+            raise ConfigError(
+                f"min_area_share {self.min_area_share} and max_area_share {self.max_area_share} "
+                "must lie on either side of 1 and above 0"
+            )
+        if not self.proximity_share > 0.0:
+            raise ConfigError(f"proximity_share is {self.proximity_share}, it must be positive")
+
+
+class BlobTracker:
+    """Follows markers by detecting blobs in the state map, as published.
+
+    A marker without a blob of its own keeps its last position (zero-order hold) and is flagged
+    ``held`` with confidence 0; otherwise the confidence is the ratio of its blob's area to that of
+    its calibrated disc, or the inverse where that is smaller.
+    """
+
+    def __init__(
+        self,
+        config: BlobTrackerConfig,
+        calibration: Calibration,
+        denoiser: Denoiser,
+        state_map: StateMap | None = None,
+        law: OutputLaw | None = None,
+    ) -> None:
+        """Assemble the tracker; nothing is computed yet.
+
+        Args:
+            config: What the paper leaves open.
+            calibration: Where the markers rest; their map is painted from it.
+            denoiser: Cleans the map before it is binarised (section IV-B).
+            state_map: The map to use; None is the paper's binary map, painted.
+            law: From detected to given position; None gives out what was detected.
+        """
+        self._config = config
+        self._calibration = calibration
+        self._denoiser = denoiser
+        self._map = state_map or painted_binary_map(calibration)
+        self._law = law or NoLaw()
+        disc_px = np.pi * calibration.radius_px**2
+        self._disc_area_px: NDArray[np.float64] = disc_px
+        self._detector = BlobDetector(
+            calibration.size,
+            BlobConfig(
+                threshold=config.threshold,
+                min_area_px=config.min_area_share * float(disc_px.min()),
+                max_area_px=config.max_area_share * float(disc_px.max()),
+            ),
+        )
+        self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
+        self._detected_px = calibration.reference_px.astype(np.float64)
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take in every event of the next stretch of time.
+
+        Raises:
+            CalibrationError: The recording comes from a sensor of another size.
+        """
+        if packet.size != self._calibration.size:
+            raise CalibrationError(
+                f"the recording is {packet.size[0]}x{packet.size[1]}, the calibration is for "
+                f"{self._calibration.size[0]}x{self._calibration.size[1]}; calibrate this sensor: "
+                "spikingtac calibrate RECORDING -o calibration.json"
+            )
+        self._map.absorb(packet)
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return the markers at ``t_us``, the end of what was absorbed."""
+        blobs = self._detector.detect(self._denoiser.clean(self._map.values))
+        match = associate(self._detected_px, blobs.center_px, self._proximity_px)
+        held = match == UNMATCHED
+        self._detected_px[~held] = blobs.center_px[match[~held]]
+        reference_px = self._calibration.reference_px
+        position_px = self._law.update(self._detected_px, reference_px)
+        return MarkerFrame(
+            t_us=t_us,
+            detected_px=self._detected_px.copy(),
+            position_px=position_px,
+            displacement_px=position_px - reference_px,
+            held=held,
+            confidence=self._confidence(blobs, match, held),
+        )
+
+    def reset(self) -> None:
+        """Forget everything but the calibration: the markers rest, the map is as painted."""
+        self._map.reset()
+        self._law.reset()
+        self._detected_px = self._calibration.reference_px.astype(np.float64)
+
+    def _confidence(
+        self, blobs: Blobs, match: NDArray[np.int64], held: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        confidence = np.zeros(len(match))
+        share = blobs.area_px[match[~held]] / self._disc_area_px[~held]
+        confidence[~held] = np.minimum(share, 1.0 / share)
+        return confidence
+
+
+def painted_binary_map(calibration: Calibration) -> BinaryStateMap:
+    """Return the binary map of a sensor at rest, ready to absorb events of its polarity."""
+    start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
+    return BinaryStateMap(calibration.size, start, dark_markers=calibration.polarity == "dark")
+
+
+def smallest_spacing_px(reference_px: NDArray[np.float64]) -> float:
+    """Return the smallest distance between two markers, px; infinite for a single marker."""
+    offset = reference_px[:, np.newaxis] - reference_px[np.newaxis]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    np.fill_diagonal(distance, np.inf)
+    return float(distance.min(initial=np.inf))
