@@ -54,7 +54,10 @@ class CreepChain:
 
     def history(self, dt_s: float) -> Field:
         """Return what remains, after the coming step, of all former tractions, mm."""
-        return np.tensordot(np.exp(-dt_s / self._times_s), self._retarded, axes=1)
+        out = np.zeros(self._retarded.shape[1:])
+        for kept, part in zip(np.exp(-dt_s / self._times_s), self._retarded, strict=True):
+            out += kept * part
+        return out
 
     def advance(self, dt_s: float, elastic: Field | None) -> None:
         """Take a step under a constant traction.
@@ -64,10 +67,11 @@ class CreepChain:
             elastic: Instantaneous displacement under that traction, mm; None where it is zero.
         """
         kept = np.exp(-dt_s / self._times_s)
-        for i, fraction in enumerate(self._fractions):
-            self._retarded[i] *= kept[i]
-            if elastic is not None:
-                self._retarded[i] += (1.0 - kept[i]) * fraction * elastic
+        gained = (1.0 - kept) * self._fractions
+        self._retarded *= kept.reshape(-1, *[1] * (self._retarded.ndim - 1))
+        if elastic is not None:
+            for i, gain in enumerate(gained):
+                self._retarded[i] += gain * elastic
 
     def largest_mm(self) -> float:
         """Return a bound of the displacement that is still stored, mm."""

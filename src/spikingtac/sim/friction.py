@@ -28,9 +28,9 @@ def shear_kernel(
     """Find the shear tractions that carry each cell to its target, as far as friction allows.
 
     Args:
-        xx: ``(c, c)`` displacement along x per shear along x, mm per N/mm².
-        xy: ``(c, c)`` along x per shear along y (and the other way round).
-        yy: ``(c, c)`` along y per shear along y.
+        xx: ``(room, room)`` displacement along x per shear along x, mm per N/mm².
+        xy: ``(room, room)`` along x per shear along y (and the other way round).
+        yy: ``(room, room)`` along y per shear along y.
         target: ``(2, c)`` displacement of each cell if it sticks, mm.
         bound: ``(c,)`` largest shear, N/mm²; zero where nothing presses.
         shear: ``(2, c)`` first guess, overwritten by the solution, N/mm².

@@ -183,7 +183,7 @@ class Gel:
         if not self.in_contact:
             return np.zeros(3), np.zeros(3)
         grid = self._config.grid
-        cells = np.flatnonzero(self._touch.traction[2])
+        cells = self._touch.cells
         force = self._touch.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
         place = self._displacement.reshape(3, -1)[:, cells].copy()
         rows, columns = np.divmod(cells, grid.cells)

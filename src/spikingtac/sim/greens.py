@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -90,6 +91,29 @@ class GridConfig:
         return (np.arange(self.cells, dtype=np.float64) - 0.5 * (self.cells - 1)) * self.pitch_mm
 
 
+@njit(cache=True)
+def response_kernel(
+    even: Field, odd: Field, traction: NDArray[np.complex128], out: NDArray[np.complex128]
+) -> None:
+    """Multiply a traction's spectrum by the layer's response.
+
+    Args:
+        even: ``(4, r, c)`` responses x<-x, x<-y, y<-y, z<-z.
+        odd: ``(2, r, c)`` responses x<-z and y<-z, as the factor of -i.
+        traction: ``(3, r, c)`` spectrum of the traction.
+        out: ``(3, r, c)`` spectrum of the displacement, to fill.
+    """
+    for row in range(traction.shape[1]):
+        for column in range(traction.shape[2]):
+            x, y, z = traction[0, row, column], traction[1, row, column], traction[2, row, column]
+            xy = even[1, row, column]
+            xz = -1j * odd[0, row, column]
+            yz = -1j * odd[1, row, column]
+            out[0, row, column] = even[0, row, column] * x + xy * y + xz * z
+            out[1, row, column] = xy * x + even[2, row, column] * y + yz * z
+            out[2, row, column] = even[3, row, column] * z - xz * x - yz * y
+
+
 class LayerOperator:
     """Surface displacement of one layer under any traction on a grid.
 
@@ -105,11 +129,12 @@ class LayerOperator:
         kx = _wavenumbers(n // 2 + 1, grid)[None, :]
         ky = _wavenumbers(n, grid)[:, None]
         even, odd = _kernels(kx, ky, thickness_mm)
-        # An odd kernel has no value at the highest frequency of an even grid.
-        odd[:, n // 2, :] = 0.0
-        odd[:, :, n // 2] = 0.0
+        # What is odd in kx or ky has no value at the highest frequency of an even grid.
+        for kernel in (even[1], *odd):
+            kernel[n // 2, :] = 0.0
+            kernel[:, n // 2] = 0.0
         self._even, self._odd = even, odd
-        spectra = np.concatenate((even + 0j, odd))
+        spectra = np.concatenate((even + 0j, -1j * odd))
         self.tables = np.asarray(scipy.fft.irfft2(spectra, s=(n, n), workers=1), np.float64)
 
     def displacements(self, traction: Field) -> Field:
@@ -122,12 +147,9 @@ class LayerOperator:
             ``(3, n, n)`` displacement along x, y and into the layer, mm at unit modulus.
         """
         n = self._grid.cells
-        x, y, z = np.asarray(scipy.fft.rfft2(traction, workers=1))
-        (xx, xy, yy, zz), (xz, yz) = self._even, self._odd
-        out = np.empty((3, *x.shape), np.complex128)
-        out[0] = xx * x + xy * y + xz * z
-        out[1] = xy * x + yy * y + yz * z
-        out[2] = zz * z - xz * x - yz * y
+        traction_k = np.asarray(scipy.fft.rfft2(traction, workers=1), np.complex128)
+        out = np.empty_like(traction_k)
+        response_kernel(self._even, self._odd, traction_k, out)
         moved = scipy.fft.irfft2(out, s=(n, n), workers=1, overwrite_x=True)
         return np.asarray(moved, np.float64)
 
@@ -139,8 +161,8 @@ def _wavenumbers(count: int, grid: GridConfig) -> Field:
     return 2.0 * np.pi / grid.span_mm * signed
 
 
-def _kernels(kx: Field, ky: Field, thickness_mm: float) -> tuple[Field, NDArray[np.complex128]]:
-    """Return the even (xx, xy, yy, zz) and odd (xz, yz) kernels over the half plane."""
+def _kernels(kx: Field, ky: Field, thickness_mm: float) -> tuple[Field, Field]:
+    """Return the even kernels (xx, xy, yy, zz) and the odd ones (i xz, i yz), half plane."""
     k = np.hypot(kx, ky)
     response = layer_response(k, thickness_mm)
     along = np.where(k > 0.0, k, 1.0)
@@ -153,4 +175,4 @@ def _kernels(kx: Field, ky: Field, thickness_mm: float) -> tuple[Field, NDArray[
         response.normal,
     )
     odd = np.stack((cx * response.coupling, cy * response.coupling))
-    return np.stack(even), np.asarray(-1j * odd, np.complex128)
+    return np.stack(even), odd

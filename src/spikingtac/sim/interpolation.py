@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from spikingtac.sim.greens import GridConfig
 
 Field = NDArray[np.float64]
 
 _STENCIL = np.arange(-2, 4)
+
+
+@njit(cache=True)
+def gather_kernel(fields: Field, cells: NDArray[np.int64], weights: Field, found: Field) -> None:
+    """Add up weighted cells: ``found[f, w, m] += sum_s weights[w, m, s] fields[f, cells[m, s]]``.
+
+    Args:
+        fields: ``(f, n²)`` values on the grid.
+        cells: ``(m, s)`` flat index of each marker's cells.
+        weights: ``(w, m, s)`` weights of those cells.
+        found: ``(f, w, m)`` sums, added to.
+    """
+    for marker in range(cells.shape[0]):
+        for near in range(cells.shape[1]):
+            cell = cells[marker, near]
+            for weight in range(weights.shape[0]):
+                factor = weights[weight, marker, near]
+                for part in range(fields.shape[0]):
+                    found[part, weight, marker] += factor * fields[part, cell]
 
 
 class MarkerInterpolation:
@@ -27,17 +46,14 @@ class MarkerInterpolation:
         values, slopes = _lagrange(scaled - base)
         columns = (base[:, 0, None] + _STENCIL) % grid.cells
         rows = (base[:, 1, None] + _STENCIL) % grid.cells
-        cells = (rows[:, :, None] * grid.cells + columns[:, None, :]).ravel()
+        self._cells = (rows[:, :, None] * grid.cells + columns[:, None, :]).reshape(len(base), -1)
         outer = "mi,mj->mij"
         weights = [
             np.einsum(outer, values[:, 1], values[:, 0]),
             np.einsum(outer, values[:, 1], slopes[:, 0]) / grid.pitch_mm,
             np.einsum(outer, slopes[:, 1], values[:, 0]) / grid.pitch_mm,
         ]
-        starts = np.arange(3 * len(base) + 1) * len(_STENCIL) ** 2
-        shape = (3 * len(base), grid.cells**2)
-        parts = (np.concatenate(weights).ravel(), np.tile(cells, 3), starts)
-        self._weights = csr_array(parts, shape=shape)
+        self._weights = np.stack(weights).reshape(3, len(base), -1)
 
     def at_markers(self, displacement_mm: Field) -> tuple[Field, Field]:
         """Return displacement and in-plane gradient at the points.
@@ -48,10 +64,10 @@ class MarkerInterpolation:
         Returns:
             ``(m, 3)`` displacement, mm, and ``(m, 2, 2)`` derivatives d(u_x, u_y) / d(x, y).
         """
-        x, y, z = (self._weights @ part.ravel() for part in displacement_mm)
-        x, y, z = (part.reshape(3, -1) for part in (x, y, z))
-        gradient = np.stack((x[1:], y[1:])).transpose(2, 0, 1)
-        return np.column_stack((x[0], y[0], z[0])), gradient
+        found = np.zeros((3, 3, len(self._cells)))
+        gather_kernel(displacement_mm.reshape(3, -1), self._cells, self._weights, found)
+        moved = np.ascontiguousarray(found[:, 0].T)
+        return moved, np.ascontiguousarray(found[:2, 1:].transpose(2, 0, 1))
 
 
 def _lagrange(fraction: Field) -> tuple[Field, Field]:

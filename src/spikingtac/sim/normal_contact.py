@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.sim.influence import product_kernel
+
 SMALLEST_SQUARE = np.float32(1e-30)
 """Keeps the first quotient of squared errors finite."""
 
@@ -26,7 +28,8 @@ def pressure_kernel(
     """Find p >= 0 with compliance @ p >= indentation, equal where p > 0.
 
     Args:
-        compliance: ``(c, c)`` symmetric positive definite matrix, mm per N/mm².
+        compliance: ``(room, room)`` matrix whose leading c by c part is symmetric and positive
+            definite, mm per N/mm².
         indentation: ``(c,)`` how far the body reaches into each cell's unloaded surface, mm.
         pressure: ``(c,)`` first guess, overwritten by the solution, N/mm².
         tolerance: Largest error of the indentation, mm.
@@ -42,7 +45,7 @@ def pressure_kernel(
     zero = np.float32(0.0)
     for i in range(count):
         pressure[i] = max(pressure[i], zero)
-    error = np.dot(compliance, pressure) - indentation
+    error = product_kernel(compliance, pressure) - indentation
     for iteration in range(most_iterations):
         worst = zero
         square = zero
@@ -59,9 +62,12 @@ def pressure_kernel(
         for i in range(count):
             inside = pressure[i] > 0.0
             direction[i] = error[i] + conjugate * direction[i] if inside else zero
-        response = np.dot(compliance, direction)
-        along = np.dot(error, direction)
-        curvature = np.dot(response, direction)
+        response = product_kernel(compliance, direction)
+        along = zero
+        curvature = zero
+        for i in range(count):
+            along += error[i] * direction[i]
+            curvature += response[i] * direction[i]
         step = along / curvature if curvature > 0.0 else zero
         conjugate = np.float32(1.0)
         bent = False
@@ -72,5 +78,7 @@ def pressure_kernel(
                 conjugate = zero
             bent = bent or wanted < 0.0 or conjugate == 0.0
             pressure[i] = max(wanted, zero)
-        error = np.dot(compliance, pressure) - indentation if bent else error - step * response
+        error = (
+            product_kernel(compliance, pressure) - indentation if bent else error - step * response
+        )
     return most_iterations

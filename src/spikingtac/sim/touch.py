@@ -15,7 +15,7 @@ from spikingtac.errors import SpikingTacError
 from spikingtac.sim.friction import shear_kernel
 from spikingtac.sim.greens import GridConfig, LayerOperator
 from spikingtac.sim.indenters import Indenter
-from spikingtac.sim.influence import Influence
+from spikingtac.sim.influence import Influence, product_kernel, sheared_kernel
 from spikingtac.sim.normal_contact import pressure_kernel
 from spikingtac.types import Pose
 
@@ -24,12 +24,8 @@ Field = NDArray[np.float64]
 KPA_PER_MPA = 1e3
 """Moduli are configured in kPa; tractions are in N/mm², which is MPa."""
 
-NEAR_MM = 0.02
-"""Cells closer than this to the body must be among those solved for (more than a step's bulge)."""
-AROUND_MM = 0.2
-"""Cells closer than this are taken along when the set is renewed, so that it lasts many steps."""
-SPARE_RATIO = 1.5
-"""The set is renewed when it is larger than needed by this factor: cost grows with its square."""
+NEAR_PITCHES = 0.05
+"""Cells closer to the body than this share of a cell's side must be among those solved for."""
 MOST_CELLS = 2500
 """Most cells in one contact: six dense matrices of that size take 300 MB."""
 MOST_ITERATIONS = 400
@@ -75,7 +71,8 @@ class Touch:
         self._rest = np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm)).reshape(2, -1)
         self.traction = np.zeros((3, n, n))
         self.sticking = np.zeros((n, n), np.bool_)
-        self._influence: tuple[tuple[int, float], Influence] | None = None
+        self._influence = Influence(layer.tables)
+        self._key: tuple[int, float] | None = None
         self._indenter: Indenter | None = None
         self.release()
 
@@ -90,8 +87,11 @@ class Touch:
         self._bound = np.empty(0, np.float32)
         self._spread = np.empty((2, 0), np.float32)
         self._relative: Field | None = None
-        self._cells = np.empty(0, np.int64)
-        self._matrices = np.empty((6, 0, 0), np.float32)
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Flat indices of the cells outside of which no traction acts."""
+        return self._influence.cells
 
     def press(
         self, indenter: Indenter, pose: Pose, history: Field, before: Field, compliance: float
@@ -114,11 +114,12 @@ class Touch:
         center = pose.position_mm + np.array([0.0, 0.0, indenter.center_mm(pose.rotation)])
         relative = self._carried(center, pose.rotation, before)
         reach = self._reach(indenter, pose, relative)
-        needed = (before[2].ravel() - reach < NEAR_MM) | (self.traction[2].ravel() > 0.0)
+        near = NEAR_PITCHES * self._grid.pitch_mm
+        needed = (before[2].ravel() - reach < near) | (self.traction[2].ravel() > 0.0)
         if not needed.any():
             self.release()
             return None
-        self._choose(needed, before[2].ravel() - reach < AROUND_MM, compliance)
+        self._renew(needed, compliance)
         moved = self._settle(relative, reach, history, compliance)
         displacement = (compliance * moved + history)[:2].reshape(2, -1)
         self._attach(displacement, reach, center, pose.rotation, history.reshape(3, -1))
@@ -126,14 +127,15 @@ class Touch:
 
     def _settle(self, relative: Field, reach: Field, history: Field, compliance: float) -> Field:
         """Solve, and again with more cells where the gel has bulged into the body."""
+        near = NEAR_PITCHES * self._grid.pitch_mm
         for _ in range(EXTENSIONS):
             self._solve(relative, reach, history.reshape(3, -1))
             moved = self._layer.displacements(self.traction)
-            beyond = reach - (compliance * moved[2] + history[2]).ravel() > NEAR_MM
-            beyond[self._cells] = False
+            beyond = reach - (compliance * moved[2] + history[2]).ravel() > near
+            beyond[self._influence.cells] = False
             if not beyond.any():
                 return moved
-            beyond[self._cells] = True
+            beyond[self._influence.cells] = True
             self._renew(beyond, compliance)
         self._solve(relative, reach, history.reshape(3, -1))
         return self._layer.displacements(self.traction)
@@ -151,30 +153,17 @@ class Touch:
         x, y = self._rest + relative - pose.position_mm[:2, None]
         return pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
 
-    def _choose(
-        self, needed: NDArray[np.bool_], around: NDArray[np.bool_], compliance: float
-    ) -> None:
-        covered = np.zeros_like(needed)
-        covered[self._cells] = True
-        same = self._influence is not None and self._influence[0] == self._key(compliance)
-        enough = not (needed & ~covered).any()
-        if not (same and enough and len(self._cells) <= SPARE_RATIO * needed.sum()):
-            self._renew(needed | around, compliance)
-
-    def _key(self, compliance: float) -> tuple[int, float]:
-        return id(self._indenter), compliance
-
     def _renew(self, chosen: NDArray[np.bool_], compliance: float) -> None:
-        self._cells = np.flatnonzero(chosen)
-        if len(self._cells) > MOST_CELLS:
+        """Make the influence matrices fit the cells, the step's compliance and the body."""
+        if chosen.sum() > MOST_CELLS:
             raise SpikingTacError(
-                f"the contact covers {len(self._cells)} cells, the most is {MOST_CELLS}; press "
+                f"the contact covers {chosen.sum()} cells, the most is {MOST_CELLS}; press "
                 "less deeply, take a smaller indenter or a coarser grid"
             )
-        if self._influence is None or self._influence[0] != self._key(compliance):
-            self._influence = self._key(compliance), Influence(self._tables(compliance))
-        rows, columns = np.divmod(self._cells, self._grid.cells)
-        self._matrices = self._influence[1].matrices(rows, columns)
+        key = id(self._indenter), compliance
+        if key != self._key:
+            self._key, self._influence = key, Influence(self._tables(compliance))
+        self._influence.choose(chosen)
 
     def _tables(self, compliance: float) -> Field:
         tables = compliance * self._layer.tables
@@ -187,18 +176,18 @@ class Touch:
         return tables + facing * body * KPA_PER_MPA / soft.shear_modulus_kpa
 
     def _solve(self, relative: Field, reach: Field, history: Field) -> None:
-        cells, tolerance = self._cells, self._friction.tolerance_mm
-        xx, xy, yy, zz, xz, yz = self._matrices
+        cells, tolerance = self._influence.cells, self._friction.tolerance_mm
+        xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
         last = flat[:, cells]
-        guess = (last + self._change[:, cells]).astype(np.float32)
+        guess = np.ascontiguousarray(last + self._change[:, cells], np.float32)
         guess[2, last[2] == 0.0] = 0.0
         lifted = (reach[cells] - history[2, cells]).astype(np.float32)
-        lifted += xz @ guess[0] + yz @ guess[1]
+        lifted += product_kernel(xz, guess[0]) + product_kernel(yz, guess[1])
         shear, pressure = guess[:2].copy(), guess[2].copy()
         pressure_kernel(zz, lifted, pressure, tolerance, MOST_ITERATIONS)
-        target = (relative[:, cells] - history[:2, cells]).astype(np.float32)
-        spread = np.stack((xz @ pressure, yz @ pressure))
+        target = np.ascontiguousarray(relative[:, cells] - history[:2, cells], np.float32)
+        spread = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
         target -= spread
         coefficient = np.where(self._slipping[cells], self._friction.kinetic_ratio, 1.0)
         bound = (self._friction.static * coefficient * pressure).astype(np.float32)
@@ -213,7 +202,7 @@ class Touch:
         self, relative: Field, reach: Field, center: Field, rotation: Field, history: Field
     ) -> None:
         """Remember where on the body each touching cell now is."""
-        cells = self._cells
+        cells = self._influence.cells
         tau_x, tau_y, pressure = self.traction.reshape(3, -1)[:, cells]
         touching = pressure > 0.0
         slipping = touching & (np.hypot(tau_x, tau_y) >= ON_RIM * self._bound)
@@ -232,7 +221,7 @@ class Touch:
 
     def _against_soft(self) -> Field:
         """Return what the tractions do to the cells, gel and body together, ``(2, c)``, mm."""
-        xx, xy, yy = self._matrices[:3]
-        tau_x, tau_y = self.traction.reshape(3, -1)[:2, self._cells].astype(np.float32)
-        sheared = np.stack((xx @ tau_x + xy @ tau_y, xy @ tau_x + yy @ tau_y))
+        shear = self.traction.reshape(3, -1)[:2, self._influence.cells]
+        xx, xy, yy = self._influence.matrices[:3]
+        sheared = sheared_kernel(xx, xy, yy, np.ascontiguousarray(shear, np.float32))
         return (sheared + self._spread).astype(np.float64)
