@@ -87,8 +87,16 @@ class WordDecoder:
         raise NotImplementedError
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for each byte offset."""
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         raise NotImplementedError
+
+    def expected_high(self, data: NDArray[np.uint8]) -> int:
+        """Return the upper time that the words of a chunk should be near."""
+        if self.state[clock.HIGH] >= 0:
+            return int(self.state[clock.HIGH])
+        end = len(data) // self.word.itemsize * self.word.itemsize
+        times = self.time_words(data[:end].view(self.word).copy()).value
+        return int(np.median(times)) if len(times) else 0
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
         """Return the upper times (and mend what else can be mended in place)."""

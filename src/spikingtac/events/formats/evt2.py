@@ -36,6 +36,9 @@ TIME_LOW_BITS, TIME_HIGH_BITS = 6, 28
 SILENCE_STEP = 1 << 10
 """Upper times that one time word stands for in silence, so that there is one in 65,536 us."""
 
+FAR_STEPS = 60_000_000 >> TIME_LOW_BITS
+"""Distance of an upper time from the chunk's that is odd: a minute."""
+
 UNKNOWN_TYPES = 0xFFFF & ~(1 << 0 | 1 << 1 | 1 << 8 | 1 << 10 | 1 << 13 | 1 << 14 | 1 << 15)
 """Types that the format does not define, as a bit set."""
 
@@ -56,9 +59,9 @@ class Evt2Decoder(WordDecoder):
         return decode_kernel(words, *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for each byte offset."""
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 3, 0), np.uint8)
-        suspects_kernel(data, out, self.state)
+        suspects_kernel(data, self.expected_high(data), out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
@@ -126,24 +129,31 @@ def rare_kernel(
 
 @njit(cache=True, nogil=True)
 def suspects_kernel(
-    data: NDArray[np.uint8], out: NDArray[np.uint8], state: NDArray[np.int64]
+    data: NDArray[np.uint8], high: Integer, out: NDArray[np.uint8], state: NDArray[np.int64]
 ) -> None:
     """Mark for each byte offset what is wrong with the word that begins there."""
     for i in range(len(out)):
         word = np.int64(0)
         for k in range(4):
             word |= np.int64(data[i + k]) << (8 * k)
-        out[i] = suspect_kernel(word, state)
+        out[i] = suspect_kernel(word, high, state)
 
 
 @njit(cache=True, nogil=True)
-def suspect_kernel(word: Integer, state: NDArray[np.int64]) -> Any:
-    """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for a 32-bit word."""
+def suspect_kernel(word: Integer, high: Integer, state: NDArray[np.int64]) -> Any:
+    """Return 0 (fine), 1 (off the sensor, far in time, rare type) or 2 (unknown type) for a word.
+
+    Args:
+        word: A 32-bit word.
+        high: The upper time that is expected about it.
+        state: The decoder's state.
+    """
     kind = word >> 28
-    if (UNKNOWN_TYPES >> kind) & 1 and word != PADDING:
-        return 2
-    outside = (word >> 11) & 0x7FF >= state[WIDTH] or word & 0x7FF >= state[HEIGHT]
-    return 1 if kind <= EVENT_ON and outside else 0
+    if (UNKNOWN_TYPES >> kind) & 1:
+        return 0 if word == PADDING else 2
+    if kind <= EVENT_ON:
+        return 1 if (word >> 11) & 0x7FF >= state[WIDTH] or word & 0x7FF >= state[HEIGHT] else 0
+    return 1 if kind != TIME_HIGH or abs((word & 0xFFFFFFF) - high) > FAR_STEPS else 0
 
 
 @njit(cache=True, nogil=True)

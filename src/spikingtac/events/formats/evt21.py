@@ -73,9 +73,11 @@ class Evt21Decoder(WordDecoder):
         return decode_kernel(heads, masks, *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for each byte offset."""
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 7, 0), np.uint8)
-        suspects_kernel(data, 4 * self._head, self._half.str[0] == "<", out, self.state)
+        little = self._half.str[0] == "<"
+        high = self.expected_high(data)
+        suspects_kernel(data, 4 * self._head, little, high, out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
@@ -153,6 +155,7 @@ def suspects_kernel(
     data: NDArray[np.uint8],
     head_offset: Integer,
     little: bool,
+    high: Integer,
     out: NDArray[np.uint8],
     state: NDArray[np.int64],
 ) -> None:
@@ -162,7 +165,12 @@ def suspects_kernel(
         for k in range(4):
             shift = 8 * k if little else 24 - 8 * k
             head |= np.int64(data[i + head_offset + k]) << shift
-        out[i] = suspect_kernel(head, state)
+        out[i] = suspect_kernel(head, high, state)
+        mask = 0
+        for k in range(4):
+            mask |= data[i + 4 - head_offset + k]
+        if head >> 28 <= EVENT_ON and mask == 0:
+            out[i] = 1
 
 
 class Evt21Encoder:

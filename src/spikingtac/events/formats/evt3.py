@@ -14,7 +14,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.events.formats.clock import (
-    BASE,
     EVENTS_BEFORE,
     HEIGHT,
     HIGH,
@@ -35,6 +34,7 @@ from spikingtac.events.formats.clock import (
     time_high_kernel,
 )
 from spikingtac.events.formats.decoder import Columns, TimeWords, WordDecoder
+from spikingtac.events.formats.salvage import mend_high_kernel
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2, 0x3, 0x4, 0x5
 TIME_LOW, CONTINUED_4, TIME_HIGH, TRIGGER, OTHERS, CONTINUED_12 = 0x6, 0x7, 0x8, 0xA, 0xE, 0xF
@@ -49,7 +49,16 @@ VECTOR_WIDTH_PX = 32
 """Pixels that a base and its 12 + 12 + 8 vectors cover."""
 
 VECTOR_WORDS = 3
+REPEAT_BITS = 8
+"""The upper time is repeated after 2^8 us, as sensors do: what is lost is found again sooner."""
+
 NONE = -1
+FAR_STEPS = 4_000_000 >> TIME_LOW_BITS
+"""Distance of an upper time from the chunk's that is odd: four seconds."""
+
+NO_WRAP_BITS = 62
+"""Bits of a counter that never wraps, as the lower time within a unit of the upper."""
+
 UNKNOWN_TYPES = (1 << 0x1) | (1 << 0x9) | (1 << 0xB) | (1 << 0xC) | (1 << 0xD)
 """Types that the format does not define, as a bit set."""
 
@@ -68,9 +77,9 @@ class Evt3Decoder(WordDecoder):
         return decode_kernel(words, *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return 0 (fine), 1 (outside of the sensor) or 2 (unknown type) for each byte offset."""
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 1, 0), np.uint8)
-        suspects_kernel(data, out, self.state)
+        suspects_kernel(data, self.expected_high(data), out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
@@ -169,18 +178,21 @@ def _rare_kernel(
 
 @njit(cache=True, nogil=True)
 def suspects_kernel(
-    data: NDArray[np.uint8], out: NDArray[np.uint8], state: NDArray[np.int64]
+    data: NDArray[np.uint8], high: Integer, out: NDArray[np.uint8], state: NDArray[np.int64]
 ) -> None:
     """Mark for each byte offset what is wrong with the word that begins there."""
     for i in range(len(out)):
         word = np.int64(data[i]) | (np.int64(data[i + 1]) << 8)
         kind, address = word >> 12, word & 0x7FF
         limit = state[HEIGHT] if kind == ADDR_Y else state[WIDTH]
-        out[i] = 0
-        if (UNKNOWN_TYPES >> kind) & 1 and word != PADDING:
-            out[i] = 2
-        elif kind in (ADDR_Y, ADDR_X, BASE_X) and address >= limit:
-            out[i] = 1
+        if (UNKNOWN_TYPES >> kind) & 1:
+            out[i] = 0 if word == PADDING else 2
+        elif kind in (ADDR_Y, ADDR_X, BASE_X):
+            out[i] = address >= limit
+        elif kind == TIME_HIGH:
+            out[i] = abs((word & 0xFFF) - high) > FAR_STEPS
+        else:
+            out[i] = kind in (TRIGGER, OTHERS, CONTINUED_4, CONTINUED_12)
 
 
 @njit(cache=True, nogil=True)
@@ -208,31 +220,38 @@ def time_words_kernel(
 
 @njit(cache=True, nogil=True)
 def mend_low_kernel(words: NDArray[np.uint16], state: NDArray[np.int64]) -> Any:
-    """Replace single lower times that contradict both neighbours; return how many."""
-    mended, last, candidate = 0, NONE, NONE
-    high = state[HIGH]
-    low = max(state[NOW] - state[BASE], 0) if high >= 0 else 0
+    """Replace lower times that do not fit into a course of time; return how many."""
+    position = np.empty(len(words), np.int64)
+    mended, n, high = 0, 0, state[HIGH]
     for i in range(len(words)):
-        kind, value = words[i] >> 12, np.int64(words[i] & 0xFFF)
-        if kind == TIME_HIGH and value != high:
-            high, low, candidate = value, 0, NONE
-        elif kind == TIME_LOW:
-            if candidate >= 0:
-                last = np.int64(words[candidate] & 0xFFF)
-                if value >= low and (last > value or last < low):
-                    words[candidate] = (TIME_LOW << 12) | low
-                    mended += 1
-                else:
-                    low = last
-            candidate = i
+        kind, value = words[i] >> 12, words[i] & 0xFFF
+        if kind == TIME_LOW:
+            position[n] = i
+            n += 1
+        elif kind == TIME_HIGH and value != high:
+            mended += _mend_unit_kernel(words, position[:n])
+            n, high = 0, value
+    return mended + _mend_unit_kernel(words, position[:n])
+
+
+@njit(cache=True, nogil=True)
+def _mend_unit_kernel(words: NDArray[np.uint16], position: NDArray[np.int64]) -> Any:
+    """Mend the lower times of one unit of the upper time."""
+    value = np.empty(len(position), np.int64)
+    for k in range(len(position)):
+        value[k] = words[position[k]] & 0xFFF
+    mended = mend_high_kernel(value, np.zeros(len(value), np.bool_), NONE, NO_WRAP_BITS)
+    for k in range(len(position)):
+        words[position[k]] = (TIME_LOW << 12) | value[k]
     return mended
 
 
 class Evt3Encoder:
     """Turns packets into EVT3 words; vectors are used where they take fewer words.
 
-    Time words are written for every 4,096 us, also in silence, as a camera does: a reader can tell
-    silence from loss, and wraps are never ambiguous. Vectors are complete 12 + 12 + 8 triples.
+    Time words are written for every 4,096 us, also in silence, as a camera does (and repeated where
+    events follow): a reader can tell silence from loss, and wraps are never ambiguous. Vectors are
+    complete 12 + 12 + 8 triples.
     """
 
     name = "evt3"
@@ -253,7 +272,7 @@ class Evt3Encoder:
             return np.empty(0, np.uint16)
         first = int(t[0] >> TIME_LOW_BITS) if self._state[0] == NONE else int(self._state[0])
         silence = int(t[-1] >> TIME_LOW_BITS) - first
-        words = np.empty(4 * len(t) + silence + 1, np.uint16)
+        words = np.empty(5 * len(t) + silence + 1, np.uint16)
         return words[: encode_kernel(t, x, y, p, words, self._state)]
 
 
@@ -296,6 +315,9 @@ def _time_kernel(t: Integer, out: NDArray[np.uint16], n: Integer, state: NDArray
             out[n] = (TIME_HIGH << 12) | (value & 0xFFF)
             n += 1
         state[0] = high
+    elif (t & 0xFFF) >> REPEAT_BITS != state[1] >> REPEAT_BITS:
+        out[n] = (TIME_HIGH << 12) | (high & 0xFFF)
+        n += 1
     state[1] = t & 0xFFF
     out[n] = (TIME_LOW << 12) | state[1]
     return n + 1

@@ -13,19 +13,28 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.clock import Integer
+from spikingtac.events.formats.clock import JUMP_US, Integer
 
 SKIP_COST = 4
 """Price of leaving out a byte, in implausible words avoided; below it, words are believed."""
 
 BLOCK_WORDS = 64
-GARBAGE_SHARE = 0.18
-"""Share of undefined types above which a block is noise (random EVT3 words have 0.31)."""
+GARBAGE_SHARE = 0.14
+"""Share of undefined types above which a stretch of so many words is noise (random EVT3 words have
+0.31; half of that, since only one half of the words about its border is noise)."""
+
+GARBAGE_MARGIN_WORDS = 4
+"""Words about a stretch that go with it: noise may look sound."""
 
 NEAR_STEPS = 16
-VOTERS = 4
-"""Time words that are asked about a suspicious one, and how near they must be to its predecessor
-to speak against it; two of them suffice."""
+"""Steps of the upper time that cost nothing."""
+
+LEAP_COST, DISCARD_COST, JUMP_COST, FALL_COST = 1, 2, 3, 7
+"""Prices of a longer step forward, of not believing a time word, of a second or more forward, and
+of time going back: one time word speaks for a leap, two for a jump, four for a restart."""
+
+HORIZON = 32
+"""Time words in a row that may be disbelieved."""
 
 
 def aligned(
@@ -48,15 +57,24 @@ def aligned(
 
 
 def without_garbage(words: NDArray[Any], unknown: NDArray[np.bool_]) -> tuple[NDArray[Any], int]:
-    """Drop the blocks in which too many types are undefined; return the rest and their number."""
-    blocks = -(-len(words) // BLOCK_WORDS)
-    padded = np.zeros(blocks * BLOCK_WORDS, np.bool_)
-    padded[: len(words)] = unknown
-    noise = padded.reshape(blocks, BLOCK_WORDS).mean(axis=1) > GARBAGE_SHARE
-    if not noise.any():
+    """Drop the stretches in which too many types are undefined; return the rest and their number.
+
+    Args:
+        words: ``(n,)`` words.
+        unknown: ``(n,)`` where a word's type is undefined.
+    """
+    total = np.concatenate(([0], np.cumsum(unknown)))
+    places = np.flatnonzero(unknown)
+    first = np.maximum(places - BLOCK_WORDS // 2, 0)
+    last = np.minimum(places + BLOCK_WORDS // 2, len(words))
+    places = places[total[last] - total[first] >= GARBAGE_SHARE * (last - first)]
+    if not len(places):
         return words, 0
-    keep = ~np.repeat(noise, BLOCK_WORDS)[: len(words)]
-    return words[keep], int(noise.sum())
+    stretches = np.split(places, np.flatnonzero(np.diff(places) > BLOCK_WORDS) + 1)
+    keep = np.ones(len(words), np.bool_)
+    for stretch in stretches:
+        keep[max(stretch[0] - GARBAGE_MARGIN_WORDS, 0) : stretch[-1] + GARBAGE_MARGIN_WORDS] = False
+    return words[keep], len(stretches)
 
 
 @njit(cache=True, nogil=True)
@@ -97,7 +115,7 @@ def boundaries_kernel(
 def mend_high_kernel(
     value: NDArray[np.int64], wrapped: NDArray[np.bool_], last: Integer, high_bits: Integer
 ) -> Any:
-    """Replace upper times that contradict both neighbours, in place; return how many.
+    """Replace upper times that do not fit into a course of time, in place; return how many.
 
     Args:
         value: Upper times in order.
@@ -105,37 +123,61 @@ def mend_high_kernel(
         last: The upper time before them, or -1.
         high_bits: Bits of the upper time.
     """
+    kept = np.zeros(len(value), np.bool_)
+    course_kernel(value, last, high_bits, kept)
     period = np.int64(1) << high_bits
     mended = 0
     for k in range(len(value)):
-        if (
-            last >= 0
-            and (value[k] - last) % period > 1
-            and _contradicted_kernel(value, k, last, period)
-        ):
-            step = np.int64(wrapped[k])
-            follower = (value[k + 1] - last) % period
-            value[k] = (last + min(step, follower)) % period
-            mended += 1
-        elif last < 0 and len(value) > 2 and value[0] > value[1] and value[2] - value[1] in (0, 1):
-            value[k] = value[k + 1]
+        if not kept[k]:
+            follower = k + 1
+            while follower < len(value) and not kept[follower]:
+                follower += 1
+            before = last if last >= 0 or follower == len(value) else value[follower]
+            room = (value[follower] - before) % period if follower < len(value) else 1
+            value[k] = (before + min(np.int64(wrapped[k]), room)) % period
             mended += 1
         last = value[k]
     return mended
 
 
 @njit(cache=True, nogil=True)
-def _contradicted_kernel(
-    value: NDArray[np.int64], k: Integer, last: Integer, period: Integer
-) -> bool:
-    """Whether the followers of a time word fit its predecessor and not it."""
-    if k + 1 >= len(value):
-        return False
-    step = (value[k] - last) % period
-    follower = (value[k + 1] - last) % period
-    if follower < period // 2 and follower < step:
-        return True
-    votes = 0
-    for j in range(k + 1, min(k + 1 + VOTERS, len(value))):
-        votes += (value[j] - last) % period <= NEAR_STEPS
-    return step > NEAR_STEPS and votes >= 2
+def course_kernel(
+    value: NDArray[np.int64], last: Integer, high_bits: Integer, kept: NDArray[np.bool_]
+) -> None:
+    """Mark the upper times that make the cheapest course from ``last`` on (see the prices)."""
+    best = np.empty(len(value), np.int64)
+    origin = np.full(len(value), -1, np.int64)
+    for k in range(len(value)):
+        best[k] = k * DISCARD_COST
+        if last >= 0:
+            best[k] += step_cost_kernel(last, value[k], high_bits)
+        elif k:
+            best[k] += LEAP_COST
+        for j in range(max(k - HORIZON, 0), k):
+            through = best[j] + (k - j - 1) * DISCARD_COST
+            if through < best[k]:
+                through += step_cost_kernel(value[j], value[k], high_bits)
+                if through < best[k]:
+                    best[k], origin[k] = through, j
+    end, price = -1, len(value) * DISCARD_COST
+    for k in range(len(value)):
+        total = best[k] + (len(value) - 1 - k) * DISCARD_COST
+        if total <= price:
+            end, price = k, total
+    while end >= 0:
+        kept[end] = True
+        end = origin[end]
+
+
+@njit(cache=True, nogil=True)
+def step_cost_kernel(first: Integer, second: Integer, high_bits: Integer) -> Any:
+    """Return the price of believing that one upper time follows another."""
+    step = second - first
+    ahead = step % (np.int64(1) << high_bits)
+    if ahead <= NEAR_STEPS:
+        return 0
+    # The upper and the lower bits of the time are 24 or 34 together: 12 + 12 or 28 + 6.
+    near = ahead < JUMP_US >> (12 if high_bits == 12 else 6)
+    if step < 0:
+        return LEAP_COST if near else FALL_COST
+    return LEAP_COST if near else JUMP_COST
