@@ -88,7 +88,7 @@ class Optics:
         return MarkerImage(
             t_us=state.t_us,
             center_px=center_px,
-            shape=self._config.px_per_mm * np.linalg.inv(stretch),
+            shape=(self._config.px_per_mm * np.linalg.inv(stretch)).astype(np.float64),
             radius_px=discs.radius_mm * self._config.px_per_mm,
             chord=discs.chord_px(self._config.px_per_mm),
         )

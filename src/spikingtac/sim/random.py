@@ -21,7 +21,7 @@ _UNIT_53 = 1.0 / (1 << 53)
 _PIXEL_SHIFT = np.uint64(32)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def uniform_kernel(key: np.uint64, counter: np.uint64) -> float:
     """Return a number uniform in (0, 1) for a uint64 key and a uint64 counter."""
     bits = key + counter * _GOLDEN
@@ -31,7 +31,7 @@ def uniform_kernel(key: np.uint64, counter: np.uint64) -> float:
     return (np.float64(bits >> _DROP_TO_53_BITS) + 0.5) * _UNIT_53
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_pair_kernel(key: np.uint64, counter: np.uint64) -> tuple[float, float]:
     """Return two independent standard normal numbers (Box and Muller) for an even use of counters.
 
@@ -43,7 +43,7 @@ def normal_pair_kernel(key: np.uint64, counter: np.uint64) -> tuple[float, float
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def pixel_counter_kernel(pixel: int, count: int) -> np.uint64:
     """Return the counter of a pixel's ``count``-th draw (both below 2**31)."""
     return (np.uint64(pixel) << _PIXEL_SHIFT) + np.uint64(count)
