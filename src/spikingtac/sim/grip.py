@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.pads import MODES, PatchConfig, pad_response
 from spikingtac.sim.probe import ProbeState
+from spikingtac.sim.scene import SkinConfig
 from spikingtac.sim.skin import SkinState
 
 Vector = NDArray[np.float64]
@@ -22,23 +23,14 @@ class PadConfig:
     """How a pad sits on the rod.
 
     Attributes:
-        grid: Rows and columns of markers.
-        pitch_mm: Distance between neighbours, mm.
+        skin: The markers; the second finger carries the next serial number.
         grip_mm: How deep the grip presses the rod into the pad, mm (ours: 10 % of the layer).
         half_thickness_mm: From the rod's axis to the skin, mm (a 4 mm rod).
     """
 
-    grid: tuple[int, int] = (8, 8)
-    pitch_mm: float = 2.4
+    skin: SkinConfig = field(default_factory=SkinConfig)
     grip_mm: float = 0.3
     half_thickness_mm: float = 2.0
-
-    def rest_mm(self) -> Vector:
-        """Return the markers' nominal places ``(m, 2)`` about the optical axis, row-major, mm."""
-        rows, columns = self.grid
-        y, x = np.mgrid[0:rows, 0:columns].astype(np.float64)
-        centered = np.stack([x.ravel() - (columns - 1) / 2, y.ravel() - (rows - 1) / 2], axis=1)
-        return centered * self.pitch_mm
 
 
 PADS = 2
@@ -55,7 +47,7 @@ class Pad:
     """
 
     def __init__(self, config: PadConfig, patch: PatchConfig, faces_back: bool = False) -> None:
-        rest = config.rest_mm()
+        rest = config.skin.rest_mm()
         self._response = pad_response(patch, rest)
         self._from_bushing = mode_amplitudes(config.half_thickness_mm, faces_back)
         self._grip = np.zeros(MODES)

@@ -117,10 +117,10 @@ class UR3Twin:
         self._brake(self._pickup_s())
 
     def state(self) -> ArmState:
-        """Return what the arm does now."""
+        """Return what the arm did at the last controller cycle."""
         if self._trouble is not None:
             return self._trouble
-        at_rest = self._now_us * 1e-6 >= self._segments[-1].end_s + self._lag_s
+        at_rest = self._last_tick_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
         return ArmState.IDLE if at_rest else ArmState.MOVING
 
     def close(self) -> None:

@@ -1,0 +1,193 @@
+"""Move until contact, then stop; one loop for the twin and the hardware (Section V-B).
+
+The loop pulls windows. On the twin a pull lets time pass; on hardware it waits for the camera.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import DeviceError
+from spikingtac.robot.arm import Arm, ArmState, TruthfulArm
+from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.types import Contact
+
+Vector = NDArray[np.float64]
+W = TypeVar("W")
+W_contra = TypeVar("W_contra", contravariant=True)
+
+
+class Detector(Protocol[W_contra]):
+    """What decides on contact; the detectors of :mod:`spikingtac.contact` fit."""
+
+    def update(self, window: W_contra) -> Contact | None:
+        """Take the next window and return a contact, once it is found."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ApproachConfig:
+    """How to approach.
+
+    Attributes:
+        speed_mm_s: Speed of the tool, mm/s.
+        cruise_tolerance: The detector listens once the reported speed is within this share of the
+            asked one: the probe's own inertia moves the markers while the arm accelerates.
+        settle_windows: Windows to wait after that, until the probe has rung down.
+        patience_windows: Most windows after which the arm must have come to rest.
+    """
+
+    speed_mm_s: float = 80.0
+    cruise_tolerance: float = 0.02
+    settle_windows: int = 150
+    patience_windows: int = 60_000
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """What an approach found.
+
+    Attributes:
+        contact: The decision, or None where the target was reached without one.
+        collision_mm: ``(3,)`` X_collision as the controller reported it at the decision, mm.
+        true_collision_mm: ``(3,)`` the same without staleness and noise; None on hardware.
+        stop_mm: ``(3,)`` X_stop, as reported at rest, mm.
+        true_stop_mm: ``(3,)`` the same without noise; None on hardware.
+        windows: Number of windows that were pulled.
+        direction: ``(3,)`` unit vector of the motion.
+    """
+
+    contact: Contact | None
+    collision_mm: Vector | None
+    true_collision_mm: Vector | None
+    stop_mm: Vector
+    true_stop_mm: Vector | None
+    windows: int
+    direction: Vector
+
+    def deviation_mm(self, real_mm: Vector, *, true: bool = True) -> float:
+        """Return the paper's detection deviation: X_collision - X_real, along the motion, mm.
+
+        Args:
+            real_mm: ``(3,)`` X_real. The paper takes it by teleoperation, with a reset error and
+                micro-slip of the probe, hence its negative values; the twin knows it.
+            true: Take the true collision pose, not the reported one.
+        """
+        found = self.true_collision_mm if true else self.collision_mm
+        return _along(found, real_mm, self.direction)
+
+    def overshoot_mm(self, real_mm: Vector, *, true: bool = True) -> float:
+        """Return the paper's overshoot: X_stop - X_real, along the motion, mm."""
+        return _along(self.true_stop_mm if true else self.stop_mm, real_mm, self.direction)
+
+
+class Approacher(Generic[W]):
+    """Moves one arm until one detector finds contact.
+
+    Args:
+        arm: The arm, at rest.
+        windows: Regular windows of its sensor or sensors; one iterator, pulled by this object.
+        detector: Told of each window while the arm cruises.
+        config: How to approach.
+        watchdog: Checked with every window; a trip ends the approach with a DeviceError.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        windows: Iterable[W],
+        detector: Detector[W],
+        config: ApproachConfig,
+        watchdog: Watchdog | None = None,
+    ) -> None:
+        self._arm = arm
+        self._windows = iter(windows)
+        self._detector = detector
+        self._config = config
+        self._watchdog = watchdog
+        self._pulled = 0
+
+    def approach(self, target_mm: Vector) -> Approach:
+        """Move towards a target, stop at contact, and return once the arm is at rest.
+
+        Raises:
+            DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
+                did not come to rest; the arm was told to stop before.
+        """
+        self._pulled = 0
+        way = np.asarray(target_mm, np.float64) - self._arm.pose().position_mm
+        direction = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+        try:
+            self._arm.move_linear(target_mm, self._config.speed_mm_s)
+            contact = self._listen(direction)
+            read = self._arm.pose().position_mm if contact else None
+            true = _true_position(self._arm) if contact else None
+            self._wait(lambda: self._arm.state() is not ArmState.MOVING)
+        except BaseException:
+            with contextlib.suppress(DeviceError):  # the first fault is the one to report
+                self._arm.stop()
+            raise
+        stop, true_stop = self._arm.pose().position_mm, _true_position(self._arm)
+        return Approach(contact, read, true, stop, true_stop, self._pulled, direction)
+
+    def _listen(self, direction: Vector) -> Contact | None:
+        """Return the contact, with the stop already sent, or None at the target."""
+        cruising = 0
+        for _ in range(self._config.patience_windows):
+            window = self._pull()
+            if cruising >= self._config.settle_windows:
+                contact = self._detector.update(window)
+                if contact is not None:
+                    self._arm.stop()
+                    return contact
+            speed = float(self._arm.speed_mm_s() @ direction)
+            steady = abs(speed / self._config.speed_mm_s - 1.0) <= self._config.cruise_tolerance
+            cruising = cruising + 1 if steady else 0
+            if self._require_health() is not ArmState.MOVING:
+                return None
+        raise DeviceError(
+            f"no contact and no target within {self._config.patience_windows} windows; "
+            "raise patience_windows, or check speed and target"
+        )
+
+    def _wait(self, done: Callable[[], bool]) -> None:
+        for _ in range(self._config.patience_windows):
+            if done():
+                self._require_health()
+                return
+            self._pull()
+        raise DeviceError("the arm did not come to rest; see to it before anything else")
+
+    def _pull(self) -> W:
+        window = next(self._windows, None)
+        if window is None:
+            raise DeviceError("the sensor's stream ended during an approach; the arm was stopped")
+        self._pulled += 1
+        watchdog = self._watchdog
+        if watchdog is not None and watchdog.check() is not Health.OK:
+            raise DeviceError(
+                f"the watchdog stopped the arm: {watchdog.health.value}, {watchdog.reason}"
+            )
+        return window
+
+    def _require_health(self) -> ArmState:
+        state = self._arm.state()
+        if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
+            raise DeviceError(f"the arm stopped by itself: {state.value}")
+        return state
+
+
+def _true_position(arm: Arm) -> Vector | None:
+    return arm.true_position_mm() if isinstance(arm, TruthfulArm) else None
+
+
+def _along(found_mm: Vector | None, real_mm: Vector, direction: Vector) -> float:
+    if found_mm is None:
+        raise ValueError("there is no such position: no contact was found, or this is no twin")
+    return float((found_mm - real_mm) @ direction)

@@ -1,0 +1,198 @@
+"""The watchdog: when the sensor's stream can no longer be trusted, the arm stops.
+
+Not a safety function: it has no performance level, and it does not replace the robot's protective
+stop (ISO 10218, ISO 13849). It catches the faults of this software's own stream, and nothing else.
+"""
+
+from __future__ import annotations
+
+import enum
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from spikingtac.errors import DeviceError
+
+
+class Health(enum.Enum):
+    """What the watchdog thinks of the stream."""
+
+    OK = "ok"
+    STALE = "stale"
+    OVERLOAD = "overload"
+    DISCONNECTED = "disconnected"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchdogConfig:
+    """When the stream counts as lost.
+
+    A heartbeat says that the camera's transport is alive; it is apart from the rate of events,
+    since silence is a valid signal of a still sensor.
+
+    Attributes:
+        stale_s: Longest time without a heartbeat, s (ours: ten windows of 1 ms).
+        backlog_s: Longest delay of processed data behind the newest, s (ours: five windows).
+    """
+
+    stale_s: float = 0.010
+    backlog_s: float = 0.005
+
+    def __post_init__(self) -> None:
+        if not (self.stale_s > 0.0 and self.backlog_s > 0.0):
+            raise ValueError("stale_s and backlog_s must be positive")
+
+
+class Watchdog:
+    """Trips once and stays tripped until :meth:`reset`; disarmed and unproven at first.
+
+    Args:
+        config: When to trip.
+        stop: Stops the arm; called at each trip, also when it was called before. If it fails, the
+            failure is kept in :attr:`stop_failure`, and every later :meth:`check` tries again.
+        clock_s: A monotonic clock, s.
+
+    Attributes:
+        health: OK, or the first fault since the last reset.
+        reason: What tripped it, in words; empty while OK.
+        stop_failure: What the last attempt to stop raised, or None.
+        armed: True between :meth:`arm` and a trip or :meth:`disarm`.
+    """
+
+    def __init__(
+        self, config: WatchdogConfig, stop: Callable[[], None], clock_s: Callable[[], float]
+    ) -> None:
+        self.health = Health.OK
+        self.reason = ""
+        self.stop_failure: Exception | None = None
+        self.armed = False
+        self._config = config
+        self._stop = stop
+        self._clock_s = clock_s
+        self._proven = False
+        self._beat_s = clock_s()
+        self._backlog_s = 0.0
+        self._lock = threading.RLock()
+
+    def beat(self, backlog_s: float = 0.0) -> None:
+        """Say that the transport is alive.
+
+        Args:
+            backlog_s: How far the processed data lag behind the newest received, s.
+        """
+        self._beat_s = self._clock_s()
+        self._backlog_s = backlog_s
+
+    def disconnected(self, reason: str) -> None:
+        """Say that the transport or the controller is gone for certain."""
+        self._trip(Health.DISCONNECTED, reason)
+
+    def check(self) -> Health:
+        """Look at the clock, trip if due, and return the health; to be called at least per window.
+
+        A disarmed watchdog does not trip, but a tripped one stays so.
+        """
+        with self._lock:
+            if self.health is not Health.OK:
+                if self.stop_failure is not None:
+                    self._call_stop()
+            elif self.armed:
+                self._judge()
+            return self.health
+
+    def self_test(self) -> None:
+        """Prove that a fault trips and that the arm can be told to stop; needed before arming.
+
+        Raises:
+            DeviceError: The watchdog is tripped or armed, or the arm did not take the stop.
+        """
+        with self._lock:
+            if self.armed or self.health is not Health.OK:
+                raise DeviceError("the watchdog's self-test needs it disarmed and reset")
+            self._proven = False
+            self._beat_s = self._clock_s() - 2.0 * self._config.stale_s
+            self._judge()
+            tripped, failure = self.health is Health.STALE, self.stop_failure
+            self._clear()
+        if not tripped or failure is not None:
+            raise DeviceError(f"the watchdog's self-test could not stop the arm: {failure}")
+        self._proven = True
+
+    def arm(self) -> None:
+        """Start to watch.
+
+        Raises:
+            DeviceError: It is tripped, or :meth:`self_test` was not passed since the last reset.
+        """
+        if self.health is not Health.OK:
+            raise DeviceError(
+                f"the watchdog tripped ({self.health.value}: {self.reason}); reset it first"
+            )
+        if not self._proven:
+            raise DeviceError("run the watchdog's self_test before arming it")
+        self._beat_s, self._backlog_s = self._clock_s(), 0.0
+        self.armed = True
+
+    def disarm(self) -> None:
+        """Stop to watch; a trip stays."""
+        self.armed = False
+
+    def reset(self) -> None:
+        """Forget a trip, on purpose; the self-test has to be passed again."""
+        self._clear()
+        self._proven = False
+
+    def _judge(self) -> None:
+        silent_s = self._clock_s() - self._beat_s
+        if silent_s > self._config.stale_s:
+            self._trip(Health.STALE, f"no heartbeat for {silent_s * 1e3:.1f} ms")
+        elif self._backlog_s > self._config.backlog_s:
+            self._trip(Health.OVERLOAD, f"data lag {self._backlog_s * 1e3:.1f} ms behind")
+
+    def _trip(self, health: Health, reason: str) -> None:
+        with self._lock:
+            if self.health is Health.OK:
+                self.health, self.reason = health, reason
+            self.armed = False
+            self._call_stop()
+
+    def _call_stop(self) -> None:
+        try:
+            self._stop()
+        except Exception as error:  # whatever the driver raises must not end the watch
+            self.stop_failure = error
+        else:
+            self.stop_failure = None
+
+    def _clear(self) -> None:
+        self.health, self.reason, self.stop_failure = Health.OK, "", None
+        self.armed = False
+
+
+class WatchdogThread:
+    """Checks a watchdog from a thread of its own, so that a loop that hangs is caught too.
+
+    Used as a context; the thread ends with it.
+
+    Args:
+        watchdog: What to check.
+        period_s: Time between checks, s; the arm is told to stop within ``stale_s + period_s``.
+    """
+
+    def __init__(self, watchdog: Watchdog, period_s: float = 0.002) -> None:
+        self._watchdog = watchdog
+        self._period_s = period_s
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
+
+    def __enter__(self) -> WatchdogThread:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._end.wait(self._period_s):
+            self._watchdog.check()

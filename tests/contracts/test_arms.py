@@ -1,0 +1,134 @@
+"""What every arm does, whether it is the twin or a driver on a controller."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.sim.ur3 import UR3Config, UR3Twin
+
+REPEATS_WITHIN_MM = 0.2
+
+
+@dataclass
+class Workplace:
+    """An arm at rest, and how time passes for it."""
+
+    arm: Arm
+    wait_s: Callable[[float], None]
+
+    def wait_until_idle(self, patience_s: float = 5.0) -> None:
+        for _ in range(round(patience_s / 0.01)):
+            if self.arm.state() is not ArmState.MOVING:
+                return
+            self.wait_s(0.01)
+        pytest.fail("the arm did not come to rest")
+
+
+def twin() -> Iterator[Workplace]:
+    arm = UR3Twin(UR3Config(), np.array([100.0, 200.0, 300.0]), np.random.default_rng(1))
+    clock = {"us": 0}
+
+    def wait_s(duration_s: float) -> None:
+        clock["us"] += round(duration_s * 1e6)
+        arm.advance_to(clock["us"])
+
+    wait_s(0.1)
+    yield Workplace(arm, wait_s)
+
+
+@pytest.fixture(params=[twin], ids=["twin"])
+def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
+    yield from request.param()
+
+
+def test_it_is_an_arm(place: Workplace) -> None:
+    assert isinstance(place.arm, Arm)
+    assert place.arm.state() is ArmState.IDLE
+    np.testing.assert_allclose(place.arm.speed_mm_s(), 0.0, atol=1e-9)
+
+
+def test_it_moves_in_a_straight_line_to_its_target_and_keeps_its_rotation(
+    place: Workplace,
+) -> None:
+    start = place.arm.pose()
+    target = start.position_mm + np.array([3.0, -4.0, 0.0])
+    place.arm.move_linear(target, 50.0)
+    assert place.arm.state() is ArmState.MOVING
+    path = []
+    while place.arm.state() is ArmState.MOVING:
+        path.append(place.arm.pose().position_mm)
+        place.wait_s(0.01)
+    across = np.cross(np.array(path) - start.position_mm, [0.6, -0.8, 0.0])
+    assert np.abs(across).max() < REPEATS_WITHIN_MM
+    end = place.arm.pose()
+    np.testing.assert_allclose(end.position_mm, target, atol=REPEATS_WITHIN_MM)
+    np.testing.assert_allclose(end.rotation, start.rotation, atol=1e-6)
+
+
+def test_it_reports_its_speed_while_it_cruises(place: Workplace) -> None:
+    place.arm.move_linear(place.arm.pose().position_mm + np.array([20.0, 0.0, 0.0]), 40.0)
+    place.wait_s(0.25)
+    np.testing.assert_allclose(place.arm.speed_mm_s(), [40.0, 0.0, 0.0], atol=1.0)
+    place.wait_until_idle()
+
+
+def test_a_stop_ends_the_motion_on_its_line(place: Workplace) -> None:
+    start = place.arm.pose().position_mm
+    place.arm.move_linear(start + np.array([0.0, 0.0, 100.0]), 100.0)
+    place.wait_s(0.3)
+    place.arm.stop()
+    place.wait_until_idle()
+    moved = place.arm.pose().position_mm - start
+    assert 5.0 < moved[2] < 50.0
+    assert np.abs(moved[:2]).max() < REPEATS_WITHIN_MM
+    np.testing.assert_allclose(place.arm.speed_mm_s(), 0.0, atol=0.5)
+
+
+def test_a_stop_at_rest_is_harmless_and_motion_goes_on_afterwards(place: Workplace) -> None:
+    place.arm.stop()
+    place.wait_s(0.05)
+    place.wait_until_idle()
+    target = place.arm.pose().position_mm + np.array([1.0, 0.0, 0.0])
+    place.arm.move_linear(target, 20.0)
+    place.wait_until_idle()
+    np.testing.assert_allclose(place.arm.pose().position_mm, target, atol=REPEATS_WITHIN_MM)
+
+
+def test_a_motion_during_a_motion_is_refused(place: Workplace) -> None:
+    start = place.arm.pose().position_mm
+    place.arm.move_linear(start + np.array([20.0, 0.0, 0.0]), 20.0)
+    with pytest.raises(DeviceError, match="cannot start"):
+        place.arm.move_linear(start, 20.0)
+    place.arm.stop()
+    place.wait_until_idle()
+
+
+@pytest.mark.parametrize(
+    ("target", "speed", "words"),
+    [
+        ([0.0, 0.0], 10.0, "three finite numbers"),
+        ([0.0, np.nan, 0.0], 10.0, "three finite numbers"),
+        ([0.0, 0.0, 0.0], 0.0, "speed"),
+        ([0.0, 0.0, 0.0], 1e6, "speed"),
+    ],
+)
+def test_impossible_motions_are_refused(
+    place: Workplace, target: list[float], speed: float, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        place.arm.move_linear(np.array(target), speed)
+    assert place.arm.state() is ArmState.IDLE
+
+
+def test_a_closed_arm_says_so(place: Workplace) -> None:
+    place.arm.close()
+    place.arm.close()
+    assert place.arm.state() is ArmState.DISCONNECTED
+    with pytest.raises(DeviceError):
+        place.arm.move_linear(np.zeros(3), 10.0)
+    with pytest.raises(DeviceError):
+        place.arm.pose()

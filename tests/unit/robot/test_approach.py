@@ -1,0 +1,119 @@
+"""Move until contact on the kinematic twin, with a detector that knows where the wall is."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import DeviceError
+from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
+from spikingtac.robot.arm import ArmState
+from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
+from spikingtac.sim.ur3 import UR3Config, UR3Twin
+from spikingtac.types import Contact
+
+WALL_MM = 60.0
+TARGET_MM = np.array([90.0, 0.0, 0.0])
+QUICK = ApproachConfig(speed_mm_s=180.0, settle_windows=20)
+
+
+class Bench:
+    """An arm and windows (their end times, us) whose pull lets 1 ms pass."""
+
+    def __init__(self, seed: int = 0, last_us: int = 10_000_000) -> None:
+        self.arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(seed))
+        self.last_us = last_us
+        self.heard: list[int] = []
+        self.beating = True
+        self.now_us = 0
+
+    def windows(self) -> Iterator[int]:
+        for t_us in range(1000, self.last_us, 1000):
+            self.now_us = t_us
+            self.arm.advance_to(t_us)
+            yield t_us
+
+    def update(self, window: int) -> Contact | None:
+        self.heard.append(window)
+        beyond = self.arm.true_position_mm()[0] - WALL_MM
+        return Contact(t_us=window, count=1.0, threshold=0.0) if beyond > 0.0 else None
+
+    def approach(
+        self, watchdog: Watchdog | None = None, target: np.ndarray = TARGET_MM
+    ) -> Approach:
+        return Approacher(self.arm, self.windows(), self, QUICK, watchdog).approach(target)
+
+
+def test_it_stops_at_contact_and_reports_both_poses() -> None:
+    real = np.array([WALL_MM, 0.0, 0.0])
+    overshoot, read = [], []
+    for seed in range(40):
+        found = Bench(seed).approach()
+        assert found.contact is not None
+        assert 0.0 < found.deviation_mm(real) <= 0.18
+        overshoot.append(found.overshoot_mm(real) - found.deviation_mm(real))
+        read.append(found.deviation_mm(real, true=False))
+    assert np.mean(overshoot) == pytest.approx(6.2, abs=0.4)
+    assert np.min(read) < -0.5
+
+
+def test_the_detector_does_not_hear_the_acceleration() -> None:
+    bench = Bench()
+    bench.approach()
+    first_us = bench.heard[0]
+    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(0))
+    arm.move_linear(TARGET_MM, 180.0)
+    arm.advance_to(first_us - 20_000)
+    assert np.linalg.norm(arm.speed_mm_s()) > 0.98 * 180.0
+
+
+def test_no_contact_ends_at_the_target() -> None:
+    target = np.array([40.0, 0.0, 0.0])
+    found = Bench().approach(target=target)
+    assert found.contact is None
+    assert found.true_stop_mm is not None
+    np.testing.assert_allclose(found.true_stop_mm, target, atol=1e-6)
+    with pytest.raises(ValueError, match="no contact"):
+        found.deviation_mm(target)
+
+
+def test_the_end_of_the_stream_stops_the_arm() -> None:
+    bench = Bench(last_us=400_000)
+    with pytest.raises(DeviceError, match="stream ended"):
+        bench.approach()
+    bench.arm.advance_to(1_000_000)
+    assert bench.arm.state() is ArmState.IDLE
+    assert bench.arm.true_position_mm()[0] < WALL_MM + 7.0
+
+
+def test_a_trip_of_the_watchdog_ends_the_approach() -> None:
+    bench = Bench()
+    config = WatchdogConfig(stale_s=0.01)
+    watchdog = Watchdog(config, bench.arm.stop, lambda: bench.now_us * 1e-6)
+    watchdog.self_test()
+    watchdog.arm()
+    with pytest.raises(DeviceError, match=r"watchdog stopped the arm: stale, no heartbeat"):
+        bench.approach(watchdog)
+    bench.arm.advance_to(1_000_000)
+    assert bench.arm.state() is ArmState.IDLE
+
+
+def test_an_arm_that_stops_by_itself_is_reported() -> None:
+    bench = Bench()
+    windows = bench.windows()
+
+    def stopping() -> Iterator[int]:
+        for window in windows:
+            if window == 300_000:
+                bench.arm.protective_stop()
+            yield window
+
+    with pytest.raises(DeviceError, match="stopped by itself: protective stop"):
+        Approacher(bench.arm, stopping(), bench, QUICK).approach(TARGET_MM)
+
+
+def test_patience_ends() -> None:
+    bench = Bench()
+    config = ApproachConfig(speed_mm_s=1.0, patience_windows=100)
+    with pytest.raises(DeviceError, match="within 100 windows"):
+        Approacher(bench.arm, bench.windows(), bench, config).approach(TARGET_MM)

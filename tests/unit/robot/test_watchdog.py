@@ -1,0 +1,142 @@
+"""The watchdog trips, latches, needs its self-test, and never swallows a failed stop."""
+
+import threading
+import time
+
+import pytest
+
+from spikingtac.errors import DeviceError
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+
+
+class Bench:
+    """A clock that stands still, and an arm that counts its stops."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.stops = 0
+        self.broken = False
+        self.watchdog = Watchdog(WatchdogConfig(), self.stop, lambda: self.now_s)
+
+    def stop(self) -> None:
+        self.stops += 1
+        if self.broken:
+            raise DeviceError("no answer")
+
+    def armed(self) -> Watchdog:
+        self.watchdog.self_test()
+        self.watchdog.arm()
+        self.stops = 0
+        return self.watchdog
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_silence_of_the_transport_trips_once_and_latches(bench: Bench) -> None:
+    watchdog = bench.armed()
+    bench.now_s += 0.009
+    assert watchdog.check() is Health.OK
+    bench.now_s += 0.002
+    assert watchdog.check() is Health.STALE
+    assert bench.stops == 1
+    assert "11.0 ms" in watchdog.reason
+    watchdog.beat()
+    assert watchdog.check() is Health.STALE
+    assert not watchdog.armed
+
+
+def test_a_heartbeat_without_events_keeps_it_quiet(bench: Bench) -> None:
+    watchdog = bench.armed()
+    for _ in range(1000):
+        bench.now_s += 0.005
+        watchdog.beat()
+        assert watchdog.check() is Health.OK
+    assert bench.stops == 0
+
+
+def test_lag_behind_the_newest_data_is_an_overload(bench: Bench) -> None:
+    watchdog = bench.armed()
+    watchdog.beat(backlog_s=0.004)
+    assert watchdog.check() is Health.OK
+    watchdog.beat(backlog_s=0.006)
+    assert watchdog.check() is Health.OVERLOAD
+    assert bench.stops == 1
+
+
+def test_a_reported_disconnection_stops_at_once_and_keeps_its_first_reason(bench: Bench) -> None:
+    watchdog = bench.armed()
+    watchdog.disconnected("cable out")
+    bench.now_s += 1.0
+    assert watchdog.check() is Health.DISCONNECTED
+    assert watchdog.reason == "cable out"
+    assert bench.stops == 1
+
+
+def test_it_cannot_be_armed_unproven_or_tripped(bench: Bench) -> None:
+    with pytest.raises(DeviceError, match="self_test"):
+        bench.watchdog.arm()
+    watchdog = bench.armed()
+    bench.now_s += 1.0
+    watchdog.check()
+    with pytest.raises(DeviceError, match="reset it first"):
+        watchdog.arm()
+    watchdog.reset()
+    assert watchdog.health is Health.OK
+    with pytest.raises(DeviceError, match="self_test"):
+        watchdog.arm()
+    bench.armed()
+
+
+def test_the_self_test_proves_that_the_arm_takes_a_stop(bench: Bench) -> None:
+    bench.watchdog.self_test()
+    assert bench.stops == 1
+    assert bench.watchdog.health is Health.OK
+    bench.broken = True
+    with pytest.raises(DeviceError, match="could not stop the arm: no answer"):
+        bench.watchdog.self_test()
+    with pytest.raises(DeviceError, match="self_test"):
+        bench.watchdog.arm()
+
+
+def test_a_failed_stop_is_tried_again(bench: Bench) -> None:
+    watchdog = bench.armed()
+    bench.broken = True
+    bench.now_s += 1.0
+    assert watchdog.check() is Health.STALE
+    assert isinstance(watchdog.stop_failure, DeviceError)
+    watchdog.check()
+    assert bench.stops == 2
+    bench.broken = False
+    watchdog.check()
+    watchdog.check()
+    assert bench.stops == 3
+    assert watchdog.stop_failure is None
+
+
+def test_disarmed_it_watches_nothing(bench: Bench) -> None:
+    watchdog = bench.armed()
+    watchdog.disarm()
+    bench.now_s += 10.0
+    assert watchdog.check() is Health.OK
+    watchdog.arm()
+    assert watchdog.check() is Health.OK
+
+
+def test_its_thread_catches_a_loop_that_hangs() -> None:
+    stopped = threading.Event()
+    watchdog = Watchdog(WatchdogConfig(stale_s=0.05), stopped.set, time.monotonic)
+    watchdog.self_test()
+    stopped.clear()
+    watchdog.arm()
+    with WatchdogThread(watchdog):
+        assert stopped.wait(5.0)
+    assert watchdog.health is Health.STALE
+
+
+@pytest.mark.parametrize("changes", [{"stale_s": 0.0}, {"backlog_s": -1.0}])
+def test_impossible_limits_are_refused(changes: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="positive"):
+        WatchdogConfig(**changes)
