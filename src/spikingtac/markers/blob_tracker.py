@@ -35,8 +35,8 @@ class BlobTrackerConfig:
             smaller piece of a disc need not contain its centre; at a sudden release such pieces of
             the erased footprint lie nearer than the marker and would capture its identity).
         max_area_share: Largest blob, as a share of the largest calibrated disc (ours: motion
-            stretches a marker in the map, noise clumps it; two merged markers have twice the area
-            and lie too far from either to be taken for one).
+            stretches a marker in the map and noise clumps it; two merged markers pass as well: the
+            nearer one takes their joint centroid at a confidence of one half, the other is held).
         proximity_share: Association threshold as a share of the smallest distance between two
             resting markers (ours: one half, beyond which a neighbour could be nearer than the
             marker itself).
