@@ -1,0 +1,1 @@
+"""The browser page, its server and its exports; a leaf that nothing below imports."""

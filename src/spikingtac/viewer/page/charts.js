@@ -1,0 +1,185 @@
+// Two strips over the same time axis, and the timeline's overview.
+import { colors, fitCanvas } from "./theme.js";
+
+const STRIP_S = 2;
+const LEFT = 34; // px for the axis labels
+const KEPT_WINDOWS = 4096;
+
+export class Counts {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.clear();
+  }
+
+  clear() {
+    this.values = new Map();
+    this.last = -1;
+  }
+
+  add(meta, counts) {
+    if (meta.last_window < this.last) this.clear();
+    const first = meta.last_window - counts.length + 1;
+    for (let i = Math.max(0, this.last + 1 - first); i < counts.length; i++) this.values.set(first + i, counts[i]);
+    this.last = meta.last_window;
+    for (const key of this.values.keys()) {
+      if (this.values.size <= KEPT_WINDOWS) break;
+      this.values.delete(key);
+    }
+  }
+
+  draw(meta, windowUs) {
+    const strip = new Strip(this.canvas, meta.t_us);
+    const threshold = meta.contact?.threshold;
+    const shown = STRIP_S * 1e6 / windowUs;
+    let top = 10;
+    for (let i = Math.max(0, this.last - shown); i <= this.last; i++) top = Math.max(top, this.values.get(i) ?? 0);
+    strip.range(0, top * 1.1);
+    const points = [];
+    for (let i = Math.max(0, this.last - shown); i <= this.last; i++) {
+      if (this.values.has(i)) points.push([meta.t_start_us + (i + 1) * windowUs, this.values.get(i)]);
+    }
+    if (threshold !== undefined && threshold < top) strip.level(threshold, strip.tone.contact);
+    for (const at of meta.contacts_us) strip.mark(at, strip.tone.contact);
+    strip.line(points, strip.tone.on);
+    return this.values.get(this.last);
+  }
+}
+
+export class Trace {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.clear();
+  }
+
+  clear() {
+    this.samples = [];
+  }
+
+  add(sample) {
+    const last = this.samples.at(-1);
+    if (last && sample.t_us < last.t_us) this.clear();
+    if (!last || sample.t_us !== last.t_us) this.samples.push(sample);
+    while (this.samples.length && this.samples[0].t_us < sample.t_us - STRIP_S * 1e6) this.samples.shift();
+  }
+
+  draw(meta, withTruth) {
+    const strip = new Strip(this.canvas, meta.t_us);
+    const all = this.samples.flatMap(({ dx, dy }) => [dx, dy]);
+    const reach = Math.max(2, ...all.map(Math.abs)) * 1.15;
+    strip.range(-reach, reach);
+    strip.level(0, strip.tone.line);
+    for (const at of meta.contacts_us) strip.mark(at, strip.tone.contact);
+    const series = (key) => this.samples.filter((s) => s[key] !== undefined).map((s) => [s.t_us, s[key]]);
+    if (withTruth) for (const key of ["truthX", "truthY"]) strip.line(series(key), strip.tone.truth, 1);
+    strip.line(series("dx"), strip.tone.arrow);
+    strip.line(series("dy"), strip.tone.on);
+    strip.legend([["x", strip.tone.arrow], ["y", strip.tone.on]]);
+  }
+}
+
+class Strip {
+  constructor(canvas, nowUs) {
+    fitCanvas(canvas);
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.ratio = devicePixelRatio;
+    this.tone = colors();
+    this.nowUs = nowUs;
+    this.context.clearRect(0, 0, canvas.width, canvas.height);
+    this.context.font = `${10 * this.ratio}px system-ui, sans-serif`;
+  }
+
+  x(tUs) {
+    const left = LEFT * this.ratio;
+    return left + (this.canvas.width - left) * (1 - (this.nowUs - tUs) / (STRIP_S * 1e6));
+  }
+
+  y(value) {
+    const edge = 4 * this.ratio;
+    return edge + (this.canvas.height - 2 * edge) * (this.high - value) / (this.high - this.low);
+  }
+
+  range(low, high) {
+    [this.low, this.high] = [low, high];
+    const context = this.context;
+    context.fillStyle = this.tone.soft;
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    const step = niceStep(high - low);
+    for (let value = Math.ceil(low / step) * step; value <= high; value += step) {
+      if (Math.abs(this.y(value) - this.canvas.height / 2) > this.canvas.height / 2 - 6 * this.ratio) continue;
+      context.fillText(label(value), (LEFT - 6) * this.ratio, this.y(value));
+    }
+  }
+
+  level(value, color) {
+    this.stroke(color, 1, () => {
+      this.context.moveTo(LEFT * this.ratio, this.y(value));
+      this.context.lineTo(this.canvas.width, this.y(value));
+    });
+  }
+
+  mark(tUs, color) {
+    if (this.x(tUs) < LEFT * this.ratio) return;
+    this.stroke(color, 1, () => {
+      this.context.moveTo(this.x(tUs), 0);
+      this.context.lineTo(this.x(tUs), this.canvas.height);
+    });
+  }
+
+  line(points, color, width = 1.4) {
+    this.stroke(color, width, () => {
+      for (const [tUs, value] of points) {
+        if (this.x(tUs) >= LEFT * this.ratio) this.context.lineTo(this.x(tUs), this.y(value));
+      }
+    });
+  }
+
+  stroke(color, width, path) {
+    this.context.strokeStyle = color;
+    this.context.lineWidth = width * this.ratio;
+    this.context.lineJoin = "round";
+    this.context.beginPath();
+    path();
+    this.context.stroke();
+  }
+
+  legend(entries) {
+    this.context.textAlign = "left";
+    entries.forEach(([text, color], index) => {
+      this.context.fillStyle = color;
+      this.context.fillText(text, (LEFT + 6 + 14 * index) * this.ratio, 9 * this.ratio);
+    });
+  }
+}
+
+export function drawOverview(canvas, overview, meta) {
+  fitCanvas(canvas);
+  const context = canvas.getContext("2d"), tone = colors();
+  const { width, height } = canvas, ratio = devicePixelRatio;
+  const start = meta.t_start_us, span = Math.max(meta.t_end_us - start, 1);
+  const across = (tUs) => ((tUs - start) / span) * width;
+  context.clearRect(0, 0, width, height);
+  const top = Math.max(...overview.counts, 1), bar = width / overview.counts.length;
+  const covered = (overview.t_end_us - overview.t_start_us) / span;
+  const head = across(meta.t_us);
+  overview.counts.forEach((count, index) => {
+    const x = index * bar * covered, tall = Math.max(ratio, (height - 6 * ratio) * Math.sqrt(count / top));
+    context.fillStyle = x <= head ? tone.soft : tone.line;
+    context.fillRect(x, height - tall, Math.max(bar * covered - 0.5, 1), tall);
+  });
+  context.fillStyle = tone.contact;
+  for (const at of meta.contacts_us) context.fillRect(across(at) - ratio, 0, 2 * ratio, 4 * ratio);
+  context.fillStyle = tone.text;
+  context.fillRect(head - ratio, 0, 2 * ratio, height);
+}
+
+function niceStep(span) {
+  const raw = span / 4, base = 10 ** Math.floor(Math.log10(raw));
+  return [1, 2, 5, 10].map((factor) => factor * base).find((step) => step >= raw);
+}
+
+function label(value) {
+  if (value === 0) return "0";
+  return Math.abs(value) >= 1000 ? `${+(value / 1000).toPrecision(3)}k` : `${+value.toPrecision(3)}`;
+}

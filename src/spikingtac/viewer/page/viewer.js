@@ -1,0 +1,218 @@
+// Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
+import { Counts, Trace, drawOverview } from "./charts.js";
+import { buildControls, refreshControls } from "./controls.js";
+import { Readings, eventRate, fieldOf, length } from "./readings.js";
+import { Sensor } from "./sensor.js";
+import { startTheme } from "./theme.js";
+import { decode } from "./wire.js";
+
+const RETRY_MS = 1000;
+const STALE_MS = 1500;
+const LIT_US = 150_000; // the lamp stays lit so long after a contact's beginning
+const SPEAK_MS = 4000;
+const SLOW_MS = 200; // figures that change faster cannot be read
+const EXPOSURES_MS = [1, 200];
+const LEVELS = { OK: "good", "CATCHING UP": "poor", OVERLOAD: "poor", STALE: "bad", DISCONNECTED: "bad" };
+
+const $ = (id) => document.getElementById(id);
+const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
+const readings = new Readings($("readings"));
+const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], connected: false, hello: null, meta: null };
+window.__m = metrics;
+
+let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
+
+function send(command) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
+}
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+  socket = new WebSocket(`${scheme}//${location.host}/socket${location.search}`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => { metrics.connected = true; send({ map: sensor.options.image === "map" }); };
+  socket.onclose = () => { metrics.connected = false; setState("DISCONNECTED"); setTimeout(connect, RETRY_MS); };
+  socket.onmessage = ({ data }) => (typeof data === "string" ? greet(JSON.parse(data)) : receive(data));
+}
+
+function greet(document_) {
+  const first = !hello || hello.label !== document_.label;
+  hello = metrics.hello = document_;
+  sensor.greet(hello);
+  if (first) buildControls($("controls"), hello.controls, (name, value) => send({ set: [name, value] }));
+  else refreshControls($("controls"), hello.controls);
+  $("tuning").hidden = hello.controls.length === 0;
+  $("label").textContent = hello.label;
+  document.title = `${hello.label} · spikingtac`;
+  $("origin").hidden = !hello.simulated;
+  $("truth-option").hidden = !hello.truth;
+}
+
+function receive(buffer) {
+  // Only the latest frame is kept; it is drawn at the display's next opportunity.
+  if (frame) send({ ack: metrics.frames });
+  frame = buffer;
+  receivedAt = performance.now();
+  if (!waiting) {
+    waiting = true;
+    requestAnimationFrame(draw);
+  }
+}
+
+function draw() {
+  waiting = false;
+  if (!frame || !hello) return;
+  const { meta, arrays } = (drawn = decode(frame));
+  frame = null;
+  counts.add(meta, arrays.counts);
+  sample(meta, arrays);
+  sensor.draw(drawn);
+  const count = counts.draw(meta, hello.window_us);
+  trace.draw(meta, sensor.options.truth);
+  drawOverview($("overview"), hello.overview, meta);
+  showMoment(meta, count);
+  measure(meta);
+  send({ ack: ++metrics.frames });
+  if (performance.now() - slowAt > SLOW_MS) showReadings(meta, arrays);
+}
+
+function sample(meta, { position_px: position, truth_px: truth }) {
+  if (!position) return;
+  const marker = sensor.options.marker, [rx, ry] = hello.reference_px[marker];
+  trace.add({
+    t_us: meta.t_us, dx: position[2 * marker] - rx, dy: position[2 * marker + 1] - ry,
+    truthX: truth && truth[2 * marker] - rx, truthY: truth && truth[2 * marker + 1] - ry,
+  });
+}
+
+function showMoment(meta, count) {
+  const since = (meta.t_us - meta.t_start_us) / 1e6;
+  $("clock").value = `${since.toFixed(3)} s`;
+  if (!scrubbing) Object.assign($("timeline"), { min: meta.t_start_us, max: meta.t_end_us, value: meta.t_us });
+  $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
+  $("play").textContent = meta.playing ? "Pause" : "Play";
+  $("play").setAttribute("aria-pressed", String(meta.playing));
+  $("count").value = count === undefined ? "" : String(count);
+  setState(meta.state);
+  $("notice").hidden = !meta.notice;
+  $("notice").textContent = meta.notice;
+  const last = meta.contacts_us.at(-1), lamp = $("lamp");
+  lamp.classList.toggle("lit", last !== undefined && meta.t_us - last < LIT_US);
+  const said = last === undefined ? "no contact yet" : `contact at ${((last - meta.t_start_us) / 1e6).toFixed(3)} s`;
+  if (lamp.lastElementChild.textContent !== said) lamp.lastElementChild.textContent = said;
+}
+
+function measure(meta) {
+  const now = performance.now();
+  metrics.meta = meta;
+  metrics.arrows = sensor.arrows;
+  metrics.latencies_ms.push(performance.timeOrigin + now - meta.stamp_ms);
+  if (metrics.latencies_ms.length > 600) metrics.latencies_ms.shift();
+  drawnAt.push(now);
+  drawnAt = drawnAt.filter((at) => now - at < 1000);
+  metrics.fps = drawnAt.length;
+}
+
+function showReadings(meta, arrays) {
+  slowAt = performance.now();
+  const sorted = [...metrics.latencies_ms].sort((a, b) => a - b), at = (share) => sorted[Math.floor(share * (sorted.length - 1))];
+  const field = fieldOf(hello, arrays), losses = Object.entries(meta.losses);
+  readings.show("largest", field && `${length(field.largest, hello.px_per_mm)}`);
+  readings.show("error", field?.error == null ? null : `${field.error.toFixed(3)} px`);
+  readings.show("held", field && markersText(field), field?.sustained > 0);
+  readings.show("rate", eventRate(meta.events_per_s));
+  readings.show("estimates", `${hello.rate_hz} per s`);
+  readings.show("step", `${meta.step_p50_us.toFixed(0)}, ${meta.step_p99_us.toFixed(0)} µs`);
+  readings.show("pace", `× ${meta.pace.toFixed(2)}`, meta.playing && meta.pace < 0.9 * meta.speed);
+  readings.show("draw", `${at(0.5).toFixed(0)}, ${at(0.99).toFixed(0)} ms`);
+  readings.show("fps", `${metrics.fps} per s`);
+  readings.show("damage", losses.length ? losses.map(([kind, times]) => `${kind} ${times}`).join(", ") : "none", losses.length > 0);
+  const moved = trace.samples.at(-1);
+  if (moved) $("displacement").value = length(Math.hypot(moved.dx, moved.dy), hello.px_per_mm);
+  if (field && slowAt - spokenAt > SPEAK_MS) {
+    spokenAt = slowAt;
+    $("sensor").setAttribute("aria-label",
+      `${hello.reference_px.length} markers; the largest displacement is ${length(field.largest, hello.px_per_mm)} at marker ${field.at}; ${field.sustained} held`);
+  }
+}
+
+function markersText({ sustained, lost }) {
+  const seen = hello.reference_px.length - sustained;
+  return sustained ? `${seen} seen, ${sustained - lost} held, ${lost} lost` : `${seen} seen`;
+}
+
+function setState(state) {
+  $("state").textContent = state;
+  $("state").dataset.level = LEVELS[state] ?? "";
+}
+
+function redraw() {
+  sensor.recolor();
+  if (!drawn || !hello) return;
+  sensor.draw(drawn);
+  metrics.arrows = sensor.arrows;
+  counts.draw(drawn.meta, hello.window_us);
+  trace.draw(drawn.meta, sensor.options.truth);
+  drawOverview($("overview"), hello.overview, drawn.meta);
+}
+
+function setOption(name, value) {
+  sensor.options[name] = value;
+  if (name === "image") send({ map: value === "map" });
+  if (name === "marker") { trace.clear(); $("marker").value = value; }
+  if (name === "scale") $("scale-text").value = `× ${value}`;
+  redraw();
+}
+
+function seek(tUs) {
+  if (drawn) send({ seek_us: Math.round(Math.min(Math.max(tUs, drawn.meta.t_start_us), drawn.meta.t_end_us)) });
+}
+
+function pick(id, move) {
+  const select = $(id);
+  select.selectedIndex = (select.selectedIndex + move + select.length) % select.length;
+  select.dispatchEvent(new Event("change"));
+}
+
+const toggleTheme = startTheme(redraw);
+const KEYS = {
+  " ": () => $("play").click(), "d": toggleTheme, "?": () => $("keys").showModal(),
+  "ArrowLeft": (shift) => seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
+  "Home": () => seek(drawn.meta.t_start_us), "i": () => pick("image", 1), "t": () => $("truth").click(),
+  "[": () => $("speed").selectedIndex > 0 && pick("speed", -1), "]": () => $("speed").selectedIndex < $("speed").length - 1 && pick("speed", 1),
+  "-": () => { $("scale").stepDown(); setOption("scale", Number($("scale").value)); },
+  "+": () => { $("scale").stepUp(); setOption("scale", Number($("scale").value)); },
+  "n": () => hello && setOption("marker", (sensor.options.marker + 1) % hello.reference_px.length),
+  "p": () => hello && setOption("marker", (sensor.options.marker + hello.reference_px.length - 1) % hello.reference_px.length),
+};
+
+document.addEventListener("keydown", (event) => {
+  const typing = event.target.matches("input, select, textarea, button, dialog *") && event.key !== "?";
+  if (typing || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  event.preventDefault();
+  KEYS[event.key](event.shiftKey);
+});
+$("play").addEventListener("click", () => send({ play: !(drawn?.meta.playing ?? false) }));
+$("speed").addEventListener("change", (event) => send({ speed: Number(event.target.value) }));
+$("timeline").addEventListener("input", (event) => { scrubbing = true; seek(Number(event.target.value)); });
+$("timeline").addEventListener("change", () => { scrubbing = false; });
+$("image").addEventListener("change", (event) => setOption("image", event.target.value));
+$("exposure").addEventListener("input", (event) => {
+  const share = event.target.value / 100, [low, high] = EXPOSURES_MS.map(Math.log);
+  const exposureMs = Math.exp(low + share * (high - low));
+  $("exposure-text").value = `${exposureMs.toPrecision(2)} ms`;
+  send({ exposure_us: Math.round(exposureMs * 1000) });
+});
+$("scale").addEventListener("input", (event) => setOption("scale", Number(event.target.value)));
+$("discs").addEventListener("change", (event) => setOption("discs", event.target.checked));
+$("truth").addEventListener("change", (event) => setOption("truth", event.target.checked));
+$("defaults").addEventListener("click", () => send({ defaults: true }));
+$("theme").addEventListener("click", toggleTheme);
+$("help").addEventListener("click", () => $("keys").showModal());
+$("sensor").addEventListener("click", (event) => {
+  const marker = hello && sensor.markerAt(event);
+  if (marker !== null && marker !== undefined) setOption("marker", marker);
+});
+new ResizeObserver(redraw).observe($("sensor"));
+setInterval(() => { if (metrics.connected && performance.now() - receivedAt > STALE_MS) setState("STALE"); }, 500);
+connect();

@@ -1,0 +1,108 @@
+"""Controls for the page, made from the metadata of a config's fields.
+
+A field joins the panel by saying what range makes sense, where it is defined::
+
+    step_on: float = field(default=0.15, metadata={"range": (0.02, 0.6), "unit": ""})
+
+``choices`` instead of ``range`` makes a list. Nested dataclasses become groups; names are dotted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, TypeVar
+
+from spikingtac.errors import ConfigError, nearest
+
+T = TypeVar("T")
+STEPS = 200
+"""Positions of a slider where the field names no step."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class Control:
+    """One slider, switch or list.
+
+    Attributes:
+        name: Dotted name of the field, as in the configuration file.
+        kind: ``number``, ``whole``, ``switch`` or ``choice``.
+        value: Present value.
+        low: Least value of a number.
+        high: Greatest value of a number.
+        step: Distance between a number's values.
+        unit: Unit, or an empty string.
+        choices: The names of a list.
+        about: One line of help.
+    """
+
+    name: str
+    kind: str
+    value: Any
+    low: float = 0.0
+    high: float = 1.0
+    step: float = 0.01
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+    about: str = ""
+
+
+def controls(config: Any, prefix: str = "") -> Iterator[Control]:
+    """Yield a control for each field of a dataclass that says how it may be tuned."""
+    for field in dataclasses.fields(config):
+        value, name = getattr(config, field.name), prefix + field.name
+        if dataclasses.is_dataclass(value):
+            yield from controls(value, f"{name}.")
+        elif "choices" in field.metadata or "range" in field.metadata:
+            yield _control(name, value, dict(field.metadata))
+
+
+def with_value(config: T, name: str, value: Any) -> T:
+    """Return the config with one control set.
+
+    Raises:
+        ConfigError: The name belongs to no control, or the value is outside its range.
+    """
+    known = {control.name: control for control in controls(config)}
+    if name not in known:
+        raise ConfigError(f"{name!r} cannot be tuned{nearest(name, known)}")
+    return _replaced(config, name.split("."), _checked(known[name], value))
+
+
+def _control(name: str, value: Any, metadata: dict[str, Any]) -> Control:
+    about = str(metadata.get("about", metadata.get("help", "")))
+    if "choices" in metadata:
+        choices = tuple(str(choice) for choice in metadata["choices"])
+        return Control(name=name, kind="choice", value=value, choices=choices, about=about)
+    if isinstance(value, bool):
+        return Control(name=name, kind="switch", value=value, about=about)
+    low, high = (float(end) for end in metadata["range"])
+    whole = isinstance(value, int)
+    step = float(metadata.get("step", 1 if whole else (high - low) / STEPS))
+    kind, unit = "whole" if whole else "number", str(metadata.get("unit", _unit_of(name)))
+    return Control(
+        name=name, kind=kind, value=value, low=low, high=high, step=step, unit=unit, about=about
+    )
+
+
+def _unit_of(name: str) -> str:
+    suffix = name.rpartition("_")[2]
+    return {"us": "µs"}.get(suffix, suffix if suffix in ("ms", "px", "mm", "hz", "s") else "")
+
+
+def _checked(control: Control, value: Any) -> Any:
+    if control.kind == "choice" and value in control.choices:
+        return value
+    if control.kind == "switch" and isinstance(value, bool):
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if control.kind in ("number", "whole") and number and control.low <= value <= control.high:
+        return round(value) if control.kind == "whole" else float(value)
+    valid = control.choices or (f"{control.low:g} to {control.high:g}",)
+    raise ConfigError(f"{control.name} = {value!r} is not valid (valid: {', '.join(valid)})")
+
+
+def _replaced(config: Any, path: list[str], value: Any) -> Any:
+    name, *rest = path
+    new = _replaced(getattr(config, name), rest, value) if rest else value
+    return dataclasses.replace(config, **{name: new})

@@ -1,0 +1,39 @@
+"""A viewer in a process of its own, as a user starts one."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from spikingtac.viewer.process import Opener, SessionProcess
+from spikingtac.viewer.security import Gate
+from spikingtac.viewer.server import make_app, serve
+
+START_S = 60.0
+
+
+def run_server(opener: Opener, arguments: dict[str, Any], token: str, port: Any) -> None:
+    session = SessionProcess(opener, arguments, repeat=True)
+    app = make_app(session, session.command, Gate(token=token))
+    try:
+        with suppress(SystemExit):  # the end that SIGTERM brings
+            serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
+    finally:
+        session.close()
+
+
+@contextmanager
+def served(opener: Opener, token: str = "", **arguments: Any) -> Iterator[int]:
+    context = multiprocessing.get_context("spawn")
+    port = context.Queue()
+    process = context.Process(target=run_server, args=(opener, arguments, token, port))
+    process.start()
+    try:
+        yield port.get(timeout=START_S)
+    finally:
+        process.terminate()
+        process.join(10)
+        if process.is_alive():
+            process.kill()
