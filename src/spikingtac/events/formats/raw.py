@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spikingtac.errors import ConfigError, FormatError, nearest
-from spikingtac.events.formats.decoder import WordDecoder
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.header import ENCODINGS, RawHeader, read_header
 from spikingtac.events.formats.plausible import (
@@ -15,6 +15,9 @@ from spikingtac.events.formats.plausible import (
     best_candidate,
     implausible_share,
 )
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.decoder import WordDecoder
 
 CHUNK_BYTES = 1 << 18
 """Bytes that are decoded at once."""
@@ -57,7 +60,9 @@ class RawSource(FileSource):
     def _columns(self) -> Iterator[Rows]:
         from spikingtac.events.formats.words import WordStream
 
-        stream = WordStream(self._decoder(), self.losses, self.triggers)
+        continuous = self._encoding == "evt3" and self.header.generated_here
+        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
+        stream = WordStream(decoder, self.losses, self.triggers)
         base_us = self.header.time_base_us
         with self.path.open("rb") as file:
             file.seek(self.header.length)
@@ -67,20 +72,6 @@ class RawSource(FileSource):
                 x, y, p, t = stream.feed(data, final=not following)
                 yield x, y, p, t + base_us if base_us else t
                 data = following
-
-    def _decoder(self) -> WordDecoder:
-        continuous = self.header.generated_here
-        if self._encoding == "evt3":
-            from spikingtac.events.formats.evt3 import Evt3Decoder
-
-            return Evt3Decoder(self.size, continuous)
-        if self._encoding == "evt2":
-            from spikingtac.events.formats.evt2 import Evt2Decoder
-
-            return Evt2Decoder(self.size)
-        from spikingtac.events.formats.evt21 import Evt21Decoder
-
-        return Evt21Decoder(self.size, byte_order=self._byte_order)
 
     def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
         """Return encoding and byte order, from the header or else from the first words."""
@@ -112,6 +103,30 @@ class RawSource(FileSource):
         encoding, _, order = name.partition("/")
         self._notes.append(f"the header names no encoding; {NAMES[encoding]} fits")
         return encoding, order or "little"
+
+
+def word_decoder(
+    encoding: str, size: tuple[int, int], byte_order: str = "little", continuous: bool = False
+) -> WordDecoder:
+    """Return a fresh decoder.
+
+    Args:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        byte_order: Of EVT2.1 words.
+        continuous: Whether the writer is known to leave no time word out.
+    """
+    if encoding == "evt3":
+        from spikingtac.events.formats.evt3 import Evt3Decoder
+
+        return Evt3Decoder(size, continuous)
+    if encoding == "evt2":
+        from spikingtac.events.formats.evt2 import Evt2Decoder
+
+        return Evt2Decoder(size, continuous)
+    from spikingtac.events.formats.evt21 import Evt21Decoder
+
+    return Evt21Decoder(size, continuous, byte_order)
 
 
 def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:

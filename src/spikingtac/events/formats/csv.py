@@ -1,0 +1,157 @@
+"""Event tables as text: t, x, y, p by comma, semicolon, tab or space, with or without a header."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.types import EventPacket
+
+CHUNK_BYTES = 1 << 20
+_NAMES = {
+    "t": "t", "time": "t", "timestamp": "t", "timestamps": "t", "t_us": "t", "ts": "t",
+    "time_us": "t", "timestamp_us": "t", "x": "x", "col": "x", "column": "x", "y": "y",
+    "row": "y", "p": "p", "pol": "p", "polarity": "p", "on": "p", "is_increase": "p",
+}  # fmt: skip
+_SPLIT = re.compile(r"[,;\t ]+")
+_SECONDS = re.compile(r"[.eE]")
+US_PER_S = 1_000_000
+
+
+class CsvSource(FileSource):
+    """Events of a text table.
+
+    A header names the columns in any order; without one the order is t, x, y, p. A ``# size W H``
+    comment gives the size. Times with a decimal point are seconds. Polarity is 1 and 0, 1 and -1,
+    or true and false. Lines that do not parse are counted as ``bad_record``.
+    """
+
+    format = "CSV"
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._order = "txyp"
+        self._scale = 1
+        self._named_size: tuple[int, int] | None = None
+        self._start = self._read_head(path)
+        super().__init__(path, options)
+
+    def _size(self) -> tuple[int, int]:
+        return self._named_size or self._size_from_events()
+
+    def _read_head(self, path: Path) -> int:
+        """Read comments and the header; return the offset of the first line of numbers."""
+        with path.open("rb") as file:
+            while line := file.readline(CHUNK_BYTES):
+                text = line.decode("utf-8", "replace").strip()
+                size = re.fullmatch(r"#\s*size[\s:=]+(\d+)[\sx,]+(\d+)", text)
+                if size:
+                    self._named_size = (int(size[1]), int(size[2]))
+                if not text or text.startswith(("#", "%")):
+                    continue
+                words = _SPLIT.split(text)
+                if any(re.match(r"[A-Za-z_]", word) for word in words[:3]):
+                    self._order = _columns_named(words, path)
+                    continue
+                place = self._order.index("t")
+                if len(words) > place and _SECONDS.search(words[place]):
+                    self._scale = US_PER_S
+                return file.tell() - len(line)
+            return file.tell()
+
+    def _columns(self) -> Iterator[Rows]:
+        with self.path.open("rb") as file:
+            file.seek(self._start)
+            tail = b""
+            while data := file.read(CHUNK_BYTES):
+                complete, newline, rest = (tail + data).rpartition(b"\n")
+                if newline or len(rest) < CHUNK_BYTES:
+                    tail = rest
+                else:
+                    self.losses.add("bad_record")
+                    tail = b""
+                yield from self._parsed(complete)
+            yield from self._parsed(tail)
+
+    def _parsed(self, text: bytes) -> Iterator[Rows]:
+        lines = [line for line in text.decode("utf-8", "replace").splitlines() if line.strip()]
+        if lines:
+            rows = _rows(lines, len(self._order))
+            self.losses.add("bad_record", len(lines) - len(rows))
+            values = {name: rows[:, place] for place, name in enumerate(self._order)}
+            t = np.rint(values["t"] * self._scale).astype(np.int64)
+            yield values["x"], values["y"], values["p"], t
+
+
+class CsvWriter:
+    """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self.size = size
+        self._file: IO[str] = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
+        self._file.write(f"# size {size[0]} {size[1]}\nt,x,y,p\n")
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
+        np.savetxt(self._file, table, "%d", ",")
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _columns_named(words: list[str], path: Path) -> str:
+    names = [_NAMES.get(word.strip("\"' ").lower(), "-") for word in words]
+    if sorted(name for name in names if name != "-") != ["p", "t", "x", "y"]:
+        raise FormatError(
+            f"{str(path)!r}: the header {','.join(words)!r} does not name t, x, y and p once each; "
+            "name the columns so, or leave the header out (then the order is t,x,y,p)"
+        )
+    return "".join(names)
+
+
+def _rows(lines: list[str], columns: int) -> NDArray[np.float64]:
+    """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
+    words = _SPLIT.sub(" ", "\n".join(line.strip() for line in lines))
+    try:
+        return _finite(np.array(words.split(), np.float64).reshape(len(lines), columns))
+    except ValueError:
+        rows = [row for line in lines if (row := _row(line, columns)) is not None]
+        return _finite(np.array(rows, np.float64).reshape(-1, columns))
+
+
+def _row(line: str, columns: int) -> list[float] | None:
+    words = [_TRUTH.get(word.lower(), word) for word in _SPLIT.split(line.strip())]
+    if len(words) < columns:
+        return None
+    try:
+        return [float(word) for word in words[:columns]]
+    except ValueError:
+        return None
+
+
+_TRUTH: dict[str, Any] = {"true": "1", "false": "0"}
+
+
+def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    bounded = np.isfinite(rows).all(axis=1) & (np.abs(rows) < 1e18).all(axis=1)
+    return rows[bounded]
