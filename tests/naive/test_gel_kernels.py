@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from spikingtac.sim.creep import advance_kernel, history_kernel
 from spikingtac.sim.friction import shear_kernel
 from spikingtac.sim.greens import GridConfig, LayerOperator, response_kernel
 from spikingtac.sim.influence import Influence, product_kernel, sheared_kernel
 from spikingtac.sim.interpolation import gather_kernel
-from spikingtac.sim.normal_contact import pressure_kernel
+from spikingtac.sim.normal_contact import dot_kernel, error_kernel, move_kernel, pressure_kernel
+from spikingtac.sim.patch import attach_kernel, carry_kernel, collect_kernel, deposit_kernel
 
 Array = np.ndarray
 
@@ -104,6 +106,18 @@ def product(matrix: Array, vector: Array) -> Array:
     return out
 
 
+def test_error_and_inner_product() -> None:
+    rng = np.random.default_rng(15)
+    error = rng.normal(size=40).astype(np.float32)
+    pressure_now = np.maximum(rng.normal(size=40), 0.0).astype(np.float32)
+    inside = pressure_now > 0.0
+    worst, square = error_kernel(error, pressure_now)
+    assert worst == pytest.approx(max(np.abs(error[inside]).max(), -error[~inside].min()))
+    assert square == pytest.approx(sum(float(e) ** 2 for e in error[inside]), rel=1e-5)
+    expected = sum(float(a) * float(b) for a, b in zip(error, pressure_now, strict=True))
+    assert dot_kernel(error, pressure_now) == pytest.approx(expected, abs=1e-5)
+
+
 def test_response() -> None:
     rng = np.random.default_rng(13)
     even, odd = rng.normal(size=(4, 3, 5)), rng.normal(size=(2, 3, 5))
@@ -168,3 +182,63 @@ def test_shear_without_bound_inverts_the_compliance() -> None:
     shear_kernel(xx, xy, yy, target, np.full(30, 1e6, np.float32), found, 1e-6, 5000)
     carried = np.stack((xx @ found[0] + xy @ found[1], xy @ found[0] + yy @ found[1]))
     np.testing.assert_allclose(carried, target, atol=2e-5)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_creep(count: int) -> None:
+    rng = np.random.default_rng(16)
+    kept, gained = rng.random((2, count))
+    retarded, elastic = rng.normal(size=(count, 20)), rng.normal(size=20)
+    out = np.full(20, np.nan)
+    history_kernel(kept, retarded, out)
+    np.testing.assert_allclose(out, kept @ retarded if count else 0.0, atol=1e-12)
+    expected = kept[:, None] * retarded + gained[:, None] * elastic
+    advance_kernel(kept, gained, elastic, retarded)
+    np.testing.assert_allclose(retarded, expected)
+
+
+def test_one_step_of_pressure() -> None:
+    compliance = np.full((4, 4), 2.0, np.float32)
+    error = np.array([0.5, 0.2, -0.4, 0.3], np.float32)
+    direction = np.array([0.5, 0.2, 0.0, 0.0], np.float32)
+    now = np.array([1.0, 0.1, 0.0, 0.0], np.float32)
+    assert move_kernel(compliance, error, direction, np.float32(1.0), now) == (True, True)
+    np.testing.assert_allclose(now, [0.5, 0.0, 0.2, 0.0])
+
+
+def test_attached_cells_are_carried_and_attached_where_they_are() -> None:
+    rng = np.random.default_rng(17)
+    rest, relative, reach = rng.normal(size=(2, 9)), rng.normal(size=(3, 9)), rng.normal(size=9)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    center, body = rng.normal(size=3), np.zeros((9, 3))
+    fresh = np.array([1, 4, 8])
+    pose = np.column_stack((rotation, center))
+    attach_kernel(fresh, rest, relative[:2], reach, pose, body)
+    for cell in fresh:
+        place = np.append(rest[:, cell] + relative[:2, cell], reach[cell])
+        np.testing.assert_allclose(body[cell], rotation.T @ (place - center))
+    held = np.isin(np.arange(9), fresh)
+    carried = relative.copy()
+    carried[:, held] = 99.0
+    carry_kernel(held, body, rotation, center, rest, carried)
+    np.testing.assert_allclose(carried[:2], relative[:2])
+
+
+def test_what_is_collected_and_deposited() -> None:
+    rng = np.random.default_rng(18)
+    traction, change, asked, history = rng.normal(size=(4, 3, 12))
+    traction[2, 5] = 0.0
+    cells = np.array([7, 0, 5])
+    guess, target = np.empty((2, 3, 3), np.float32)
+    collect_kernel(cells, traction, change, asked, history, guess, target)
+    expected = (traction + change)[:, cells]
+    expected[2, 2] = 0.0
+    np.testing.assert_allclose(guess, expected, rtol=1e-6)
+    np.testing.assert_allclose(target, (asked - history)[:, cells], rtol=1e-5)
+    old = traction.copy()
+    deposit_kernel(cells, guess[:2], guess[2], traction, change)
+    full = np.zeros((3, 12))
+    full[:, cells] = guess
+    np.testing.assert_allclose(traction, full)
+    np.testing.assert_allclose(change[:, cells], (full - old)[:, cells])
+    assert not np.delete(change, cells, axis=1).any()

@@ -7,9 +7,11 @@ the traction, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -37,6 +39,23 @@ class SpectrumConfig:
             raise ValueError(f"times_s are {self.times_s}, all must be positive")
 
 
+@njit(cache=True)
+def history_kernel(kept: Field, retarded: Field, out: Field) -> None:
+    """Fill ``out[c] = sum_i kept[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
+    out[:] = 0.0
+    for i in range(len(kept)):
+        for cell in range(len(out)):
+            out[cell] += kept[i] * retarded[i, cell]
+
+
+@njit(cache=True)
+def advance_kernel(kept: Field, gained: Field, elastic: Field, retarded: Field) -> None:
+    """Set ``retarded[i, c]`` to ``kept[i] retarded[i, c] + gained[i] elastic[c]``, in place."""
+    for i in range(len(kept)):
+        for cell in range(len(elastic)):
+            retarded[i, cell] = kept[i] * retarded[i, cell] + gained[i] * elastic[cell]
+
+
 class CreepChain:
     """Retarded displacement fields, stepped exactly for a traction that is constant in a step.
 
@@ -47,6 +66,7 @@ class CreepChain:
         self._fractions = np.array(config.fractions)
         self._times_s = np.array(config.times_s)
         self._retarded = np.zeros((len(self._times_s), *shape))
+        self._flat = self._retarded.reshape(len(self._times_s), math.prod(shape))
 
     def compliance(self, dt_s: float) -> float:
         """Return the compliance that a traction meets over the coming step, over J0."""
@@ -54,9 +74,8 @@ class CreepChain:
 
     def history(self, dt_s: float) -> Field:
         """Return what remains, after the coming step, of all former tractions, mm."""
-        out = np.zeros(self._retarded.shape[1:])
-        for kept, part in zip(np.exp(-dt_s / self._times_s), self._retarded, strict=True):
-            out += kept * part
+        out = np.empty(self._retarded.shape[1:])
+        history_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
         return out
 
     def advance(self, dt_s: float, elastic: Field | None) -> None:
@@ -67,11 +86,11 @@ class CreepChain:
             elastic: Instantaneous displacement under that traction, mm; None where it is zero.
         """
         kept = np.exp(-dt_s / self._times_s)
-        gained = (1.0 - kept) * self._fractions
-        self._retarded *= kept.reshape(-1, *[1] * (self._retarded.ndim - 1))
-        if elastic is not None:
-            for i, gain in enumerate(gained):
-                self._retarded[i] += gain * elastic
+        if elastic is None:
+            self._flat *= kept[:, None]
+        else:
+            gained = (1.0 - kept) * self._fractions
+            advance_kernel(kept, gained, elastic.reshape(-1), self._flat)
 
     def largest_mm(self) -> float:
         """Return a bound of the displacement that is still stored, mm."""

@@ -9,19 +9,75 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from spikingtac.sim.influence import product_kernel
+from spikingtac.sim.influence import Matrix, Vector, product_kernel
 
 SMALLEST_SQUARE = np.float32(1e-30)
 """Keeps the first quotient of squared errors finite."""
 
 
 @njit(cache=True)
+def error_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
+    """Return the largest violation of the contact conditions, and the squared error inside.
+
+    Args:
+        error: ``(c,)`` displacement less indentation, mm.
+        pressure: ``(c,)``, N/mm².
+    """
+    worst = np.float32(0.0)
+    square = np.float32(0.0)
+    for i in range(len(error)):
+        if pressure[i] > 0.0:
+            worst = max(worst, abs(error[i]))
+            square += error[i] * error[i]
+        else:
+            worst = max(worst, -error[i])
+    return worst, square
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def dot_kernel(one: Vector, other: Vector) -> np.float32:
+    """Return the inner product of two ``(c,)`` vectors."""
+    total = np.float32(0.0)
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@njit(cache=True)
+def move_kernel(
+    compliance: Matrix, error: Vector, direction: Vector, step: np.float32, pressure: Vector
+) -> tuple[bool, bool]:
+    """Go one step, keep pressures positive, and load empty cells that overlap.
+
+    Args:
+        compliance: ``(room, room)``, mm per N/mm².
+        error: ``(c,)`` displacement less indentation, mm.
+        direction: ``(c,)`` in which to go, zero for empty cells.
+        step: How far to go.
+        pressure: ``(c,)``, changed in place, N/mm².
+
+    Returns:
+        Whether a cell was added, and whether a pressure was cut at zero.
+    """
+    zero = np.float32(0.0)
+    added = False
+    bent = False
+    for i in range(len(pressure)):
+        wanted = pressure[i] - step * direction[i]
+        if wanted <= zero and error[i] < zero:
+            wanted = -error[i] / compliance[i, i]
+            added = True
+        bent = bent or wanted < zero
+        pressure[i] = max(wanted, zero)
+    return added, bent
+
+
+@njit(cache=True)
 def pressure_kernel(
-    compliance: NDArray[np.float32],
-    indentation: NDArray[np.float32],
-    pressure: NDArray[np.float32],
+    compliance: Matrix,
+    indentation: Vector,
+    pressure: Vector,
     tolerance: float,
     most_iterations: int,
 ) -> int:
@@ -38,47 +94,29 @@ def pressure_kernel(
     Returns:
         Number of iterations done.
     """
-    count = len(pressure)
-    direction = np.zeros(count, np.float32)
-    previous = np.float32(1.0)
-    conjugate = np.float32(0.0)
     zero = np.float32(0.0)
-    for i in range(count):
-        pressure[i] = max(pressure[i], zero)
+    pressure[:] = np.maximum(pressure, zero)
+    direction = np.zeros(len(pressure), np.float32)
     error = product_kernel(compliance, pressure) - indentation
+    previous = np.float32(1.0)
+    conjugate = zero
     for iteration in range(most_iterations):
-        worst = zero
-        square = zero
-        for i in range(count):
-            if pressure[i] > 0.0:
-                worst = max(worst, abs(error[i]))
-                square += error[i] * error[i]
-            else:
-                worst = max(worst, -error[i])
+        worst, square = error_kernel(error, pressure)
         if worst <= tolerance:
             return iteration
         conjugate *= square / previous
         previous = max(square, SMALLEST_SQUARE)
-        for i in range(count):
-            inside = pressure[i] > 0.0
+        for i in range(len(pressure)):
+            inside = pressure[i] > zero
             direction[i] = error[i] + conjugate * direction[i] if inside else zero
         response = product_kernel(compliance, direction)
-        along = zero
-        curvature = zero
-        for i in range(count):
-            along += error[i] * direction[i]
-            curvature += response[i] * direction[i]
-        step = along / curvature if curvature > 0.0 else zero
-        conjugate = np.float32(1.0)
-        bent = False
-        for i in range(count):
-            wanted = pressure[i] - step * direction[i]
-            if wanted <= 0.0 and error[i] < 0.0:
-                wanted = -error[i] / compliance[i, i]
-                conjugate = zero
-            bent = bent or wanted < 0.0 or conjugate == 0.0
-            pressure[i] = max(wanted, zero)
-        error = (
-            product_kernel(compliance, pressure) - indentation if bent else error - step * response
-        )
+        curvature = dot_kernel(response, direction)
+        step = dot_kernel(error, direction) / curvature if curvature > zero else zero
+        added, bent = move_kernel(compliance, error, direction, step, pressure)
+        # New cells end the old conjugacy; a cell that was let go does not (Polonsky & Keer).
+        conjugate = zero if added else np.float32(1.0)
+        if added or bent:
+            error = product_kernel(compliance, pressure) - indentation
+        else:
+            error -= step * response
     return most_iterations

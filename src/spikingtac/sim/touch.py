@@ -17,6 +17,7 @@ from spikingtac.sim.greens import GridConfig, LayerOperator
 from spikingtac.sim.indenters import Indenter
 from spikingtac.sim.influence import Influence, product_kernel, sheared_kernel
 from spikingtac.sim.normal_contact import pressure_kernel
+from spikingtac.sim.patch import attach_kernel, carry_kernel, collect_kernel, deposit_kernel
 from spikingtac.types import Pose
 
 Field = NDArray[np.float64]
@@ -84,6 +85,7 @@ class Touch:
         self._change = np.zeros((3, cells))
         self._slipping = np.zeros(cells, np.bool_)
         self._body = np.zeros((cells, 3))
+        self._pose = np.zeros((3, 4))
         self._bound = np.empty(0, np.float32)
         self._spread = np.empty((2, 0), np.float32)
         self._relative: Field | None = None
@@ -112,46 +114,45 @@ class Touch:
             self.release()
             self._indenter = indenter
         center = pose.position_mm + np.array([0.0, 0.0, indenter.center_mm(pose.rotation)])
-        relative = self._carried(center, pose.rotation, before)
-        reach = self._reach(indenter, pose, relative)
+        asked = self._asked(indenter, pose, center, before)
         near = NEAR_PITCHES * self._grid.pitch_mm
-        needed = (before[2].ravel() - reach < near) | (self.traction[2].ravel() > 0.0)
+        needed = before[2].ravel() - asked[2] < near
+        needed[self._influence.cells] |= self.traction[2].ravel()[self._influence.cells] > 0.0
         if not needed.any():
             self.release()
             return None
         self._renew(needed, compliance)
-        moved = self._settle(relative, reach, history, compliance)
-        displacement = (compliance * moved + history)[:2].reshape(2, -1)
-        self._attach(displacement, reach, center, pose.rotation, history.reshape(3, -1))
+        flat = history.reshape(3, -1)
+        moved = self._settle(asked, flat, compliance)
+        self._attach(compliance * moved.reshape(3, -1)[:2] + flat[:2], asked, flat)
         return moved
 
-    def _settle(self, relative: Field, reach: Field, history: Field, compliance: float) -> Field:
+    def _asked(self, indenter: Indenter, pose: Pose, center: Field, before: Field) -> Field:
+        """Return each cell's displacement if it sticks (x, y) or is pressed (z), ``(3, n²)``."""
+        self._pose = np.column_stack((pose.rotation, center))
+        asked = before.reshape(3, -1).copy()
+        if self._relative is not None:
+            asked[:2] = self._relative
+        held = self.sticking.reshape(-1)
+        carry_kernel(held, self._body, pose.rotation, center, self._rest, asked)
+        x, y = self._rest + asked[:2] - pose.position_mm[:2, None]
+        asked[2] = pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
+        return asked
+
+    def _settle(self, asked: Field, history: Field, compliance: float) -> Field:
         """Solve, and again with more cells where the gel has bulged into the body."""
         near = NEAR_PITCHES * self._grid.pitch_mm
         for _ in range(EXTENSIONS):
-            self._solve(relative, reach, history.reshape(3, -1))
+            self._solve(asked, history)
             moved = self._layer.displacements(self.traction)
-            beyond = reach - (compliance * moved[2] + history[2]).ravel() > near
+            beyond = asked[2] - history[2] - compliance * moved[2].ravel() > near
             beyond[self._influence.cells] = False
             if not beyond.any():
                 return moved
             beyond[self._influence.cells] = True
             self._renew(beyond, compliance)
-        self._solve(relative, reach, history.reshape(3, -1))
+        self._solve(asked, history)
         return self._layer.displacements(self.traction)
-
-    def _carried(self, center: Field, rotation: Field, before: Field) -> Field:
-        """Return each cell's displacement against the body's undeformed shape, if it sticks."""
-        last = self._relative
-        relative = before[:2].reshape(2, -1).copy() if last is None else last.copy()
-        held = np.flatnonzero(self.sticking)
-        relative[:, held] = (center + self._body[held] @ rotation.T)[:, :2].T - self._rest[:, held]
-        return relative
-
-    def _reach(self, indenter: Indenter, pose: Pose, relative: Field) -> Field:
-        """Return how deep the body's undeformed surface stands at each cell, mm."""
-        x, y = self._rest + relative - pose.position_mm[:2, None]
-        return pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
 
     def _renew(self, chosen: NDArray[np.bool_], compliance: float) -> None:
         """Make the influence matrices fit the cells, the step's compliance and the body."""
@@ -175,48 +176,38 @@ class Touch:
         facing = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])[:, None, None]
         return tables + facing * body * KPA_PER_MPA / soft.shear_modulus_kpa
 
-    def _solve(self, relative: Field, reach: Field, history: Field) -> None:
-        cells, tolerance = self._influence.cells, self._friction.tolerance_mm
+    def _solve(self, asked: Field, history: Field) -> None:
+        cells, friction = self._influence.cells, self._friction
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
-        last = flat[:, cells]
-        guess = np.ascontiguousarray(last + self._change[:, cells], np.float32)
-        guess[2, last[2] == 0.0] = 0.0
-        lifted = (reach[cells] - history[2, cells]).astype(np.float32)
-        lifted += product_kernel(xz, guess[0]) + product_kernel(yz, guess[1])
-        shear, pressure = guess[:2].copy(), guess[2].copy()
-        pressure_kernel(zz, lifted, pressure, tolerance, MOST_ITERATIONS)
-        target = np.ascontiguousarray(relative[:, cells] - history[:2, cells], np.float32)
+        guess, target = np.empty((2, 3, len(cells)), np.float32)
+        collect_kernel(cells, flat, self._change, asked, history, guess, target)
+        shear, pressure = guess[:2], guess[2]
+        target[2] += product_kernel(xz, shear[0]) + product_kernel(yz, shear[1])
+        pressure_kernel(zz, target[2], pressure, friction.tolerance_mm, MOST_ITERATIONS)
         spread = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
-        target -= spread
-        coefficient = np.where(self._slipping[cells], self._friction.kinetic_ratio, 1.0)
-        bound = (self._friction.static * coefficient * pressure).astype(np.float32)
-        shear_kernel(xx, xy, yy, target, bound, shear, tolerance, MOST_SWEEPS)
+        target[:2] -= spread
+        coefficient = np.where(self._slipping[cells], friction.kinetic_ratio, 1.0)
+        bound = (friction.static * coefficient * pressure).astype(np.float32)
+        shear_kernel(xx, xy, yy, target[:2], bound, shear, friction.tolerance_mm, MOST_SWEEPS)
         self._bound, self._spread = bound, spread
-        self._change[:] = 0.0
-        flat[:] = 0.0
-        flat[:2, cells], flat[2, cells] = shear, pressure
-        self._change[:, cells] = flat[:, cells] - last
+        deposit_kernel(cells, shear, pressure, flat, self._change)
 
-    def _attach(
-        self, relative: Field, reach: Field, center: Field, rotation: Field, history: Field
-    ) -> None:
+    def _attach(self, relative: Field, asked: Field, history: Field) -> None:
         """Remember where on the body each touching cell now is."""
         cells = self._influence.cells
         tau_x, tau_y, pressure = self.traction.reshape(3, -1)[:, cells]
         touching = pressure > 0.0
         slipping = touching & (np.hypot(tau_x, tau_y) >= ON_RIM * self._bound)
-        held = self.sticking.ravel()
-        fresh = touching & (slipping | ~held[cells])
+        held = self.sticking.reshape(-1)
+        fresh = cells[touching & (slipping | ~held[cells])]
         if self._indenter is not None and self._indenter.soft is not None:
             relative[:, cells] = self._against_soft() + history[:2, cells]
-        new = cells[fresh]
-        place = np.vstack((self._rest[:, new] + relative[:, new], reach[new])).T
-        self._body[new] = (place - center) @ rotation
+        attach_kernel(fresh, self._rest, relative, asked[2], self._pose, self._body)
         held[:] = False
-        held[cells[touching]] = True
+        held[cells] = touching
         self._slipping[:] = False
-        self._slipping[cells[slipping]] = True
+        self._slipping[cells] = slipping
         self._relative = relative
 
     def _against_soft(self) -> Field:
