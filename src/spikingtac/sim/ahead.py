@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from typing import TypeVar, cast
 
 T = TypeVar("T")
@@ -14,7 +14,7 @@ _POLL_S = 0.05
 """How long a full queue is waited for before looking whether the caller has left."""
 
 
-def run_ahead(items: Iterable[T], depth: int) -> Iterator[T]:
+def run_ahead(items: Iterable[T], depth: int) -> Generator[T, None, None]:
     """Yield the same items in the same order, up to ``depth`` of them prepared in a thread.
 
     What an item raises is raised here in its place. The thread ends with the iteration, also where

