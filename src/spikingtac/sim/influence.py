@@ -103,6 +103,10 @@ class Influence:
         self.cells: Cells = np.empty(0, np.int64)
         self.matrices = np.empty((len(tables), 0, 0), np.float32)
 
+    def clear(self) -> None:
+        """Empty the set; the memory stays."""
+        self.cells = np.empty(0, np.int64)
+
     def choose(self, wanted: NDArray[np.bool_]) -> None:
         """Change the set of cells; those that stay keep their slots where they can.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import SpikingTacError
 from spikingtac.sim.friction import shear_kernel
 from spikingtac.sim.greens import GridConfig, LayerOperator
-from spikingtac.sim.indenters import Indenter
+from spikingtac.sim.indenters import Indenter, SoftLayer
 from spikingtac.sim.influence import Influence, product_kernel, sheared_kernel
 from spikingtac.sim.normal_contact import pressure_kernel
 from spikingtac.sim.patch import attach_kernel, carry_kernel, collect_kernel, deposit_kernel
@@ -73,12 +73,16 @@ class Touch:
         self.traction = np.zeros((3, n, n))
         self.sticking = np.zeros((n, n), np.bool_)
         self._influence = Influence(layer.tables)
-        self._key: tuple[int, float] | None = None
+        self._key: tuple[SoftLayer | None, float] | None = None
         self._indenter: Indenter | None = None
+        self._clear = False
         self.release()
 
     def release(self) -> None:
         """Forget the contact: nothing touches."""
+        if self._clear:
+            return
+        self._clear = True
         cells = self._rest.shape[1]
         self.traction[:] = 0.0
         self.sticking[:] = False
@@ -89,6 +93,8 @@ class Touch:
         self._bound = np.empty(0, np.float32)
         self._spread = np.empty((2, 0), np.float32)
         self._relative: Field | None = None
+        # The order of slots decides the last digits: a new contact starts without a past.
+        self._influence.clear()
 
     @property
     def cells(self) -> NDArray[np.int64]:
@@ -112,7 +118,7 @@ class Touch:
         """
         if indenter is not self._indenter:
             self.release()
-            self._indenter = indenter
+        self._indenter, self._clear = indenter, False
         center = pose.position_mm + np.array([0.0, 0.0, indenter.center_mm(pose.rotation)])
         asked = self._asked(indenter, pose, center, before)
         near = NEAR_PITCHES * self._grid.pitch_mm
@@ -161,7 +167,7 @@ class Touch:
                 f"the contact covers {chosen.sum()} cells, the most is {MOST_CELLS}; press "
                 "less deeply, take a smaller indenter or a coarser grid"
             )
-        key = id(self._indenter), compliance
+        key = None if self._indenter is None else self._indenter.soft, compliance
         if key != self._key:
             self._key, self._influence = key, Influence(self._tables(compliance))
         self._influence.choose(chosen)
