@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from spikingtac.viewer.process import Opener, SessionProcess
@@ -18,8 +18,7 @@ def run_server(opener: Opener, arguments: dict[str, Any], token: str, port: Any)
     session = SessionProcess(opener, arguments, repeat=True)
     app = make_app(session, session.command, Gate(token=token))
     try:
-        with suppress(SystemExit):  # the end that SIGTERM brings
-            serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
+        serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
     finally:
         session.close()
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Protocol
 
 POLL_S = 0.002
 """How often the ring is looked at; a tenth of a frame's time."""
 UNACKNOWLEDGED = 2
 """Frames on their way to a page; one is drawn while the next travels."""
+WAKE_S = 1.0
+"""How often a page without frames is looked after."""
 MOST_PAGES = 32
 SILENT_S = 60.0
 """A page that acknowledges nothing for so long is let go."""
@@ -100,7 +103,7 @@ class Hub:
                 await send_bytes(message)
                 continue
             page.wake.clear()
-            try:
-                await asyncio.wait_for(page.wake.wait(), timeout=1.0)
-            except TimeoutError:
-                continue
+            # Not wait_for: in Python 3.11 it may swallow a cancellation that meets a wake-up.
+            with suppress(TimeoutError):
+                async with asyncio.timeout(WAKE_S):
+                    await page.wake.wait()

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib import resources
 from typing import Any
 
+import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from spikingtac.errors import DeviceError
 from spikingtac.viewer.commands import LONGEST_COMMAND, CommandError, parse_command
 from spikingtac.viewer.hub import MOST_PAGES, Feed, Hub, Page
 from spikingtac.viewer.security import Gate, page_headers
@@ -27,8 +29,6 @@ KINDS = {
 }
 CLOSED_BY_POLICY, CLOSED_AS_BUSY = 1008, 1013
 """WebSocket close codes (RFC 6455 section 7.4.1; 1013 is registered as "try again later")."""
-SHELL_SIGNAL = 128
-"""A shell reports 128 + N of a program that was ended by signal N."""
 SHUTDOWN_S = 1
 """Pages never close by themselves; the server does not wait for them."""
 ALIVE_S = 0.25
@@ -122,6 +122,20 @@ def _file(request: Request, name: str) -> Response:
     return Response(source.read_bytes(), media_type=kind, headers=headers)
 
 
+class _Server(uvicorn.Server):
+    """Ends quietly at a signal; the original repeats the signal, which would skip the clean-up."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        before = {number: signal.signal(number, self.handle_exit) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
 def serve(
     app: Starlette, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
 ) -> None:
@@ -133,23 +147,22 @@ def serve(
         port: Port, or 0 for any free one.
         ready: Called with the port once the server listens.
         alive: Asked now and then; False ends the serving.
-    """
-    import uvicorn
 
-    # The server repeats the signals that ended it; as an exception, SIGTERM lets callers clean up.
-    signal.signal(signal.SIGTERM, _leave)
+    Raises:
+        DeviceError: The port is taken.
+    """
     config = uvicorn.Config(
         app,
         host=host,
         port=port,
-        log_level="warning",
+        log_level="critical",  # what goes wrong is raised or told to the page
         ws="websockets-sansio",
         ws_max_size=4 * LONGEST_COMMAND,
         ws_per_message_deflate=False,
         server_header=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config)
 
     async def run() -> None:
         serving = asyncio.create_task(server.serve())
@@ -162,8 +175,9 @@ def serve(
             await asyncio.wait((serving,), timeout=ALIVE_S)
         await serving
 
-    asyncio.run(run())
-
-
-def _leave(number: int, frame: object) -> None:
-    raise SystemExit(SHELL_SIGNAL + number)
+    try:
+        asyncio.run(run())
+    except SystemExit as stop:  # how the server says that it could not bind
+        raise DeviceError(
+            f"port {port} of {host} cannot be used; give another one: --port N"
+        ) from stop

@@ -1,0 +1,208 @@
+"""The page in a real browser, compared with what the server sent and with what is true."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from selenium.webdriver.chrome.webdriver import WebDriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from stand_ins.browser import browser
+from stand_ins.serving import served
+from stand_ins.viewer import open_circling, positions_px, reference_px
+
+PROJECT = Path(__file__).resolve().parents[2]
+ARTEFACTS = PROJECT / "artefacts"
+WATCHED_S = 5.0
+PATIENCE_S = 20.0
+# A display draws 60; with the other tests of a loaded machine beside it a third still tells a page
+# that draws from one that does not. The figure itself is printed and stored.
+LEAST_FPS = float(os.environ.get("SPIKINGTAC_LEAST_FPS", "20"))
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with served(open_circling) as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def page(port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
+    with browser(tmp_path_factory.mktemp("profile")) as chrome:
+        chrome.get(f"http://127.0.0.1:{port}/")
+        wait(chrome, "__m.frames > 5")
+        yield chrome
+
+
+def js(page: WebDriver, expression: str) -> Any:
+    return page.execute_script(f"return {expression}")
+
+
+def wait(page: WebDriver, condition: str) -> None:
+    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
+
+
+def found(page: WebDriver, name: str) -> WebElement:
+    return page.find_element(By.CSS_SELECTOR, f"[data-testid='{name}']")
+
+
+def set_value(page: WebDriver, name: str, value: object) -> None:
+    page.execute_script(
+        "arguments[0].value = arguments[1];"
+        "for (const kind of ['input', 'change']) arguments[0].dispatchEvent(new Event(kind))",
+        found(page, name),
+        str(value),
+    )
+
+
+def keep(page: WebDriver, name: str) -> None:
+    ARTEFACTS.mkdir(exist_ok=True)
+    page.save_screenshot(str(ARTEFACTS / f"{name}.png"))
+
+
+def paused_at(page: WebDriver, t_us: int) -> None:
+    if js(page, "__m.meta.playing"):
+        found(page, "play").click()
+    wait(page, "!__m.meta.playing")
+    set_value(page, "timeline", t_us)
+    wait(page, f"Math.abs(__m.meta.t_us - {t_us}) <= 1000 && __m.meta.state === 'OK'")
+
+
+def arrows(page: WebDriver) -> tuple[int, np.ndarray]:
+    t_us, drawn = js(page, "[__m.meta.t_us, __m.arrows]")
+    return t_us, np.array(drawn)
+
+
+def test_it_draws_at_the_displays_rate(page: WebDriver) -> None:
+    before, begun_s = js(page, "__m.frames"), time.perf_counter()
+    time.sleep(WATCHED_S)
+    rate = (js(page, "__m.frames") - before) / (time.perf_counter() - begun_s)
+    late_ms = np.percentile(js(page, "__m.latencies_ms"), (50, 99))
+    print(f"{rate:.1f} frames/s, stamp to draw p50 {late_ms[0]:.0f} p99 {late_ms[1]:.0f} ms")
+    keep(page, "viewer-dark")
+    assert rate >= LEAST_FPS
+    assert late_ms[0] > 0
+
+
+def test_the_drawn_arrows_are_the_markers_displacements(page: WebDriver) -> None:
+    paused_at(page, 1_234_000)
+    t_us, drawn = arrows(page)
+    scale = float(found(page, "scale").get_attribute("value") or "nan")
+    moved = positions_px(t_us) - reference_px()
+    assert drawn.shape == (64, 4)
+    np.testing.assert_allclose(drawn[:, :2], reference_px(), atol=1e-3)
+    np.testing.assert_allclose(drawn[:, 2:] - drawn[:, :2], scale * moved, atol=1e-2)
+
+
+def test_arrows_are_painted_where_they_are_said_to_be(page: WebDriver) -> None:
+    paused_at(page, 1_500_000)
+    set_value(page, "image", "none")
+    found(page, "discs").click()
+    _, drawn = arrows(page)
+    shown = page.execute_script(
+        """
+        const canvas = arguments[0], context = canvas.getContext("2d");
+        const zoom = canvas.width / 320;
+        return arguments[1].map(([x, y]) =>
+          [...context.getImageData((x + 0.5) * zoom, (y + 0.5) * zoom, 1, 1).data.slice(0, 3)]);
+        """,
+        found(page, "sensor"),
+        ((drawn[:, :2] + drawn[:, 2:]) / 2).tolist(),
+    )
+    far = np.hypot(*(drawn[:, 2:] - drawn[:, :2]).T) > 6
+    lit = np.array(shown, int).sum(axis=1) > 150
+    seen = np.arange(64) != 9  # the lost marker's arrow is dashed
+    assert lit[far & seen].all()
+    found(page, "discs").click()
+    set_value(page, "image", "surface")
+
+
+def test_scrubbing_goes_anywhere_and_back(page: WebDriver) -> None:
+    for t_us in (3_200_000, 400_000, 2_100_000):
+        paused_at(page, t_us)
+        shown_us, drawn = arrows(page)
+        np.testing.assert_allclose(drawn[:, :2], reference_px(), atol=1e-3)
+        moved = (drawn[:, 2:] - drawn[:, :2]) / 2
+        np.testing.assert_allclose(moved, positions_px(shown_us) - reference_px(), atol=1e-2)
+    assert found(page, "clock").text == "2.100 s"
+
+
+def test_a_control_changes_what_is_drawn(page: WebDriver) -> None:
+    paused_at(page, 700_000)
+    _, before = arrows(page)
+    set_value(page, "control-gain", 0.5)
+    wait(
+        page, f"Math.abs(__m.arrows[0][3] - __m.arrows[0][1]) < {abs(before[0, 3] - before[0, 1])}"
+    )
+    wait(page, "__m.meta.state === 'OK'")
+    _, after = arrows(page)
+    np.testing.assert_allclose(
+        after[:, 2:] - after[:, :2], 0.5 * (before[:, 2:] - before[:, :2]), atol=1e-2
+    )
+    found(page, "defaults").click()
+    wait(page, f"Math.abs(__m.arrows[0][3] - {before[0, 3]}) < 0.01")
+    wait(page, "__m.hello.controls[0].value === 1")
+
+
+def test_keys_work(page: WebDriver) -> None:
+    paused_at(page, 1_000_000)
+    body = page.find_element(By.TAG_NAME, "body")
+    found(page, "label").click()
+    before = int(found(page, "marker").text)
+    body.send_keys(Keys.ARROW_RIGHT)
+    wait(page, "__m.meta.t_us === 1010000")
+    body.send_keys(Keys.SHIFT, Keys.ARROW_LEFT, Keys.NULL)
+    wait(page, "__m.meta.t_us === 910000")
+    scale = float(found(page, "scale").get_attribute("value") or "nan")
+    body.send_keys("+")
+    assert float(found(page, "scale").get_attribute("value") or "nan") == scale + 0.5
+    body.send_keys("-")
+    body.send_keys("n")
+    assert int(found(page, "marker").text) == before + 1
+    body.send_keys("?")
+    assert found(page, "keys").is_displayed()
+    found(page, "close-keys").click()
+    body.send_keys(" ")
+    wait(page, "__m.meta.playing")
+
+
+def test_images_themes_and_widths(page: WebDriver) -> None:
+    set_value(page, "image", "map")
+    wait(page, "__m.meta.arrays.some(([name]) => name === 'map')")
+    keep(page, "viewer-map")
+    set_value(page, "image", "surface")
+    found(page, "theme").click()
+    keep(page, "viewer-light")
+    found(page, "theme").click()
+    page.set_window_size(500, 1000)
+    time.sleep(0.5)
+    keep(page, "viewer-phone")
+    assert js(page, "document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    page.set_window_size(1360, 900)
+
+
+def test_everything_has_a_name_for_screen_readers(page: WebDriver) -> None:
+    nameless = js(
+        page,
+        """[...document.querySelectorAll('button, input, select, canvas:not([aria-hidden])')]
+        .filter((item) => !(item.ariaLabel || item.labels?.length || item.textContent.trim()))
+        .map((item) => item.outerHTML)""",
+    )
+    assert nameless == []
+    wait(page, "document.getElementById('sensor').ariaLabel.startsWith('64 markers')")
+    assert "contact at" in found(page, "contact").text
+
+
+def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:
+    # Reading the canvas back is this test's own doing.
+    said = [entry["message"] for entry in page.get_log("browser")]
+    assert [text for text in said if "getImageData" not in text] == []
