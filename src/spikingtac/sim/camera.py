@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from spikingtac.sim.camera_config import CameraConfig
 from spikingtac.sim.coverage import DISC_DTYPE, discs_of, paint_kernel
+from spikingtac.sim.dense import DenseRenderer, is_dense
+from spikingtac.sim.light import texture_field
 from spikingtac.sim.noise import make_noise, noise_kernel, start_noise
 from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel
 from spikingtac.sim.readout import Readout
@@ -43,12 +45,14 @@ class EventCamera:
     """
 
     def __init__(self, config: CameraConfig, seed: int = 0) -> None:
-        streams = np.random.default_rng(seed).spawn(4)
+        streams = np.random.default_rng(seed).spawn(6)
         self.size = config.size
         self.losses = LossCounters()
         self._config = config
         self._rng = streams[3]
-        self._sensor = make_sensor(config, streams[0])
+        pattern = texture_field(config.light, streams[4])
+        self._sensor = make_sensor(config, pattern, streams[0])
+        self._dense = DenseRenderer(config, pattern, streams[5]) if is_dense(config) else None
         self._noise = make_noise(config.background, config.size[0] * config.size[1], streams[1])
         self._readout = Readout(config.readout, config.size, streams[2], self.losses)
         self._out = np.zeros(_FIRST_OUTBOX, np.int64)
@@ -77,7 +81,9 @@ class EventCamera:
         self._before = discs_of(image)
         coverage = self._paint(self._before)
         settle_sensor(self._sensor, coverage, float(image.t_us), history, self._rng)
-        self._readout.reset()
+        if self._dense is not None:
+            self._dense.settle(self._before, float(image.t_us))
+        self._readout.reset(int(image.t_us))
         start_noise(self._noise, float(image.t_us))
         self._t_us = int(image.t_us)
 
@@ -113,7 +119,10 @@ class EventCamera:
         span_us = motion.end_us - motion.start_us
         swept = plan_kernel(self._before, after, work, reach_px, span_us, self._limits)
         self._make_room(swept, span_us)
-        sweep_kernel(self._sensor, motion, self._out)
+        if self._dense is None:
+            sweep_kernel(self._sensor, motion, self._out)
+        else:
+            self._dense.render(self._sensor, motion, self._out, self._drain)
         while not noise_kernel(self._noise, motion.end_us, self._out):
             self._drain()
         self._drain()
@@ -137,6 +146,8 @@ class EventCamera:
         crossings = 1 + int(float(log.max() - log.min()) / lowest)
         leaks = 2 + int(4 * self._highest_leak * span_us / lowest)
         moving = swept + int(self._sensor.agenda.listed[0])
+        if self._dense is not None:
+            moving = pixels.size
         room = 1 + moving * _PASSES * crossings + pixels.size * leaks
         if room > len(self._out):
             self._out = np.zeros(2 * room, np.int64)

@@ -18,6 +18,8 @@ _DECAY_MAX = 16.0
 """Time constants after which an exponential counts as over: 1e-7."""
 _PIXEL_BOX_VARIANCE_PX2 = 1.0 / 12.0
 _TEXTURE_PERIOD_PX = 512
+_PATTERN_LOW = -0.9
+"""Darkest and, negated, brightest part of a pattern: light never turns negative."""
 _INSTANT_PER_US = 1e6
 """Inverse time constant that stands for a photoreceptor without low-pass."""
 _HEADROOM = 1.05
@@ -85,14 +87,21 @@ def vignette(light: LightConfig, size: tuple[int, int]) -> NDArray[np.float64]:
 
 
 def texture_field(light: LightConfig, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return a periodic random pattern of mean 0 and the configured rms, 512 px square."""
+    """Return a periodic random pattern of mean 0 and the configured rms, 512 px square.
+
+    Without texture a single 0 stands for it.
+    """
+    if light.texture <= 0:
+        return np.zeros((1, 1), np.float32)
     noise = rng.standard_normal((_TEXTURE_PERIOD_PX, _TEXTURE_PERIOD_PX))
     frequency = np.fft.fftfreq(_TEXTURE_PERIOD_PX)
     square = frequency[:, None] ** 2 + frequency[None, :] ** 2
     smooth = np.exp(-2 * (math.pi * light.texture_px) ** 2 * square)
     field = np.fft.ifft2(np.fft.fft2(noise) * smooth).real
     field -= field.mean()
-    return (light.texture * field / field.std()).astype(np.float32)
+    return (
+        (light.texture * field / field.std()).clip(_PATTERN_LOW, -_PATTERN_LOW).astype(np.float32)
+    )
 
 
 def rate_at_white(pixel: PixelConfig) -> float:

@@ -37,7 +37,8 @@ PIXEL_DTYPE = np.dtype(
         ("due_us", "f8"),  # when the leak reaches the threshold; never while unsettled
         ("stamp_us", "f8"),  # of the last event
         ("intensity", "f4"),  # last light, white = 1
-        ("target", "f4"),  # its log
+        ("before", "f4"),  # light at the beginning of the span that is being worked on
+        ("target", "f4"),  # log of the last light
         ("level", "f4"),  # low-passed log light
         ("gap", "f4"),  # level minus reference; undefined while dead
         ("leak", "f4"),  # present drift of the gap, 1/us
@@ -80,7 +81,9 @@ CHIP_DTYPE = np.dtype(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fire_kernel(px: Any, chip: Any, out: NDArray[np.int64], t_us: float, on: int) -> None:
+def fire_kernel(
+    px: Any, chip: Any, out: NDArray[np.int64], t_us: float, share: float, on: int
+) -> None:
     """Leave an event of a pixel that crossed at ``t_us``, delayed by its latency.
 
     Args:
@@ -88,13 +91,15 @@ def fire_kernel(px: Any, chip: Any, out: NDArray[np.int64], t_us: float, on: int
         chip: Record of :data:`CHIP_DTYPE`.
         out: ``out[0]`` counts the events, whose keys follow; those beyond its end are only counted.
         t_us: Time of the crossing.
+        share: Of the way from the light before the span to the present one.
         on: 1 for ON, 0 for OFF.
     """
     counter = pixel_counter_kernel(px["index"], px["fired"])
     first, second = normal_pair_kernel(chip["key"], counter)
     px["fired"] += np.uint32(1)
     px["leak"] = px["mean_leak"] * max(0.0, 1.0 + chip["leak_jitter"] * second)
-    delay_us = chip["latency_us"] / px["intensity"] + chip["jitter_us"] * first
+    intensity = px["before"] + share * (px["intensity"] - px["before"])
+    delay_us = chip["latency_us"] / intensity + chip["jitter_us"] * first
     stamp_us = max(t_us + max(delay_us, 0.0), px["stamp_us"] + _STAMP_GAP_US)
     px["stamp_us"] = stamp_us
     n = out[0] + 1
@@ -126,7 +131,7 @@ def cross_kernel(
             break
         if end != gap:  # equal where rounding left the gap on its threshold
             at_us += (span_us - at_us) * (level - gap) / (end - gap)
-        fire_kernel(px, chip, out, start_us + at_us, on)
+        fire_kernel(px, chip, out, start_us + at_us, at_us / span_us, on)
         at_us += chip["refractory_us"]
         gap = 0.0
         if at_us >= span_us:
@@ -193,6 +198,7 @@ def hold_kernel(px: Any, chip: Any, out: NDArray[np.int64], until_us: float) -> 
     seen_us = px["seen_us"]
     if seen_us >= until_us:
         return
+    px["before"] = px["intensity"]
     target = float(px["target"])
     rest = target - px["level"]
     if abs(rest) > SETTLED:
@@ -235,10 +241,12 @@ def relight_kernel(px: Any, chip: Any, intensity: float, until_us: float, span_u
     The pixel must have been carried to the span's beginning.
     """
     target = log_kernel(chip, intensity)
-    time_us = time_constant_kernel(chip, intensity)
+    # The mean light's time constant makes the step accurate to second order.
+    time_us = time_constant_kernel(chip, 0.5 * (intensity + px["intensity"]))
     level = float(px["level"])
     lag = (target - px["target"]) / span_us * time_us
     moved = target - lag + (level - px["target"] + lag) * decay_kernel(chip, span_us / time_us)
+    px["before"] = px["intensity"]
     px["intensity"] = intensity
     px["target"] = target
     px["level"] = moved

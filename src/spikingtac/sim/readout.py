@@ -104,6 +104,7 @@ class Readout:
         self._through = cap is None and config.row_us == 0 and config.loss == 0
         self._early: list[NDArray[np.int64]] = []
         self._late = np.empty(0, np.int64)
+        self._since_us = 0
         self._arbiter = Arbiter(
             event_us=0.0 if cap is None else 1.0 / cap,
             row_us=config.row_us,
@@ -116,8 +117,9 @@ class Readout:
             key=np.uint64(rng.integers(0, 1 << 63)),
         )
 
-    def reset(self) -> None:
-        """Forget the events that wait."""
+    def reset(self, now_us: int) -> None:
+        """Forget the events that wait, and start again."""
+        self._since_us = now_us
         self._early = []
         self._late = np.empty(0, np.int64)
         self._arbiter.free_us[0] = -np.inf
@@ -134,6 +136,8 @@ class Readout:
         else:
             waiting = self._early[0] if len(self._early) == 1 else np.concatenate(self._early)
             waiting.sort()
+        waiting = _not_before(waiting, self._since_us)
+        self._since_us = until_us
         limit = np.int64(until_us) << KEY_SHIFT
         ready = int(np.searchsorted(waiting, limit))
         self._early = [waiting[ready:]] if ready < len(waiting) else []
@@ -162,3 +166,13 @@ class Readout:
             t_end_us=t_end_us,
             size=self._size,
         )
+
+
+def _not_before(keys: NDArray[np.int64], since_us: int) -> NDArray[np.int64]:
+    """Restamp sorted keys that rounding put a microsecond before their interval."""
+    start = np.int64(since_us) << KEY_SHIFT
+    early = int(np.searchsorted(keys, start))
+    if early:
+        keys[:early] = start | (keys[:early] & _PIXEL_BITS)
+        keys.sort()
+    return keys

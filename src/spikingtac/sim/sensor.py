@@ -13,7 +13,6 @@ from spikingtac.sim.light import (
     fill_tables,
     intensities,
     rate_at_white,
-    texture_field,
     vignette,
 )
 from spikingtac.sim.pixels import CHIP_DTYPE, PIXEL_DTYPE
@@ -52,18 +51,21 @@ class Sensor(NamedTuple):
     agenda: Agenda
 
 
-def make_sensor(config: CameraConfig, rng: np.random.Generator) -> Sensor:
+def make_sensor(
+    config: CameraConfig, pattern: NDArray[np.float32], rng: np.random.Generator
+) -> Sensor:
     """Draw a sensor.
 
     Args:
         config: The sensor's description.
-        rng: Draws mismatch, leak spread, texture and the key of the counted random numbers.
+        pattern: ``(p, p)`` relative brightness of the ground, periodic.
+        rng: Draws mismatch, leak spread and the key of the counted random numbers.
     """
     width, height = config.size
     pixels = np.zeros((height, width), PIXEL_DTYPE)
     pixels["index"] = np.arange(height * width).reshape(height, width)
     _draw_mismatch(pixels, config.pixel, rng)
-    brightest = _light_up(pixels, config, rng)
+    brightest = _light_up(pixels, config, pattern)
     chip = np.zeros(1, CHIP_DTYPE)
     chip["white_rate"] = rate_at_white(config.pixel)
     for name in ("dark", "refractory_us", "latency_us", "jitter_us", "leak_jitter"):
@@ -91,15 +93,14 @@ def _draw_mismatch(pixels: NDArray[Any], pixel: PixelConfig, rng: np.random.Gene
     pixels["mean_leak"] = pixels["on"] * pixel.leak_hz * 1e-6 * 10**decades / mean
 
 
-def _light_up(pixels: NDArray[Any], config: CameraConfig, rng: np.random.Generator) -> float:
+def _light_up(pixels: NDArray[Any], config: CameraConfig, pattern: NDArray[np.float32]) -> float:
     """Write the light on bare ground and under a marker; return the brightest that can occur."""
     light = config.light
     height, width = pixels.shape
     marker, ground = intensities(light)
     gain = vignette(light, config.size)
-    field = texture_field(light, rng)
-    rows, columns = np.arange(height) % len(field), np.arange(width) % len(field)
-    bare = gain * ground * (1 + field[rows[:, None], columns])
+    rows, columns = np.arange(height) % len(pattern), np.arange(width) % len(pattern)
+    bare = gain * ground * (1 + pattern[rows[:, None], columns])
     pixels["base"] = (bare + light.stray).clip(DARKEST, None)
     pixels["lift"] = gain * marker + light.stray - pixels["base"]
     top = np.maximum(pixels["base"], pixels["base"] + pixels["lift"]).max()
