@@ -1,5 +1,6 @@
 """What every arm does, whether it is the twin or a driver on a controller."""
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ import pytest
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.sim.ur3 import UR3Config, UR3Twin
+from stand_ins.remote_arm import RemoteArm
+from stand_ins.ur_controller import URController
 
 REPEATS_WITHIN_MM = 0.2
 
@@ -40,7 +43,23 @@ def twin() -> Iterator[Workplace]:
     yield Workplace(arm, wait_s)
 
 
-@pytest.fixture(params=[twin], ids=["twin"])
+def driver(e_series: bool) -> Iterator[Workplace]:
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with URController(e_series) as controller:
+        arm = RemoteArm(controller.host)
+        yield Workplace(arm, time.sleep)
+        assert arm.end() == 0
+
+
+def cb3() -> Iterator[Workplace]:
+    yield from driver(e_series=False)
+
+
+def e_series() -> Iterator[Workplace]:
+    yield from driver(e_series=True)
+
+
+@pytest.fixture(params=[twin, cb3, e_series], ids=["twin", "ur-cb3", "ur-e-series"])
 def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
     yield from request.param()
 
