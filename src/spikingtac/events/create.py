@@ -7,7 +7,7 @@ from pathlib import Path
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.formats.codec import EventWriter
 
-WRITABLE = (".raw",)
+WRITABLE = (".raw", ".npz", ".csv", ".txt", ".es", ".h5", ".hdf5", ".aedat4")
 """Endings that can be written."""
 
 
@@ -19,19 +19,42 @@ def create_events(
     The same events give the same bytes on every machine and day, wherever the packets are cut.
 
     Args:
-        path: File to write; ``.raw``.
+        path: File to write; its ending picks the format.
         size: ``(width, height)`` of the sensor, px.
         encoding: For ``.raw``: ``evt3`` (the default), ``evt21`` or ``evt2``.
 
     Raises:
         ConfigError: The ending or the encoding is unknown.
         FormatError: The sensor does not fit into the format.
+        MissingExtraError: The format needs a library of the extra ``[formats]``.
     """
     ending = Path(path).suffix.lower()
+    if encoding is not None and ending != ".raw":
+        raise ConfigError(f"encoding={encoding!r} is for .raw files, not for {ending!r}")
     if ending == ".raw":
         from spikingtac.events.formats.raw_writer import RawWriter
 
         return RawWriter(path, size, encoding or "evt3")
+    if ending == ".npz":
+        from spikingtac.events.formats.npz import NpzWriter
+
+        return NpzWriter(path, size)
+    if ending in (".csv", ".txt"):
+        from spikingtac.events.formats.csv import CsvWriter
+
+        return CsvWriter(path, size)
+    if ending == ".es":
+        from spikingtac.events.formats.es import EsWriter
+
+        return EsWriter(path, size)
+    if ending in (".h5", ".hdf5", ".aedat4"):
+        from spikingtac.events.formats.hdf5 import Hdf5Writer
+
+        return Hdf5Writer(path, size)
+    if ending == ".aedat4":
+        from spikingtac.events.formats.aedat4 import Aedat4Writer
+
+        return Aedat4Writer(path, size)
     raise ConfigError(
         f"cannot write {ending!r} files{nearest(ending, WRITABLE)} (valid: {', '.join(WRITABLE)})"
     )

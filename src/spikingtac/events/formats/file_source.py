@@ -57,6 +57,7 @@ class FileSource:
         losses: What was lost or mended in the latest iteration, by kind (see ``codec.KINDS``).
         triggers: Trigger edges met in the latest iteration.
         notes: What had to be assumed, in plain words.
+        progress: Share of the file that the latest iteration has read, 0 to 1.
     """
 
     format = "events"
@@ -68,6 +69,7 @@ class FileSource:
         self.losses = LossCounters()
         self.triggers: list[Trigger] = []
         self.notes: list[str] = []
+        self.progress = 0.0
         self._options = options
         self.size = options.size or self._size()
 
@@ -88,6 +90,7 @@ class FileSource:
         """
         self.losses.clear()
         self.triggers.clear()
+        self.progress = 0.0
         packer = Packer(self.size, self._options.chunk_events)
         check = ColumnCheck(self.size, self.losses)
         for columns in self._columns():
@@ -96,6 +99,7 @@ class FileSource:
             self._refuse_damage()
         self._refuse_damage()
         yield from packer.finish()
+        self.progress = 1.0
 
     def _refuse_damage(self) -> None:
         if not self._options.strict:

@@ -64,12 +64,14 @@ class RawSource(FileSource):
         decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
         stream = WordStream(decoder, self.losses, self.triggers)
         base_us = self.header.time_base_us
+        total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
             file.seek(self.header.length)
             data = file.read(CHUNK_BYTES)
             while data:
                 following = file.read(CHUNK_BYTES)
                 x, y, p, t = stream.feed(data, final=not following)
+                self.progress = file.tell() / total
                 yield x, y, p, t + base_us if base_us else t
                 data = following
 

@@ -1,0 +1,179 @@
+"""Filters on events: stateful ones give the same events however the stream is cut into packets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.types import EventPacket
+
+US_PER_S = 1_000_000
+
+
+def flip_polarity(packet: EventPacket) -> EventPacket:
+    """Exchange ON and OFF: dark markers on light ground then read as white ones on dark."""
+    return EventPacket(
+        packet.x, packet.y, ~packet.p, packet.t, packet.t_start_us, packet.t_end_us, packet.size
+    )
+
+
+def crop(packet: EventPacket, left: int, top: int, width: int, height: int) -> EventPacket:
+    """Keep a rectangle, whose upper left corner becomes the origin.
+
+    Args:
+        packet: Events.
+        left: First column that stays, px.
+        top: First row that stays, px.
+        width: Columns that stay, px.
+        height: Rows that stay, px.
+
+    Raises:
+        ConfigError: The rectangle does not lie on the sensor.
+    """
+    if min(left, top) < 0 or min(width, height) < 1:
+        raise ConfigError(f"crop {left},{top} {width}x{height} px is no rectangle on a sensor")
+    if left + width > packet.size[0] or top + height > packet.size[1]:
+        raise ConfigError(
+            f"crop {left},{top} {width}x{height} px leaves the sensor of "
+            f"{packet.size[0]}x{packet.size[1]} px"
+        )
+    x, y = packet.x.astype(np.int64) - left, packet.y.astype(np.int64) - top
+    kept = packet.select((x >= 0) & (x < width) & (y >= 0) & (y < height))
+    return EventPacket(
+        kept.x - np.uint16(left),
+        kept.y - np.uint16(top),
+        kept.p,
+        kept.t,
+        kept.t_start_us,
+        kept.t_end_us,
+        (width, height),
+    )
+
+
+def time_slice(
+    packets: Iterable[EventPacket], from_us: int | None = None, to_us: int | None = None
+) -> Iterator[EventPacket]:
+    """Keep the events in ``[from_us, to_us)``; None keeps the stream's own end on that side.
+
+    Raises:
+        ConfigError: The interval is empty.
+    """
+    if from_us is not None and to_us is not None and from_us >= to_us:
+        raise ConfigError(f"the interval from {from_us} to {to_us} us is empty")
+    for packet in packets:
+        start = packet.t_start_us if from_us is None else max(packet.t_start_us, from_us)
+        end = packet.t_end_us if to_us is None else min(packet.t_end_us, to_us)
+        if to_us is not None and packet.t_start_us >= to_us:
+            return
+        if start < end:
+            first, last = np.searchsorted(packet.t, (start, end))
+            yield packet.part(int(first), int(last), start, end)
+
+
+class HotPixelFinder:
+    """Counts events per pixel in a quiet stretch and names the pixels that fire far too often.
+
+    Args:
+        size: ``(width, height)`` of the sensor, px.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self._counts = np.zeros(size[1] * size[0], np.int64)
+        self._size = size
+        self._first_us: int | None = None
+        self._last_us = 0
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Count a packet's events."""
+        if self._first_us is None:
+            self._first_us = packet.t_start_us
+        self._last_us = packet.t_end_us
+        flat = packet.y.astype(np.int64) * self._size[0] + packet.x
+        self._counts += np.bincount(flat, minlength=len(self._counts))
+
+    def hot(self, rate_hz: float) -> NDArray[np.bool_]:
+        """Return the mask ``(height, width)`` of pixels with more than ``rate_hz`` events a second.
+
+        The sensors' data sheets put the background at about 0.1 Hz/px; hot pixels fire at 10 to
+        500 Hz (the presets of the digital twin), so 5 Hz over some seconds tells them apart.
+
+        Raises:
+            ConfigError: The rate is not positive.
+        """
+        if not rate_hz > 0:
+            raise ConfigError(f"rate_hz is {rate_hz}, it must be positive")
+        duration_s = (self._last_us - (self._first_us or 0)) / US_PER_S
+        limit = rate_hz * duration_s
+        hot = (self._counts > limit) & (self._counts > 1)
+        return hot.reshape(self._size[1], self._size[0])
+
+
+def without_pixels(packet: EventPacket, mask: NDArray[np.bool_]) -> EventPacket:
+    """Drop the events of the pixels that are True in the mask ``(height, width)``."""
+    return packet.select(~mask[packet.y, packet.x])
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackgroundActivityConfig:
+    """Settings of the background-activity filter.
+
+    Attributes:
+        window_us: How long an event supports its neighbours (ours: an edge at 1 px/ms passes a
+            neighbour within 1 ms; 5 ms leaves room for slow motion).
+    """
+
+    window_us: int = 5_000
+
+    def __post_init__(self) -> None:
+        if self.window_us < 1:
+            raise ValueError(f"window_us is {self.window_us}, it must be at least 1")
+
+
+class BackgroundActivityFilter:
+    """Keeps events that one of the eight neighbours supports by an event shortly before.
+
+    Source: T. Delbruck, "Frame-free dynamic digital vision", Intl. Symp. on Secure-Life
+    Electronics, 2008 (the background activity filter).
+
+    Args:
+        config: Settings.
+        size: ``(width, height)`` of the sensor, px.
+    """
+
+    def __init__(self, config: BackgroundActivityConfig, size: tuple[int, int]) -> None:
+        self._window_us = config.window_us
+        self._last_us = np.full((size[1] + 2, size[0] + 2), np.iinfo(np.int64).min // 2)
+
+    def __call__(self, packet: EventPacket) -> EventPacket:
+        """Return the supported events of a packet that follows the ones before."""
+        from spikingtac.events.filter_kernels import supported_kernel
+
+        keep = np.empty(len(packet), np.bool_)
+        supported_kernel(packet.x, packet.y, packet.t, self._window_us, self._last_us, keep)
+        return packet.select(keep)
+
+
+class RandomDrop:
+    """Drops each event with one and the same probability, for experiments.
+
+    Args:
+        share: Probability of a drop, 0 to 1.
+        seed: Seed of the generator; the same events are dropped however the stream is cut.
+
+    Raises:
+        ConfigError: The share is not between 0 and 1.
+    """
+
+    def __init__(self, share: float, seed: int) -> None:
+        if not 0 <= share <= 1:
+            raise ConfigError(f"share is {share}, it must lie between 0 and 1")
+        self._share = share
+        self._random = np.random.default_rng(seed)
+
+    def __call__(self, packet: EventPacket) -> EventPacket:
+        """Return the events of a packet that stay."""
+        return packet.select(self._random.random(len(packet)) >= self._share)
