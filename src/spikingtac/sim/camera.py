@@ -37,23 +37,28 @@ class EventCamera:
 
     Args:
         config: The sensor.
-        seed: Equal seeds are one and the same sensor with one and the same noise.
+        seed: Of the noise, and of the sensor where no serial is given.
+        serial: Which sensor: its mismatch, hot pixels and ground pattern, whatever the seed.
 
     Attributes:
         size: ``(width, height)``, px.
         losses: Events dropped by the readout, by kind.
     """
 
-    def __init__(self, config: CameraConfig, seed: int = 0) -> None:
+    def __init__(self, config: CameraConfig, seed: int = 0, serial: int | None = None) -> None:
         streams = np.random.default_rng(seed).spawn(6)
+        made = streams if serial is None else np.random.default_rng(serial).spawn(6)
         self.size = config.size
         self.losses = LossCounters()
         self._config = config
         self._rng = streams[3]
-        pattern = texture_field(config.light, streams[4])
-        self._sensor = make_sensor(config, pattern, streams[0])
+        pattern = texture_field(config.light, made[4])
+        self._sensor = make_sensor(config, pattern, made[0])
         self._dense = DenseRenderer(config, pattern, streams[5]) if is_dense(config) else None
-        self._noise = make_noise(config.background, config.size[0] * config.size[1], streams[1])
+        self._noise = make_noise(config.background, config.size[0] * config.size[1], made[1])
+        if serial is not None:  # the same pixels, but not the same noise in every recording
+            self._sensor.chip["key"] = streams[0].integers(0, 1 << 63)
+            self._noise = self._noise._replace(key=np.uint64(streams[1].integers(0, 1 << 63)))
         self._readout = Readout(config.readout, config.size, streams[2], self.losses)
         self._out = np.zeros(_FIRST_OUTBOX, np.int64)
         self._before = np.empty(0, DISC_DTYPE)

@@ -77,7 +77,8 @@ class SceneSource:
         self.t_end_us = None if self._count is None else self._count * self._period_us
         self._gel = Gel(scene.gel, scene.skin.rest_mm())
         self._optics = Optics(scene.optics, seed=scene.skin.serial)
-        self._camera = EventCamera(scene.camera.resolve(scene.size), seed)
+        camera = scene.camera.resolve(scene.size)
+        self._camera = EventCamera(camera, seed, serial=scene.skin.serial)
         rest = self._optics.project(scene.skin.at_rest())
         self.reference_px: NDArray[np.float64] = rest.center_px
         self.radius_px: NDArray[np.float64] = image_radius_px(rest)
