@@ -8,14 +8,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from spikingtac.events.create import create_events
     from spikingtac.events.open import open_events
+    from spikingtac.events.recording import Recording, RecordingWriter
     from spikingtac.events.source import EventSource, PacketSource
     from spikingtac.events.windows import cut, windows
 
-__all__ = ["EventSource", "PacketSource", "create_events", "cut", "open_events", "windows"]
+__all__ = [
+    "EventSource",
+    "PacketSource",
+    "Recording",
+    "RecordingWriter",
+    "create_events",
+    "cut",
+    "open_events",
+    "windows",
+]
 
 _HOMES = {
     "EventSource": "source",
     "PacketSource": "source",
+    "Recording": "recording",
+    "RecordingWriter": "recording",
     "create_events": "create",
     "cut": "windows",
     "open_events": "open",
