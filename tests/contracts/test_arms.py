@@ -45,10 +45,8 @@ def twin() -> Iterator[Workplace]:
 
 def driver(e_series: bool) -> Iterator[Workplace]:
     pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
-    with URController(e_series) as controller:
-        arm = RemoteArm(controller.host)
+    with URController(e_series) as controller, RemoteArm(controller.host) as arm:
         yield Workplace(arm, time.sleep)
-        assert arm.end() == 0
 
 
 def cb3() -> Iterator[Workplace]:

@@ -32,8 +32,18 @@ class RemoteArm:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             text=True,
         )  # fmt: skip
-        self._closed = False
-        self._read()
+        try:
+            self._read()
+        except errors.SpikingTacError:
+            self.end()
+            raise
+
+    def __enter__(self) -> RemoteArm:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._process.returncode is None:
+            self.kill()
 
     def pose(self) -> Pose:
         position, rotation = self._call("pose")

@@ -60,6 +60,9 @@ class URController:
         self._open = True
         self._sockets: list[socket.socket] = []
         self._listeners: list[socket.socket] = []
+        self._threads: list[threading.Thread] = []
+        self._ended = threading.Event()
+        self._in_background(self._tick)
         self._start_listening()
 
     def __enter__(self) -> URController:
@@ -67,6 +70,9 @@ class URController:
 
     def __exit__(self, *exception: object) -> None:
         self.shut_down()
+        self._ended.set()
+        for thread in self._threads:
+            thread.join(5.0)
 
     def shut_down(self) -> None:
         """Close every port and connection, as when the power goes."""
@@ -100,7 +106,7 @@ class URController:
         for port, session in serve.items():
             listener = socket.create_server((self.host, port))
             self._listeners.append(listener)
-            _in_background(self._accept, listener, session)
+            self._in_background(self._accept, listener, session)
 
     def _accept(self, listener: socket.socket, session: Callable[[socket.socket], None]) -> None:
         with contextlib.suppress(OSError):
@@ -108,7 +114,18 @@ class URController:
                 connection, _ = listener.accept()
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._sockets.append(connection)
-                _in_background(_quietly, session, connection)
+                self._in_background(_quietly, session, connection)
+
+    def _in_background(self, work: Callable[..., None], *arguments: object) -> None:
+        self._threads.append(threading.Thread(target=work, args=arguments, daemon=True))
+        self._threads[-1].start()
+
+    def _tick(self) -> None:
+        """Live on without any client: move, and obey the watchdog."""
+        while not self._ended.wait(0.004):
+            with self._lock:
+                self._advance()
+                self._obey_watchdog()
 
     def _advance(self) -> None:
         self.twin.advance_to(round((time.monotonic() - self._origin_s) * 1e6))
@@ -137,7 +154,7 @@ class URController:
             "stop": "Stopped",
             "unlock protective stop": "Protective stop releasing",
         }
-        for line in connection.makefile():
+        for line in connection.makefile():  # closed with its connection
             reply = answers.get(line.strip(), "could not understand: " + line.strip())
             if line.strip() == "stop":
                 self._program = False
@@ -172,7 +189,7 @@ class URController:
             elif letter == "S":
                 connection.sendall(frame("S", b"\x01"))
                 running.set()
-                _in_background(_quietly, self._stream, connection, outputs[-1])
+                self._in_background(_quietly, self._stream, connection, outputs[-1])
             elif letter == "P":
                 connection.sendall(frame("P", b"\x01"))
             elif letter == "U":
@@ -190,7 +207,6 @@ class URController:
     def _outputs(self) -> dict[str, object]:
         with self._lock:
             self._advance()
-            self._obey_watchdog()
             pose = (*(self.twin.true_position_mm() * 1e-3), *ROTATION_VECTOR)
             speed = (*(self.twin.speed_mm_s() * 1e-3), 0.0, 0.0, 0.0)
             stopped = self.twin.state() is ArmState.PROTECTIVE_STOP
@@ -241,10 +257,6 @@ class URController:
             self.stop_times_s.append(time.monotonic())
             self.twin.protective_stop()
             self._program = False
-
-
-def _in_background(work: Callable[..., None], *arguments: object) -> None:
-    threading.Thread(target=work, args=arguments, daemon=True).start()
 
 
 def _quietly(session: Callable[..., None], *arguments: object) -> None:

@@ -7,6 +7,7 @@ controller stops by itself when this computer falls silent (URScript's watchdog,
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import socket
 import threading
@@ -176,9 +177,11 @@ class URArm:
         if self._config.watchdog_hz is not None:
             self._call(lambda: self._control.setWatchdog(self._config.watchdog_hz))
             self._heartbeat.start()
+        atexit.register(self.close)  # ur_rtde's threads crash an interpreter that ends before them
 
     def _let_go(self) -> None:
         self._closed = True
+        atexit.unregister(self.close)
         self._end_heartbeat.set()
         if self._heartbeat.is_alive():
             self._heartbeat.join()

@@ -1,0 +1,125 @@
+"""The real driver against a fake controller that fails: everything ends in a stop and an error."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import DeviceError, MissingExtraError
+from spikingtac.robot.arm import ArmState
+from spikingtac.robot.ur import URArm, rotation_matrix
+from stand_ins.remote_arm import RemoteArm
+from stand_ins.ur_controller import URController
+
+SLACK_S = 0.3
+"""What a loaded machine may add to a stated time."""
+
+
+def until(done: Callable[[], bool], patience_s: float = 3.0) -> float:
+    """Wait until ``done`` and return for how long; fail when it does not come."""
+    start_s = time.monotonic()
+    while not done():
+        assert time.monotonic() - start_s < patience_s, "it did not come"
+        time.sleep(0.005)
+    return time.monotonic() - start_s
+
+
+@pytest.fixture
+def controller() -> Iterator[URController]:
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with URController() as fake:
+        yield fake
+
+
+@pytest.fixture
+def arm(controller: URController) -> Iterator[RemoteArm]:
+    """Return a driver whose arm is moving."""
+    with RemoteArm(controller.host) as driver:
+        driver.move_linear(driver.pose().position_mm + np.array([80.0, 0.0, 0.0]), 40.0)
+        until(lambda: float(np.linalg.norm(driver.speed_mm_s())) > 30.0)
+        yield driver
+
+
+def still(controller: URController) -> bool:
+    return float(np.linalg.norm(controller.twin.speed_mm_s())) < 0.1
+
+
+def test_both_rates_are_asked_for_by_version(controller: URController) -> None:
+    RemoteArm(controller.host).end()
+    assert controller.asked_rates_hz == [125.0, 125.0]
+    assert "rtde_set_watchdog" in controller.scripts[0]
+    with URController(e_series=True) as newer:
+        RemoteArm(newer.host).end()
+        assert newer.asked_rates_hz == [500.0, 500.0]
+
+
+def test_the_controller_stops_when_this_computer_dies(
+    controller: URController, arm: RemoteArm
+) -> None:
+    arm.kill()
+    assert until(lambda: still(controller)) < 0.1 + 0.05 + SLACK_S
+    assert controller.twin.true_position_mm()[0] < 180.0 - 10.0
+
+
+def test_a_protective_stop_is_seen_and_refuses_motion(
+    controller: URController, arm: RemoteArm
+) -> None:
+    controller.protective_stop()
+    until(lambda: arm.state() is ArmState.PROTECTIVE_STOP, 0.5 + SLACK_S)
+    with pytest.raises(DeviceError, match="protective stop"):
+        arm.move_linear(np.zeros(3), 10.0)
+
+
+def test_a_stalled_stream_is_no_pose_and_can_still_be_stopped(
+    controller: URController, arm: RemoteArm
+) -> None:
+    controller.stalled = True
+    until(lambda: arm.state() is ArmState.DISCONNECTED, 0.1 + SLACK_S)
+    with pytest.raises(DeviceError, match="no report from the controller"):
+        arm.pose()
+    arm.stop()
+    until(lambda: "spikingtac_stop" in controller.scripts[-1], 0.5)
+    controller.stalled = False
+    until(lambda: still(controller))
+
+
+def test_a_lost_controller_is_reported_at_once_and_found_again(
+    controller: URController, arm: RemoteArm
+) -> None:
+    controller.shut_down()
+    until(lambda: arm.state() is ArmState.DISCONNECTED, 0.1 + SLACK_S)
+    start_s = time.monotonic()
+    with pytest.raises(DeviceError, match="could not be sent"):
+        arm.stop()
+    assert time.monotonic() - start_s < 0.1 + SLACK_S
+    until(lambda: controller.twin.state() is ArmState.PROTECTIVE_STOP)
+    controller.start_again()
+    controller.twin.recover()
+    arm.reconnect()
+    until(lambda: arm.state() is ArmState.IDLE)
+    target = arm.pose().position_mm + np.array([1.0, 0.0, 0.0])
+    arm.move_linear(target, 20.0)
+    until(lambda: arm.state() is ArmState.IDLE)
+    np.testing.assert_allclose(arm.pose().position_mm, target, atol=0.05)
+    assert arm.end() == 0
+
+
+def test_nobody_there() -> None:
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with pytest.raises(DeviceError, match="no UR controller answers"):
+        RemoteArm("127.0.0.254")
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "rtde_control", None)
+    with pytest.raises(MissingExtraError, match=r"spikingtac\[robot\]"):
+        URArm("127.0.0.1")
+
+
+def test_rotation_vectors() -> None:
+    np.testing.assert_allclose(rotation_matrix(np.zeros(3)), np.eye(3))
+    half = rotation_matrix(np.array([0.0, np.pi, 0.0]))
+    np.testing.assert_allclose(half, np.diag([-1.0, 1.0, -1.0]), atol=1e-12)
+    quarter = rotation_matrix(np.array([0.0, 0.0, np.pi / 2]))
+    np.testing.assert_allclose(quarter @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)

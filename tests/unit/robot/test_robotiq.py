@@ -1,0 +1,77 @@
+"""The gripper's driver against a fake that speaks its ASCII socket."""
+
+import pytest
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.robotiq import Grip, RobotiqConfig, RobotiqGripper
+from stand_ins.robotiq_gripper import FakeGripper
+
+
+def connect(fake: FakeGripper) -> RobotiqGripper:
+    config = RobotiqConfig(port=fake.port, timeout_s=0.2, motion_s=1.0, activation_s=0.2)
+    return RobotiqGripper("127.0.0.1", config)
+
+
+@pytest.mark.parametrize("bare_ack", [False, True])
+def test_it_activates_and_moves(bare_ack: bool) -> None:
+    with FakeGripper() as fake:
+        fake.bare_ack = bare_ack
+        with connect(fake) as gripper:
+            gripper.activate()
+            assert fake.values["GTO"] == 1
+            assert gripper.move(200, speed=100, force=20) is Grip.AT_POSITION
+            assert gripper.position() == 200
+            assert (fake.values["SPE"], fake.values["FOR"]) == (100, 20)
+            gripper.activate()
+            assert gripper.position() == 200
+
+
+def test_it_says_when_it_holds_something() -> None:
+    with FakeGripper(object_at=120) as fake, connect(fake) as gripper:
+        gripper.activate()
+        assert gripper.move(255) is Grip.HELD_CLOSING
+        assert gripper.position() == 120
+
+
+@pytest.mark.parametrize("changes", [{"position": 256}, {"position": 0, "force": -1}])
+def test_values_out_of_range_are_refused(changes: dict[str, int]) -> None:
+    with (
+        FakeGripper() as fake,
+        connect(fake) as gripper,
+        pytest.raises(ConfigError, match="0 to 255"),
+    ):
+        gripper.move(**changes)
+
+
+def test_a_fault_is_reported() -> None:
+    with FakeGripper() as fake, connect(fake) as gripper:
+        gripper.activate()
+        fake.values["FLT"] = 10
+        with pytest.raises(DeviceError, match="fault 10"):
+            gripper.move(100)
+
+
+def test_a_foreign_answer_is_reported() -> None:
+    with FakeGripper() as fake, connect(fake) as gripper:
+        fake.answer_instead = "?"
+        with pytest.raises(DeviceError, match=r"'\?' to GET POS"):
+            gripper.position()
+        with pytest.raises(DeviceError, match=r"'\?' to SET GTO 1"):
+            gripper.set("GTO", 1)
+
+
+def test_silence_and_a_cut_connection_are_reported() -> None:
+    with FakeGripper() as fake, connect(fake) as gripper:
+        fake.silent = True
+        with pytest.raises(DeviceError, match="does not answer"):
+            gripper.position()
+        fake.drop()
+        with pytest.raises(DeviceError, match="does not answer"):
+            gripper.position()
+
+
+def test_nobody_there() -> None:
+    with FakeGripper() as fake:
+        port = fake.port
+    with pytest.raises(DeviceError, match="URCap"):
+        RobotiqGripper("127.0.0.1", RobotiqConfig(port=port, timeout_s=0.2))
