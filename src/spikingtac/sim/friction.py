@@ -13,6 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+RELAXATION = np.float32(0.75)
+"""Share of the way to its own solution that each cell goes in a sweep: neighbours respond alike, so
+all the way overshoots (0.75 needs a tenth to a fifth fewer sweeps than 1; 1.5 needs twice as many)."""
+
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def shear_kernel(
@@ -53,8 +57,8 @@ def shear_kernel(
             for j in range(count):
                 error_x -= xx[i, j] * shear[0, j] + xy[i, j] * shear[1, j]
                 error_y -= xy[i, j] * shear[0, j] + yy[i, j] * shear[1, j]
-            wanted_x = shear[0, i] + error_x / xx[i, i]
-            wanted_y = shear[1, i] + error_y / yy[i, i]
+            wanted_x = shear[0, i] + RELAXATION * error_x / xx[i, i]
+            wanted_y = shear[1, i] + RELAXATION * error_y / yy[i, i]
             length = np.hypot(wanted_x, wanted_y)
             if length > bound[i]:
                 wanted_x *= bound[i] / length
@@ -63,6 +67,6 @@ def shear_kernel(
             worst = max(worst, change * xx[i, i])
             shear[0, i] = wanted_x
             shear[1, i] = wanted_y
-        if worst <= tolerance:
+        if worst <= RELAXATION * tolerance:
             return sweep + 1
     return most_sweeps
