@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 RELAXATION = np.float32(0.75)
 """Share of the way to its own solution that each cell goes in a sweep: neighbours respond alike, so
-all the way overshoots (0.75 needs a tenth to a fifth fewer sweeps than 1; 1.5 needs twice as many)."""
+all the way overshoots (0.75 needs a tenth to a fifth fewer sweeps than 1; 1.5 twice as many)."""
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
