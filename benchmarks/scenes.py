@@ -69,9 +69,10 @@ def main() -> None:
     for _ in SceneSource(catalog.load(arguments.scenes[0]), duration_s=1.0):
         pass
     timings = {name: measure(name, arguments.seed) for name in arguments.scenes}
-    table = Table("scene", "length s", "events M", "wall s", "gel CPU s", "camera CPU s")
-    table.add_column("real time", justify="right")
-    table.add_column("at best", justify="right")
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scene", no_wrap=True)
+    for column in ("length s", "events M", "wall s", "gel s", "camera s", "real time", "at best"):
+        table.add_column(column, justify="right")
     for name, timing in timings.items():
         row = (timing.scene_s, timing.events * 1e-6, timing.wall_s, timing.gel_cpu_s)
         rest = (timing.camera_cpu_s, timing.real_time, timing.at_best)

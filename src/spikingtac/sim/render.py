@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
-from importlib.metadata import version
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.create import create_events
+from spikingtac.events.recording import MANIFEST, TRUTH, Recording, RecordingWriter
 from spikingtac.sim.scene import Scene
 from spikingtac.sim.source import SceneSource
-from spikingtac.sim.truth import TruthChunk
 
-MANIFEST_SCHEMA = 1
-EVENTS_NAME, TRUTH_NAME, MANIFEST_NAME = "events.raw", "truth.npz", "manifest.json"
+NAMES = ("events.raw", TRUTH, MANIFEST)
+"""Files of the recording folder of one sensor."""
+
+SOURCE = "twin"
+"""What the manifest of a simulation names as its source."""
 
 
 def simulate(
@@ -32,8 +33,8 @@ def simulate(
 ) -> dict[str, Any]:
     """Render a scene into a recording folder.
 
-    Events are written as they come; the truth (0.5 MB/s) is kept until the end. A folder that is
-    cut short by an error or an interrupt is left without the files.
+    Memory does not grow with the scene. A folder that is cut short by an error or an interrupt is
+    left without the files.
 
     Args:
         scene: What happens.
@@ -56,13 +57,21 @@ def simulate(
         raise ConfigError(f"duration_s is {duration_s}, it must be positive and finite")
     target = _prepared(Path(folder), overwrite)
     source = SceneSource(scene, seed, duration_s)
+    events = 0
     try:
-        events, truth = _write_events(source, target / EVENTS_NAME, advance)
-        _write_truth(source, truth, target / TRUTH_NAME)
-        document = json.dumps(manifest(source, events), indent=1, sort_keys=True)
-        (target / MANIFEST_NAME).write_text(document + "\n", encoding="utf-8")
+        with RecordingWriter(target, source.size) as writer:
+            writer.set_truth("reference_px", source.reference_px.astype(np.float32))
+            writer.set_truth("radius_px", source.radius_px.astype(np.float32))
+            for step in source.steps():
+                writer.write(step.packet)
+                writer.append_truth(asdict(step.truth))
+                events += len(step.packet)
+                if advance is not None and source.t_end_us:
+                    advance(step.packet.t_end_us / source.t_end_us)
+            writer.losses.update(source.losses)
+            writer.describe(**description(source, events))
     except BaseException:
-        for name in (EVENTS_NAME, TRUTH_NAME, MANIFEST_NAME):
+        for name in NAMES:
             (target / name).unlink(missing_ok=True)
         raise
     assert source.t_end_us is not None
@@ -75,15 +84,12 @@ def simulate(
     }
 
 
-def manifest(source: SceneSource, events: int) -> dict[str, Any]:
-    """Return the manifest of a finished simulation; nothing in it depends on when or where."""
+def description(source: SceneSource, events: int) -> dict[str, Any]:
+    """Return what the manifest says of a simulation; when and where it ran is not in it."""
     scene = source.scene
     camera = scene.camera.resolve(scene.size)
     return {
-        "schema": MANIFEST_SCHEMA,
-        "source": "twin",
-        "package_version": version("spikingtac"),
-        "size": list(source.size),
+        "source": SOURCE,
         "grid": list(scene.skin.grid),
         "t_start_us": 0,
         "t_end_us": source.t_end_us,
@@ -92,7 +98,6 @@ def manifest(source: SceneSource, events: int) -> dict[str, Any]:
         "contrast": camera.light.contrast,
         "threshold_on": camera.pixel.threshold_on,
         "threshold_off": camera.pixel.threshold_off,
-        "losses": dict(source.losses.kinds()),
         "scene": scene.resolved(),
         "scene_sha256": scene.digest(),
     }
@@ -116,36 +121,6 @@ def _prepared(folder: Path, overwrite: bool) -> Path:
 
 def _is_simulation(folder: Path) -> bool:
     try:
-        document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return Recording.open(folder).manifest.get("source") == SOURCE
+    except RecordingError:
         return False
-    return isinstance(document, dict) and document.get("source") == "twin"
-
-
-def _write_events(
-    source: SceneSource, path: Path, advance: Callable[[float], None] | None
-) -> tuple[int, TruthChunk]:
-    chunks: list[TruthChunk] = []
-    events = 0
-    with create_events(path, source.size) as writer:
-        for step in source.steps():
-            writer.write(step.packet)
-            chunks.append(step.truth)
-            events += len(step.packet)
-            if advance is not None and source.t_end_us:
-                advance(step.packet.t_end_us / source.t_end_us)
-    return events, TruthChunk.concatenate(chunks)
-
-
-def _write_truth(source: SceneSource, truth: TruthChunk, path: Path) -> None:
-    np.savez(
-        path,
-        marker_t_us=truth.marker_t_us,
-        marker_px=truth.marker_px,
-        reference_px=source.reference_px.astype(np.float32),
-        radius_px=source.radius_px.astype(np.float32),
-        contact_t_us=truth.contact_t_us,
-        force_n=truth.force_n,
-        pose_mm=truth.pose_mm,
-        in_contact=truth.in_contact,
-    )
