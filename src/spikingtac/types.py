@@ -174,6 +174,8 @@ class Calibration:
         polarity: ``"white"`` markers on dark ground, or ``"dark"`` on light.
         step_on: Share of the full swing that one ON event stands for, or None (use the preset's).
         step_off: The same for OFF events.
+        step_on_map: ``(height, width)`` float32 shares per pixel, 0 where unknown; or None.
+        step_off_map: The same for OFF events.
         contrast: Marker over ground intensity ratio, or None.
         edge_px: Logistic scale of a marker's edge, px, or None.
         lag_us: Delay of the events behind the motion, us, or None.
@@ -189,6 +191,8 @@ class Calibration:
     polarity: str = "white"
     step_on: float | None = None
     step_off: float | None = None
+    step_on_map: NDArray[np.float32] | None = None
+    step_off_map: NDArray[np.float32] | None = None
     contrast: float | None = None
     edge_px: float | None = None
     lag_us: float | None = None

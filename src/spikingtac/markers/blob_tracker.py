@@ -16,6 +16,7 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.associate import UNMATCHED, associate
 from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac.state_map.state_map import StateMap
@@ -150,11 +151,3 @@ def painted_binary_map(calibration: Calibration) -> BinaryStateMap:
     """Return the binary map of a sensor at rest, ready to absorb events of its polarity."""
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
     return BinaryStateMap(calibration.size, start, dark_markers=calibration.polarity == "dark")
-
-
-def smallest_spacing_px(reference_px: NDArray[np.float64]) -> float:
-    """Return the smallest distance between two markers, px; infinite for a single marker."""
-    offset = reference_px[:, np.newaxis] - reference_px[np.newaxis]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    np.fill_diagonal(distance, np.inf)
-    return float(distance.min(initial=np.inf))

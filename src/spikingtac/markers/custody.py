@@ -1,0 +1,152 @@
+"""Custody of the identities: which markers are observed, which are held, and how they come back.
+
+A marker counts as lost when its fit no longer agrees with the map, or when it stays away from where
+its neighbours expect it. It is then predicted from them, flagged ``held``, and looked for at a low
+rate by a detection in the full map; a detection is taken only near the prediction and only if no
+other marker owns it, so that identities cannot swap. A broken marker is never found again: it stays
+held, with confidence 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.markers.associate import UNMATCHED, associate
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.neighbours import neighbour_weights, smallest_spacing_px
+from spikingtac.types import Calibration
+
+SMALLEST_BLOB_SHARE = 0.4
+LARGEST_BLOB_SHARE = 2.5
+"""Area of a blob that may be a lost marker, over that of its disc (ours)."""
+
+BLOB_LEVEL = 0.5
+"""Level at which the full-frame detection binarises the map: half-way."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CustodyConfig:
+    """When a marker counts as lost.
+
+    Attributes:
+        agreement: Share of the edge that must agree with the fitted disc (ours).
+        strain_px: Distance from the neighbours' prediction that is still believed, at rest, px.
+        strain_share: The same, as a share of how far the neighbours moved (ours: contact bends the
+            field, but never this much between neighbours).
+        patience_us: How long a marker may look lost before it is held, us.
+        search_us: Time between two full-frame detections while a marker is lost, us.
+        capture_share: Largest distance between prediction and detection, as a share of the smallest
+            spacing of the markers.
+    """
+
+    agreement: float = 0.35
+    strain_px: float = 4.0
+    strain_share: float = 0.5
+    patience_us: int = 20_000
+    search_us: int = 20_000
+    capture_share: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.agreement < 1.0:
+            raise ConfigError(f"agreement is {self.agreement}, it must lie between 0 and 1")
+        for name in ("strain_px", "strain_share", "capture_share"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
+        if self.patience_us < 0 or self.search_us < 0:
+            raise ConfigError("patience_us and search_us must not be negative")
+
+
+class Custody:
+    """Keeps the identities of one sensor's markers.
+
+    Attributes:
+        held: ``(m,)`` markers that are predicted, not observed.
+        moved: ``(m,)`` markers that the last judgement placed somewhere else.
+        position_px: ``(m, 2)`` where it placed them.
+    """
+
+    def __init__(self, config: CustodyConfig, calibration: Calibration) -> None:
+        """Begin with every marker observed at its reference."""
+        count = len(calibration.reference_px)
+        self._config = config
+        self._reference_px = calibration.reference_px
+        self._weights = neighbour_weights(calibration.reference_px)
+        disc_px = np.pi * calibration.radius_px**2
+        self._detector = BlobDetector(
+            calibration.size,
+            BlobConfig(
+                threshold=BLOB_LEVEL,
+                min_area_px=SMALLEST_BLOB_SHARE * float(disc_px.min()),
+                max_area_px=LARGEST_BLOB_SHARE * float(disc_px.max()),
+            ),
+        )
+        self._capture_px = config.capture_share * smallest_spacing_px(calibration.reference_px)
+        self._doubted_since_us = np.full(count, -1, np.int64)
+        self._search_at_us = 0
+        self.held = np.zeros(count, np.bool_)
+        self.moved = np.zeros(count, np.bool_)
+        self.position_px = calibration.reference_px.copy()
+
+    def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
+        return self._reference_px + self._weights @ (position_px - self._reference_px)
+
+    def judge(
+        self,
+        t_us: int,
+        fitted_px: NDArray[np.float64],
+        agreement: NDArray[np.float64],
+        levels: NDArray[np.float32],
+    ) -> NDArray[np.bool_]:
+        """Decide which markers are held at ``t_us`` and look for those that are.
+
+        Args:
+            t_us: Time of the estimate, us.
+            fitted_px: ``(m, 2)`` positions from the fit, px.
+            agreement: ``(m,)`` share of each edge that agrees with its disc.
+            levels: ``(height, width)`` the map.
+
+        Returns:
+            ``(m,)`` the held markers (:attr:`held`, not a copy).
+        """
+        self.moved[:] = False
+        doubted = self._doubted(fitted_px, agreement)
+        fresh = doubted & (self._doubted_since_us < 0)
+        self._doubted_since_us[fresh] = t_us
+        self._doubted_since_us[~doubted] = -1
+        waited = t_us - self._doubted_since_us >= self._config.patience_us
+        self.held |= doubted & waited
+        if self.held.any():
+            self._place_held(fitted_px)
+            if t_us >= self._search_at_us:
+                self._search_at_us = t_us + self._config.search_us
+                self._search(fitted_px, levels)
+        return self.held
+
+    def _doubted(
+        self, fitted_px: NDArray[np.float64], agreement: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        expected_px = self.expected_px(fitted_px)
+        strain_px = np.sqrt(((fitted_px - expected_px) ** 2).sum(axis=1))
+        travel_px = np.sqrt(((expected_px - self._reference_px) ** 2).sum(axis=1))
+        believed_px = self._config.strain_px + self._config.strain_share * travel_px
+        return (agreement < self._config.agreement) | (strain_px > believed_px)
+
+    def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
+        held = self.held
+        blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
+        self.position_px[held] = self.expected_px(blended)[held]
+        self.moved |= held
+
+    def _search(self, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
+        blobs = self._detector.detect(levels)
+        expected_px = np.where(self.held[:, np.newaxis], self.position_px, fitted_px)
+        match = associate(expected_px, blobs.center_px, self._capture_px)
+        found = self.held & (match != UNMATCHED)
+        self.position_px[found] = blobs.center_px[match[found]]
+        self.held &= ~found
+        self._doubted_since_us[found] = -1

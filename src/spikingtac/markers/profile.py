@@ -1,0 +1,89 @@
+"""The brightness of a marker's disc across its edge, in units of the full swing.
+
+The skin is ground (intensity 1) and disc (intensity ``contrast``), blurred by the lens: a logistic
+edge of scale ``edge_px``. Event cameras see the logarithm, so that the normalised level at signed
+distance q outside of the nominal radius is
+
+    S(q) = ln(1 + k / (1 + exp(q / s))) / ln(1 + k),  k = contrast - 1, s = edge_px,
+
+1 in the disc, 0 on the ground, and above one half at the nominal radius.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+
+TABLE_STEP_PX = 1.0 / 64.0
+"""Resolution of the tables: S changes by at most 0.01 per step for edges of 0.4 px and wider."""
+
+REACH_EDGES = 6.5
+"""The tables reach this many edge scales to both sides; S is within 0.005 of its limits there."""
+
+CONTRAST_DEFAULT = 6.0
+"""Marker over ground intensity where nothing was calibrated (the twin's presets)."""
+
+EDGE_DEFAULT_PX = 0.55
+"""Logistic edge scale where nothing was calibrated: a pixel box with half a pixel of lens blur."""
+
+
+@dataclass(frozen=True)
+class DiscProfile:
+    """S(q) of one sensor; see the module for the formula.
+
+    Attributes:
+        contrast: Intensity of the disc over that of the ground, above 1.
+        edge_px: Logistic scale of the edge, px.
+    """
+
+    contrast: float = CONTRAST_DEFAULT
+    edge_px: float = EDGE_DEFAULT_PX
+
+    def __post_init__(self) -> None:
+        if not self.contrast > 1.0:
+            raise ConfigError(
+                f"contrast is {self.contrast}, the disc must be brighter than its ground (above 1);"
+                " for dark markers give the ratio ground over marker and polarity 'dark'"
+            )
+        if not self.edge_px > 0.0:
+            raise ConfigError(f"edge_px is {self.edge_px}, it must be positive")
+
+    @property
+    def reach_px(self) -> float:
+        """Distance from the nominal radius beyond which the level is flat, px."""
+        return REACH_EDGES * self.edge_px
+
+    def level(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
+        """Return S(q) for distances of any shape, px (negative inside of the disc)."""
+        k = self.contrast - 1.0
+        inside = 1.0 / (1.0 + np.exp(np.clip(np.asarray(q_px, float) / self.edge_px, -40.0, 40.0)))
+        return np.log1p(k * inside) / np.log1p(k)
+
+    def slope(self, q_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
+        """Return dS/dq, 1/px (negative)."""
+        k = self.contrast - 1.0
+        inside = 1.0 / (1.0 + np.exp(np.clip(np.asarray(q_px, float) / self.edge_px, -40.0, 40.0)))
+        numerator = -k * inside * (1.0 - inside) / self.edge_px
+        return numerator / (1.0 + k * inside) / np.log1p(k)
+
+    def distance(self, level: NDArray[np.floating] | float) -> NDArray[np.float64]:
+        """Return the q at which S(q) equals ``level`` (clipped to 0.001 ... 0.999), px."""
+        k = self.contrast - 1.0
+        clipped = np.clip(np.asarray(level, float), 1e-3, 1.0 - 1e-3)
+        inside = np.expm1(clipped * np.log1p(k)) / k
+        return self.edge_px * np.log(1.0 / inside - 1.0)
+
+    @cached_property
+    def tables(self) -> NDArray[np.float32]:
+        """``(2, n)`` float32: S and dS/dq from -reach to +reach in steps of TABLE_STEP_PX."""
+        steps = int(np.ceil(2.0 * self.reach_px / TABLE_STEP_PX)) + 1
+        q_px = -self.reach_px + TABLE_STEP_PX * np.arange(steps)
+        table = np.stack([self.level(q_px), self.slope(q_px)])
+        table[:, 0] = 1.0, 0.0
+        table[:, -1] = 0.0, 0.0
+        return table.astype(np.float32)

@@ -1,0 +1,165 @@
+"""The graded state map: it integrates brightness where the paper's map remembers a sign.
+
+Every ON event raises its pixel by a step, every OFF event lowers it, clipped to [0, 1]. The step is
+the share of the full swing between ground and marker that one event stands for; clipping at both
+ends anchors the sum, so that noise mostly cancels and leak saturates. Between two events the true
+level lies on the far side of the last crossing: half a step in the direction of the last polarity
+is its expectation, which removes most of the hysteresis, also at rest. Ours; the reason against
+the paper's Eq. 1 is measured in ``docs/explanation/paper-map.md``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.types import EventPacket
+
+PAD_PX = 24
+"""Margin around the sensor in the padded arrays, so that fits at the border need no bounds."""
+
+OUTSIDE_LEVEL = np.float32(-1.0e4)
+"""Level of the margin: so far from any marker that a robust fit gives it no weight."""
+
+STEP_DEFAULT = 0.139
+"""One event's share of the swing at contrast 6 and threshold 0.25: 0.25 / ln 6."""
+
+
+class GradedStateMap:
+    """Brightness per pixel, from 0 (ground) to 1 (marker), kept up to date by events.
+
+    Attributes:
+        padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
+            OUTSIDE_LEVEL; fits read it and :meth:`pull` moves it.
+    """
+
+    def __init__(
+        self,
+        start: NDArray[np.float32],
+        step_on: NDArray[np.float32] | float = STEP_DEFAULT,
+        step_off: NDArray[np.float32] | float = STEP_DEFAULT,
+        *,
+        dark_markers: bool = False,
+    ) -> None:
+        """Begin with a painted map, or with zeros for an unknown skin.
+
+        Args:
+            start: ``(height, width)`` levels to begin with.
+            step_on: ``(height, width)`` or one share of the swing per ON event.
+            step_off: The same per OFF event.
+            dark_markers: True where markers are darker than the ground: polarities swap.
+
+        Raises:
+            ConfigError: A step has another shape than the map, or lies outside of (0, 1].
+        """
+        self._start = start.astype(np.float32)
+        self._dark_markers = dark_markers
+        self._step_on = self._checked_steps("step_on", step_on)
+        self._step_off = self._checked_steps("step_off", step_off)
+        self._used_on, self._used_off = self._step_on.copy(), self._step_off.copy()
+        self._memory = self._start.copy()
+        height, width = start.shape
+        self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
+        self._level = self.padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX]
+        self._level[:] = self._start
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """``(height, width)`` expected levels; a view that the next packet changes."""
+        return self._level
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Add every event of a packet.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
+        height, width = self._start.shape
+        if packet.size != (width, height):
+            raise ConfigError(
+                f"events of a {packet.size[0]}x{packet.size[1]} sensor do not fit a map of "
+                f"{width}x{height}; make the map with the size of the recording"
+            )
+        _integrate_kernel(
+            self._memory,
+            self._level,
+            packet.x,
+            packet.y,
+            packet.p,
+            self._used_on,
+            self._used_off,
+            self._dark_markers,
+        )
+
+    def set_events_kept(self, share: float) -> None:
+        """Enlarge the steps for a stream that lost events.
+
+        Of n events per swing only ``n * share`` arrive, and a step is 1 / (n + 1): the one more is
+        the dead band in which a pixel reverses without an event.
+
+        Args:
+            share: Events that arrive over events that the calibration saw; above 0.
+        """
+        for calibrated, used in (
+            (self._step_on, self._used_on),
+            (self._step_off, self._used_off),
+        ):
+            np.divide(1.0, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
+
+    def pull(self, rows: NDArray[np.int64], columns: NDArray[np.int64], by: float) -> None:
+        """Lower (negative ``by``) or raise single pixels; for tests and re-acquisition."""
+        moved = np.clip(self._memory[rows, columns] + by, 0.0, 1.0)
+        self._level[rows, columns] += moved - self._memory[rows, columns]
+        self._memory[rows, columns] = moved
+
+    @property
+    def memory(self) -> NDArray[np.float32]:
+        """``(height, width)`` the clipped sums behind :attr:`values`."""
+        return self._memory
+
+    def reset(self) -> None:
+        """Go back to the map that the object was made with."""
+        self._memory[:] = self._start
+        self._level[:] = self._start
+        self._used_on[:], self._used_off[:] = self._step_on, self._step_off
+
+    def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:
+        steps = np.empty_like(self._start)
+        try:
+            steps[:] = step
+        except ValueError as error:
+            raise ConfigError(
+                f"{name} has shape {np.shape(step)}, the map is {self._start.shape}"
+            ) from error
+        if not ((steps > 0.0) & (steps <= 1.0)).all():
+            raise ConfigError(
+                f"{name} reaches from {steps.min():g} to {steps.max():g}; a step is the share of "
+                "the full swing that one event stands for, above 0 and at most 1"
+            )
+        return steps
+
+
+@njit(cache=True, nogil=True)
+def _integrate_kernel(
+    memory: NDArray[np.float32],
+    level: NDArray[np.float32],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
+    step_on: NDArray[np.float32],
+    step_off: NDArray[np.float32],
+    dark_markers: bool,
+) -> None:  # pragma: no cover - compiled
+    for i in range(x.size):
+        row, column = y[i], x[i]
+        if p[i] != dark_markers:
+            step = step_on[row, column]
+            value = min(memory[row, column] + step, np.float32(1.0))
+            level[row, column] = min(value + np.float32(0.5) * step, np.float32(1.0))
+        else:
+            step = step_off[row, column]
+            value = max(memory[row, column] - step, np.float32(0.0))
+            level[row, column] = max(value - np.float32(0.5) * step, np.float32(0.0))
+        memory[row, column] = value
