@@ -20,6 +20,7 @@ from spikingtac.types import EventPacket
 VIBRATION_MM = {"clean": 0.0, "typical": 0.01, "noisy": 0.03}
 """Vibration of the arm by preset, mm rms (contract.md, "Pinned physics")."""
 
+FINGERS = 2
 EDGE = {"light": {"blur_px": 0.9}}
 """Edge of a disc as in the v2e recordings: logistic of 0.55 px, a Gaussian of 0.94 px with the
 pixel's box. The tip's travel to the first events is proportional to it."""
@@ -34,12 +35,14 @@ class FingerConfig:
         settings: Tables laid over the preset.
         optics: The lens and the discs.
         history: The pixels' references before anything moves; see :class:`EventCamera`.
+        serial: Which specimen: its discs, its pixels' mismatch, its hot pixels.
     """
 
     camera: str = "typical"
     settings: dict[str, Any] = field(default_factory=lambda: dict(EDGE))
     optics: OpticsConfig = field(default_factory=OpticsConfig)
     history: History = "rested"
+    serial: int = 1
 
 
 class SensingFinger:
@@ -47,7 +50,7 @@ class SensingFinger:
 
     Args:
         config: What it is.
-        seed: Which specimen, and its noise.
+        seed: Of its noise.
 
     Attributes:
         optics: The lens.
@@ -56,8 +59,9 @@ class SensingFinger:
 
     def __init__(self, config: FingerConfig, seed: int) -> None:
         choice = CameraChoice(preset=config.camera, settings=config.settings)
-        self.optics = Optics(config.optics, seed)
-        self.camera = EventCamera(choice.resolve(config.optics.size), seed)
+        self.optics = Optics(config.optics, config.serial)
+        camera = choice.resolve(config.optics.size)
+        self.camera = EventCamera(camera, seed, serial=config.serial)
         self._history: History = config.history
 
     def look(self, state: SkinState) -> MarkerImage:
@@ -95,7 +99,11 @@ def pinned_rig(
         )
     base = config or RigConfig()
     shaking = replace(base.vibration, rms_mm=VIBRATION_MM[preset])
-    fingers = [SensingFinger(FingerConfig(camera=preset), 2 * seed + k) for k in (0, 1)]
+    serial = base.pad.skin.serial
+    fingers = [
+        SensingFinger(FingerConfig(camera=preset, serial=serial + k), FINGERS * seed + k)
+        for k in range(FINGERS)
+    ]
     rng = np.random.default_rng(seed)
     whole = replace(base, vibration=shaking)
     return Rig(whole, wall, fingers, np.array(start_mm, np.float64), rng)

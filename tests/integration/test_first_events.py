@@ -1,0 +1,116 @@
+"""How far the tip travels from the first touch to the first events (twin.md, section 0).
+
+Simulated, preset ``typical`` without noise and leak (they are no signal), at 10 mm/s, with a rod
+without mass, so that only the touch moves the markers.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.sim.fingers import EDGE, FingerConfig, SensingFinger, pinned_rig
+from spikingtac.sim.probe import ProbeConfig
+from spikingtac.sim.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.vibration import VibrationConfig
+from spikingtac.sim.walls import NoWall, PlaneWall
+
+FREE_MM = 0.2
+SPEED_MM_S = 10.0
+SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE}
+LATERAL, AXIAL = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
+
+
+def make_rig(
+    direction: tuple[float, ...], stickout_mm: float, leak: bool, history: Any, seed: int
+) -> Rig:
+    way = np.array(direction)
+    wall = PlaneWall(point_mm=tuple(way * (0.375 + FREE_MM)), normal=tuple(-way))
+    settings = SILENT if leak else {**SILENT, "pixel": {"leak_hz": 0.0}}
+    finger = SensingFinger(FingerConfig(settings=settings, history=history, serial=seed), seed)
+    config = RigConfig(
+        probe=ProbeConfig(stickout_mm=stickout_mm, grams_per_mm=0.0),
+        vibration=VibrationConfig(rms_mm=0.0),
+    )
+    return Rig(config, wall, [finger], np.zeros(3), np.random.default_rng(seed))
+
+
+def travel_mm(
+    direction: tuple[float, ...] = LATERAL,
+    stickout_mm: float = 40.0,
+    history: str = "fresh",
+    seed: int = 1,
+) -> tuple[float, float]:
+    """Return the arm's travel from the touch to the 20th and the 100th event, mm."""
+    way = np.array(direction)
+    rig = make_rig(direction, stickout_mm, history == "rested", "fresh", seed)
+    if history == "rested":
+        rig = make_rig(direction, stickout_mm, True, "rested", seed)
+    if history == "released":
+        rig.press_and_release(FREE_MM * way, HistoryTouch())
+    rig.arm.move_linear(2.0 * way, SPEED_MM_S)
+    times: list[int] = []
+    while len(times) < 100:
+        (packet,), _ = rig.advance(1000)
+        if rig.touch is not None:
+            times += packet.t[packet.t >= rig.touch.t_us].tolist()
+    assert rig.touch is not None
+    touched = rig.touch.arm_mm
+    first, second = (float((rig.arm.position_at_mm(times[n]) - touched) @ way) for n in (19, 99))
+    return first, second
+
+
+@pytest.fixture(scope="module")
+def fresh() -> tuple[float, float]:
+    return travel_mm()
+
+
+def test_fresh_references(fresh: tuple[float, float]) -> None:
+    assert fresh == pytest.approx((0.11, 0.145), rel=0.25)
+
+
+def test_references_inherited_from_a_contact_released_one_second_ago(
+    fresh: tuple[float, float],
+) -> None:
+    released = travel_mm(history="released")
+    assert released == pytest.approx((0.145, 0.20), rel=0.25)
+    assert released[0] > 1.1 * fresh[0]
+
+
+def test_references_that_rested_for_a_minute() -> None:
+    first, second = np.mean([travel_mm(history="rested", seed=seed) for seed in (1, 2, 3)], axis=0)
+    assert 0.5 <= first / 0.01 <= 2.0
+    assert 0.5 <= second / 0.03 <= 2.0
+
+
+def test_half_the_stickout_takes_half_the_travel(fresh: tuple[float, float]) -> None:
+    short = travel_mm(stickout_mm=20.0)
+    assert np.divide(short, fresh) == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_axial_load_is_found_soonest() -> None:
+    assert travel_mm(AXIAL) == pytest.approx((0.02, 0.03), rel=0.25)
+
+
+def test_vibration_makes_bursty_events() -> None:
+    """Edge events of a free, shaken probe vary more than Poisson counts do."""
+    config = RigConfig(vibration=VibrationConfig(rms_mm=0.03))
+    settings = {**SILENT, "pixel": {"leak_hz": 0.0}}
+    finger = SensingFinger(FingerConfig(camera="noisy", settings=settings, history="random"), 1)
+    rig = Rig(config, NoWall(), [finger], np.zeros(3), np.random.default_rng(3))
+    windows = rig.windows()
+    count = np.array([len(next(windows)) for _ in range(1500)])[200:]
+    assert count.mean() > 0.2
+    assert count.var() > 2.0 * count.mean()
+
+
+def test_the_pinned_rig_follows_its_preset() -> None:
+    for preset, rms_mm in (("clean", 0.0), ("typical", 0.01), ("noisy", 0.03)):
+        rig = pinned_rig(preset, NoWall(), (0.0, 0.0, 0.0), seed=1)
+        offsets = [rig.vibration.advance(0.02) for _ in range(2000)]
+        assert np.std(offsets) == pytest.approx(rms_mm, rel=0.1, abs=1e-12)
+        (first, second), _ = rig.advance(2000)
+        assert first.t_end_us == second.t_end_us == 2000
+    with pytest.raises(ConfigError, match=r"'tpical'; did you mean 'typical'"):
+        pinned_rig("tpical", NoWall(), (0.0, 0.0, 0.0), seed=1)
