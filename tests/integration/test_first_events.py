@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.fingers import EDGE, FingerConfig, SensingFinger, pinned_rig
+from spikingtac.sim.fingers import EDGE, STEPS, FingerConfig, SensingFinger, pinned_rig
 from spikingtac.sim.probe import ProbeConfig
 from spikingtac.sim.rig import HistoryTouch, Rig, RigConfig
 from spikingtac.sim.vibration import VibrationConfig
@@ -18,7 +18,7 @@ from spikingtac.sim.walls import NoWall, PlaneWall
 
 FREE_MM = 0.2
 SPEED_MM_S = 10.0
-SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE}
+SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE, **STEPS}
 LATERAL, AXIAL = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 
 

@@ -48,7 +48,10 @@ class Pad:
 
     def __init__(self, config: PadConfig, patch: PatchConfig, faces_back: bool = False) -> None:
         rest = config.skin.rest_mm()
-        self._response = pad_response(patch, rest)
+        response = pad_response(patch, rest)
+        self._fields = np.concatenate(
+            [response.displacement.reshape(MODES, -1), response.gradient.reshape(MODES, -1)], axis=1
+        )
         self._from_bushing = mode_amplitudes(config.half_thickness_mm, faces_back)
         self._grip = np.zeros(MODES)
         self._grip[NORMAL_MODE] = config.grip_mm
@@ -62,16 +65,18 @@ class Pad:
             rotation: ``(3, 3)`` the gripper's axes as columns in the base frame.
         """
         amplitude = self._grip + self._from_bushing @ state.bushing
-        moved = np.tensordot(amplitude, self._response.displacement, axes=1)
-        strain = np.tensordot(amplitude, self._response.gradient, axes=1)
+        fields = amplitude @ self._fields
+        moved = fields[: self._rest_mm.size].reshape(self._rest_mm.shape)
+        strain = fields[self._rest_mm.size :].reshape(-1, 2, 2)
         axes = self._from_bushing[:3, :3] @ rotation.T
         force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
+        (x, y, z), (fx, fy, fz) = lever, force
         return SkinState(
             t_us=state.t_us,
             marker_mm=self._rest_mm + moved,
             gradient=np.eye(2) + strain,
             force_n=force,
-            torque_n_mm=np.cross(lever, force),
+            torque_n_mm=np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]),
             pose_mm=axes @ state.tip_mm,
             in_contact=True,
         )
