@@ -39,7 +39,7 @@ class SpectrumConfig:
             raise ValueError(f"times_s are {self.times_s}, all must be positive")
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def history_kernel(kept: Field, retarded: Field, out: Field) -> None:
     """Fill ``out[c] = sum_i kept[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
     out[:] = 0.0
@@ -48,7 +48,7 @@ def history_kernel(kept: Field, retarded: Field, out: Field) -> None:
             out[cell] += kept[i] * retarded[i, cell]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance_kernel(kept: Field, gained: Field, elastic: Field, retarded: Field) -> None:
     """Set ``retarded[i, c]`` to ``kept[i] retarded[i, c] + gained[i] elastic[c]``, in place."""
     for i in range(len(kept)):

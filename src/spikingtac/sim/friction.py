@@ -18,7 +18,7 @@ RELAXATION = np.float32(0.75)
 all the way overshoots (0.75 needs a tenth to a fifth fewer sweeps than 1; 1.5 twice as many)."""
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def shear_kernel(
     xx: NDArray[np.float32],
     xy: NDArray[np.float32],

@@ -91,7 +91,7 @@ class GridConfig:
         return (np.arange(self.cells, dtype=np.float64) - 0.5 * (self.cells - 1)) * self.pitch_mm
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def response_kernel(
     even: Field, odd: Field, traction: NDArray[np.complex128], out: NDArray[np.complex128]
 ) -> None:

@@ -22,7 +22,7 @@ SPARE_SLOTS = 64
 """Rows that are added beyond need when the memory grows, so that it seldom grows."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def refill_kernel(
     unrolled: Matrix, places: Cells, slots: Cells, center: int, out: NDArray[np.float32]
 ) -> None:
@@ -43,7 +43,7 @@ def refill_kernel(
                 out[table, other, slot] = unrolled[table, center - offset]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
     """Return the product of a matrix's leading square with a vector.
 
@@ -61,7 +61,7 @@ def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
     return out
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def sheared_kernel(xx: Matrix, xy: Matrix, yy: Matrix, shear: NDArray[np.float32]) -> Matrix:
     """Return the ``(2, c)`` lateral displacement under ``(2, c)`` shear.
 

@@ -13,7 +13,7 @@ Field = NDArray[np.float64]
 _STENCIL = np.arange(-2, 4)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gather_kernel(fields: Field, cells: NDArray[np.int64], weights: Field, found: Field) -> None:
     """Add up weighted cells: ``found[f, w, m] += sum_s weights[w, m, s] fields[f, cells[m, s]]``.
 

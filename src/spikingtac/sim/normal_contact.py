@@ -16,7 +16,7 @@ SMALLEST_SQUARE = np.float32(1e-30)
 """Keeps the first quotient of squared errors finite."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def error_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
     """Return the largest violation of the contact conditions, and the squared error inside.
 
@@ -35,7 +35,7 @@ def error_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float3
     return worst, square
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def dot_kernel(one: Vector, other: Vector) -> np.float32:
     """Return the inner product of two ``(c,)`` vectors."""
     total = np.float32(0.0)
@@ -44,7 +44,7 @@ def dot_kernel(one: Vector, other: Vector) -> np.float32:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def move_kernel(
     compliance: Matrix, error: Vector, direction: Vector, step: np.float32, pressure: Vector
 ) -> tuple[bool, bool]:
@@ -73,7 +73,7 @@ def move_kernel(
     return added, bent
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pressure_kernel(
     compliance: Matrix,
     indentation: Vector,

@@ -15,7 +15,7 @@ Cells = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def carry_kernel(
     held: Flags, body: Field, rotation: Field, center: Field, rest: Field, relative: Field
 ) -> None:
@@ -38,7 +38,7 @@ def carry_kernel(
                 relative[axis, cell] = place - rest[axis, cell]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def collect_kernel(
     cells: Cells,
     traction: Field,
@@ -68,7 +68,7 @@ def collect_kernel(
             guess[2, i] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def deposit_kernel(
     cells: Cells, shear: Single, pressure: Single, traction: Field, change: Field
 ) -> None:
@@ -95,7 +95,7 @@ def deposit_kernel(
         traction[2, cell] = pressure[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def attach_kernel(
     fresh: Cells, rest: Field, relative: Field, reach: Field, pose: Field, body: Field
 ) -> None:
