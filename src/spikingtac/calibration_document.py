@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration_maps import unpack_map
 from spikingtac.errors import CalibrationError
 
 CALIBRATION_SCHEMA = 1
 OPTIONAL_NUMBERS = ("step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm")
 """Keys that may be absent; finite and not negative where present."""
+OPTIONAL_MAPS = ("step_on_map", "step_off_map")
+"""Keys that may be absent; packed maps (:mod:`spikingtac.calibration_maps`)."""
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -44,12 +47,13 @@ def _checked(document: Any) -> dict[str, Any]:
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
-    grid = _pair(document["grid"])
+    grid, size = _pair(document["grid"]), _pair(document["size"])
     return {
-        "size": _pair(document["size"]),
+        "size": size,
         "grid": grid,
         **_markers(document, grid[0] * grid[1]),
         **_numbers(document),
+        **_maps(document, size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
         "provenance": dict(document.get("provenance") or {}),
@@ -77,6 +81,11 @@ def _numbers(document: dict[str, Any]) -> dict[str, float]:
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} is {value}, it must be finite and not negative")
     return numbers
+
+
+def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
+    given = {name: document.get(name) for name in OPTIONAL_MAPS}
+    return {name: unpack_map(text, size, name) for name, text in given.items() if text is not None}
 
 
 def _pair(value: Any) -> tuple[int, int]:

@@ -16,7 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration_document import CALIBRATION_SCHEMA, OPTIONAL_NUMBERS, checked_document
+from spikingtac.calibration_document import (
+    CALIBRATION_SCHEMA,
+    OPTIONAL_MAPS,
+    OPTIONAL_NUMBERS,
+    checked_document,
+)
+from spikingtac.calibration_maps import pack_map
 from spikingtac.errors import CalibrationError
 
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
@@ -216,6 +222,10 @@ class Calibration:
             document["hysteresis"] = self.hysteresis
         document["reference_px"] = np.round(self.reference_px, 4).tolist()
         document["radius_px"] = np.round(self.radius_px, 4).tolist()
+        for name in OPTIONAL_MAPS:
+            values = getattr(self, name)
+            if values is not None:
+                document[name] = pack_map(values)
         document["provenance"] = self.provenance
         Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
