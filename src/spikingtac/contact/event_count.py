@@ -1,0 +1,66 @@
+"""The published detector: contact where the events of 1 ms exceed a threshold (Section V-B)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.types import Contact, EventPacket
+
+
+@dataclass(frozen=True, kw_only=True)
+class EventCountConfig:
+    """The published threshold test.
+
+    The paper gives a period of 1 ms and no value of its "predefined threshold"; it is taken from
+    windows of the moving arm without contact.
+
+    Attributes:
+        threshold: Count that has to be exceeded.
+        release_windows: Windows in a row below the threshold after which a contact counts as ended
+            (ours: a contact that slides or bounces is one contact).
+    """
+
+    threshold: float
+    release_windows: int = 50
+
+    def __post_init__(self) -> None:
+        if self.threshold < 0 or self.release_windows < 1:
+            raise ValueError("threshold must not be negative and release_windows be at least 1")
+
+    @classmethod
+    def from_quiet(
+        cls, quiet: QuietStatistics, false_alarms_per_hour: float = 1.0
+    ) -> EventCountConfig:
+        """Return the configuration that keeps a false-alarm budget on the quiet windows."""
+        return cls(threshold=quiet.threshold(false_alarms_per_hour))
+
+
+class EventCountDetector:
+    """Counts raw events per window; see :class:`~spikingtac.contact.detect.ContactDetector`.
+
+    Attributes:
+        in_contact: True from a contact until enough quiet windows have passed.
+    """
+
+    def __init__(self, config: EventCountConfig) -> None:
+        self.in_contact = False
+        self._config = config
+        self._quiet = 0
+
+    def update(self, window: EventPacket) -> Contact | None:
+        """Return a contact where the count exceeds the threshold for the first time."""
+        count, threshold = len(window), self._config.threshold
+        if count <= threshold:
+            self._quiet += 1
+            self.in_contact = self.in_contact and self._quiet < self._config.release_windows
+            return None
+        self._quiet = 0
+        if self.in_contact:
+            return None
+        self.in_contact = True
+        return Contact(t_us=window.t_end_us, count=float(count), threshold=threshold)
+
+    def reset(self) -> None:
+        """Forget that there was a contact."""
+        self.in_contact, self._quiet = False, 0
