@@ -77,7 +77,7 @@ def _list(as_json: bool) -> int:
 
     from spikingtac.sim import catalog
 
-    scenes = {name: catalog.load(name).about for name in catalog.names()}
+    scenes = catalog.descriptions()
     if as_json:
         emit_json({"scenes": scenes})
     else:

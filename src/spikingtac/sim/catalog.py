@@ -6,9 +6,13 @@ import importlib.resources
 import os
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.sim.scene import Scene, load_scene
+from spikingtac.schema import read_toml
+
+if TYPE_CHECKING:
+    from spikingtac.sim.scene import Scene
 
 TRAJECTORIES = (
     "finger-presses",
@@ -33,6 +37,11 @@ def names() -> tuple[str, ...]:
     return (*TRAJECTORIES, *(name for name in rest if name not in TRAJECTORIES))
 
 
+def descriptions() -> dict[str, str]:
+    """Return name -> what it is, for all scenes, without building any of them."""
+    return {name: str(read_toml(_path(name)).get("about", "")) for name in names()}
+
+
 def load(name: str | Path) -> Scene:
     """Return a scene by name, or from a TOML file.
 
@@ -44,15 +53,21 @@ def load(name: str | Path) -> Scene:
         ConfigError: There is no such name or file, or the file does not fit; names the nearest
             scene, or the key and its valid values.
     """
+    from spikingtac.sim.scene import load_scene  # with the gel's kernels behind it
+
     text = str(name)
     if text in names():
-        return load_scene(Path(str(_folder() / f"{text}.toml")))
+        return load_scene(_path(text))
     if not text.endswith(".toml") and os.sep not in text:
         raise ConfigError(
             f"no scene {text!r}{nearest(text, names())} "
             f"(valid: {', '.join(names())}, or the path of a TOML file)"
         )
     return load_scene(name)
+
+
+def _path(name: str) -> Path:
+    return Path(str(_folder() / f"{name}.toml"))
 
 
 def _folder() -> Traversable:

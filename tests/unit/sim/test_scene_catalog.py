@@ -62,3 +62,7 @@ def test_a_scene_file_of_ones_own_is_read(tmp_path):
     assert catalog.load(path).duration_s == 0.5
     with pytest.raises(ConfigError, match="cannot read"):
         catalog.load(tmp_path / "other.toml")
+
+
+def test_the_list_says_what_the_files_say(scenes):
+    assert catalog.descriptions() == {name: scene.about for name, scene in scenes.items()}
