@@ -53,16 +53,20 @@ class FitWindow:
 
 
 def fit_window(
-    profile: DiscProfile, radius_px: NDArray[np.float64], row_px: int, reach_px: float
+    profile: DiscProfile,
+    radius_px: NDArray[np.float64],
+    width_px: int,
+    reach_px: float,
 ) -> FitWindow:
     """Choose the pixels and the polynomials for discs of the given radii.
 
     Args:
         profile: The disc's profile.
         radius_px: ``(m,)`` radii; one window serves all of them.
-        row_px: Length of a row of the padded map, px.
+        width_px: Width of the sensor, px.
         reach_px: Half the width of the annulus, px.
     """
+    row_px = width_px + 2 * PAD_PX
     outer = float(radius_px.max()) + reach_px + ROUNDING_PX
     outer = min(outer, PAD_PX - 1.0)
     inner = float(radius_px.min()) - reach_px - ROUNDING_PX

@@ -2,8 +2,9 @@
 
 A disc of radius R that moves by a distance sweeps 4 R of edge per px (its width, on the leading and
 on the trailing side), and every swept pixel swings fully, which takes 1/step - 1 events of a clean
-stream (the dead band takes the rest; a reversal costs another half). The share of events over that
-expectation, measured while the markers move, tells the loss; what arrives at rest is background.
+stream (the dead band takes the rest). The share of events over that expectation, measured while the
+markers move, tells the loss; what arrives at rest is background. A reversal costs up to a step of
+every pixel and a filtered velocity lags, so that the share is judged over many reversals.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ STILL_PX_S = 3.0
 BACKGROUND_MEMORY_S = 0.5
 """Time constant of the background's running mean."""
 
-DECISION_EVENTS = 20_000
-"""Expected events after which the share is judged: a few tenths of a second of lively motion."""
+FIRST_EVENTS = 50_000.0
+"""Expected events before the first judgement: some tenths of a second of lively motion."""
 
-FULL_SHARE = 0.9
+MEMORY_EVENTS = 200_000.0
+"""Expected events over which the share is averaged; single strokes scatter by a quarter."""
+
+FULL_SHARE = 0.87
 """A share above this is within the spread of lossless recordings and counts as 1."""
 
 SMALLEST_SHARE = 0.2
@@ -44,7 +48,7 @@ class EventsKept:
         step = 0.5 * (
             (calibration.step_on or STEP_DEFAULT) + (calibration.step_off or STEP_DEFAULT)
         )
-        self._events_per_px = 4.0 * calibration.radius_px * (1.0 / step - 1.25)
+        self._events_per_px = 4.0 * calibration.radius_px * (1.0 / step - 1.0)
         self._background_per_s: float | None = None
         self._expected = 0.0
         self._arrived = 0.0
@@ -67,13 +71,16 @@ class EventsKept:
         mean_px_s = float(speed_px_s.mean())
         if mean_px_s < STILL_PX_S:
             self._learn_background(events / dt_s, dt_s)
-        if mean_px_s > MOVING_PX_S:
-            self._expected += float(self._events_per_px @ speed_px_s) * dt_s
-            self._arrived += events - (self._background_per_s or 0.0) * dt_s
-        if self._expected < DECISION_EVENTS:
+        if mean_px_s <= MOVING_PX_S:
             return None
+        expected = float(self._events_per_px @ speed_px_s) * dt_s
+        kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
+        self._expected = kept * self._expected + expected
+        self._arrived = kept * self._arrived + events - (self._background_per_s or 0.0) * dt_s
+        return self._judged() if self._expected > FIRST_EVENTS else None
+
+    def _judged(self) -> float | None:
         share = self._arrived / self._expected
-        self._expected = self._arrived = 0.0
         share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
         if abs(share - self._share) < SHARE_CHANGE:
             return None

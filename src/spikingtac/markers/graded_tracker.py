@@ -1,0 +1,198 @@
+"""The project's own tracker, one screen: presets ``default`` and ``fast``.
+
+Graded map -> locator (disc fit or centroid) from the predicted position -> Kalman filter -> lag
+correction. In its own time it takes care of the rest: lost markers are predicted from their
+neighbours and found again (:mod:`spikingtac.markers.custody`), steps grow when events are lost
+(:mod:`spikingtac.markers.events_kept`), and the map leaks towards the fitted discs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.markers.custody import Custody, CustodyConfig
+from spikingtac.markers.disc_fit import leak_to_discs_kernel
+from spikingtac.markers.events_kept import EventsKept
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.motion_filter import MotionFilter
+from spikingtac.markers.profile import TABLE_STEP_PX
+from spikingtac.markers.start import LAG_DEFAULT_US, painted_graded_map, profile_of
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.types import Calibration, EventPacket, MarkerFrame
+
+
+class Locator(Protocol):
+    """Finds each marker in the graded map, near where it is expected."""
+
+    def locate(
+        self,
+        state_map: GradedStateMap,
+        predicted_px: NDArray[np.float64],
+        expected_px: NDArray[np.float64] | None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1.
+
+        Args:
+            state_map: The map.
+            predicted_px: ``(m, 2)`` where the motion leads, px.
+            expected_px: ``(m, 2)`` where the neighbours expect each marker, px, if
+                :attr:`needs_expectation`.
+        """
+        ...
+
+    @property
+    def needs_expectation(self) -> bool:
+        """True where the neighbours' prediction takes part in the estimate."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CareConfig:
+    """What the tracker does beside locating, for every locator.
+
+    Attributes:
+        period_us: Time between two rounds of care, us; 0 is every estimate.
+        leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
+            what noise and lost events leave in the map (ours).
+        leak_tolerance: Disagreement that is left alone: one step of a typical sensor (ours).
+        leak_reach_px: How far outside of a disc the leak works, px (ours).
+        leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
+        lag_us: Delay of the events behind the motion, us; None takes the calibration's.
+        adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
+        custody: When a marker counts as lost, and how it is found again.
+    """
+
+    period_us: int = 0
+    leak_per_s: float = 20.0
+    leak_tolerance: float = 0.14
+    leak_reach_px: float = 3.5
+    leak_groups: int = 4
+    lag_us: float | None = None
+    adapt_to_loss: bool = True
+    custody: CustodyConfig = field(default_factory=CustodyConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("period_us", "leak_per_s", "leak_tolerance", "leak_reach_px"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
+        if self.leak_groups < 1:
+            raise ConfigError(f"leak_groups is {self.leak_groups}, it must be at least 1")
+
+
+class GradedTracker:
+    """Follows markers on the graded state map."""
+
+    def __init__(
+        self,
+        locator: Locator,
+        care: CareConfig,
+        calibration: Calibration,
+        law: OutputLaw | None = None,
+    ) -> None:
+        """Paint the map from the calibration, so that no bootstrap slides are needed.
+
+        Args:
+            locator: Disc fit or centroid.
+            care: What the tracker does beside locating.
+            calibration: Where the markers rest and how they look.
+            law: From detected to given position; None gives out what was detected.
+        """
+        self._locator = locator
+        self._care_config = care
+        self._calibration = calibration
+        self._law = law or NoLaw()
+        self._profile = profile_of(calibration)
+        self._map = painted_graded_map(calibration, self._profile)
+        lag_us = care.lag_us if care.lag_us is not None else calibration.lag_us
+        self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
+        self._start()
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take in every event of the next stretch of time.
+
+        Raises:
+            ConfigError: The recording comes from a sensor of another size.
+        """
+        self._map.absorb(packet)
+        self._events += len(packet)
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return the markers at ``t_us``, the end of what was absorbed."""
+        dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
+        self._t_us = t_us
+        predicted_px = self._filter.predict(dt_s)
+        asked = self._locator.needs_expectation
+        expected_px = self._custody.expected_px(predicted_px) if asked else None
+        located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px)
+        self._filter.update(located_px, self._custody.held)
+        if t_us >= self._care_at_us:
+            self._care(t_us, located_px, agreement)
+        return self._frame(t_us, agreement)
+
+    def reset(self) -> None:
+        """Forget everything but the calibration: the markers rest, the map is as painted."""
+        self._map.reset()
+        self._law.reset()
+        self._start()
+
+    def _start(self) -> None:
+        self._t_us: int | None = None
+        self._cared_us: int | None = None
+        self._care_at_us = -1
+        self._events = 0
+        self._turn = 0
+        self._filter = MotionFilter(self._calibration.reference_px)
+        self._custody = Custody(self._care_config.custody, self._calibration)
+        self._kept = EventsKept(self._calibration)
+
+    def _care(
+        self, t_us: int, located_px: NDArray[np.float64], agreement: NDArray[np.float64]
+    ) -> None:
+        dt_s = 0.0 if self._cared_us is None else (t_us - self._cared_us) * 1e-6
+        self._cared_us, self._care_at_us = t_us, t_us + self._care_config.period_us
+        self._custody.judge(t_us, located_px, agreement, self._map.values)
+        moved = self._custody.moved
+        if moved.any():
+            self._filter.place(moved, self._custody.position_px[moved])
+        if self._care_config.adapt_to_loss:
+            share = self._kept.update(self._events, self._filter.velocity_px_s, dt_s)
+            if share is not None:
+                self._map.set_events_kept(share)
+        self._events = 0
+        self._leak(dt_s)
+
+    def _leak(self, dt_s: float) -> None:
+        care = self._care_config
+        share = 1.0 - np.exp(-care.leak_per_s * dt_s * care.leak_groups)
+        if share <= 0.0:
+            return
+        self._turn = (self._turn + 1) % care.leak_groups
+        leak_to_discs_kernel(
+            self._map.padded,
+            self._map.memory,
+            self._filter.position_px[self._turn :: care.leak_groups],
+            self._calibration.radius_px[self._turn :: care.leak_groups],
+            self._profile.tables[0],
+            (self._profile.reach_px, 1.0 / TABLE_STEP_PX, care.leak_reach_px),
+            care.leak_tolerance,
+            share,
+        )
+
+    def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
+        detected_px = self._filter.position_px + self._lag_s * self._filter.velocity_px_s
+        reference_px = self._calibration.reference_px
+        position_px = self._law.update(detected_px, reference_px)
+        held = self._custody.held
+        return MarkerFrame(
+            t_us=t_us,
+            detected_px=detected_px,
+            position_px=position_px,
+            displacement_px=position_px - reference_px,
+            held=held.copy(),
+            confidence=agreement * ~held,
+        )
