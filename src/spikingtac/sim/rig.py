@@ -6,6 +6,7 @@ meets the wall, the pads' markers follow, and the cameras report what they saw.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -58,6 +59,8 @@ class RigConfig:
         step_us: Longest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time).
         near_mm: Longest travel in one step within reach of the wall and in contact, mm.
         least_step_us: Shortest step, us.
+        force_limit_n: Force at the tip at which the controller makes a protective stop, N; None
+            for never (the forces of a bending probe stay far below what a UR3 notices).
     """
 
     probe: ProbeConfig = field(default_factory=ProbeConfig)
@@ -68,6 +71,7 @@ class RigConfig:
     step_us: int = 1000
     near_mm: float = 0.04
     least_step_us: int = 100
+    force_limit_n: float | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.least_step_us <= self.step_us or not self.near_mm > 0.0:
@@ -215,13 +219,20 @@ class Rig:
         return [finger.look(self.skin(k)) for k, finger in enumerate(self._fingers)]
 
     def _stride_us(self) -> int:
-        """Return the length of the next step: short where the tip is at the wall and moves."""
+        """Return the length of the next step: short where the tip is at the wall and moves.
+
+        Steps end on multiples of the longest one, so that pulling in any number of those gives the
+        same states.
+        """
         config = self._config
+        left_us = config.step_us - self.t_us % config.step_us
         ahead = self.arm.position_at_mm(self.t_us + config.step_us)
         travel = float(np.linalg.norm(ahead - self.arm.true_position_mm()))
         if travel <= config.near_mm or self.state.gap_mm > 2.0 * travel:
-            return config.step_us
-        return max(int(config.step_us * config.near_mm / travel), config.least_step_us)
+            return left_us
+        most = config.step_us // config.least_step_us
+        pieces = min(math.ceil(travel / config.near_mm), most)
+        return min(math.ceil(config.step_us / pieces), left_us)
 
     def _step(self, dt_us: int) -> None:
         t_us, before = self.t_us + dt_us, self.state
@@ -231,6 +242,9 @@ class Rig:
         dt_s = dt_us * 1e-6
         self.state = self.probe.step(t_us, dt_s, held + self.vibration.advance(dt_s))
         self.t_us = t_us
+        limit_n = self._config.force_limit_n
+        if limit_n is not None and float(np.linalg.norm(self.state.force_n)) > limit_n:
+            self.arm.protective_stop()
         if self.touch is None and self.state.in_contact:
             share = _crossing(before.gap_mm, self.state.free_gap_mm)
             where = held_before + share * (held - held_before)
