@@ -7,6 +7,7 @@ right); geometry in mm; time in integer microseconds (``_us``).
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -205,6 +206,10 @@ class Calibration:
     px_per_mm: float | None = None
     hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    def with_polarity(self, polarity: str | None) -> Calibration:
+        """Return a copy for the given polarity; None keeps this one."""
+        return self if polarity is None else dataclasses.replace(self, polarity=polarity)
 
     def save(self, path: str | Path) -> None:
         """Write ``calibration.json``; optional values that are unknown are left out."""

@@ -1,0 +1,94 @@
+"""One configuration from the stages' own: presets, strict TOML, and the digest of what was used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac.markers.blob_tracker import BlobTrackerConfig
+from spikingtac.markers.calibrate import CalibrationConfig
+from spikingtac.markers.centroid_locator import CentroidLocatorConfig
+from spikingtac.markers.disc_locator import DiscLocatorConfig
+from spikingtac.markers.graded_tracker import CareConfig
+from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.schema import build, read_toml, to_mapping
+
+PRESETS = ("default", "fast", "paper")
+"""Named configurations, as package data under ``configs/``."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrackingConfig:
+    """How markers are followed; the registry says which methods there are.
+
+    Attributes:
+        method: ``disc``, ``centroid`` or ``blobs``.
+        rate_hz: Estimates per second of data time.
+        hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
+        denoiser: For ``blobs``: ``none``, ``median3`` or ``box7``.
+        disc: For ``disc``.
+        centroid: For ``centroid``.
+        blobs: For ``blobs``.
+        care: For ``disc`` and ``centroid``.
+        paper_law: For the law ``paper``.
+        anchored_law: For the law ``anchored``.
+    """
+
+    method: str = "disc"
+    rate_hz: float = 1_000.0
+    hysteresis: str = "none"
+    denoiser: str = "box7"
+    disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
+    centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
+    blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
+    care: CareConfig = field(default_factory=CareConfig)
+    paper_law: PaperLawConfig = field(default_factory=PaperLawConfig)
+    anchored_law: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Config:
+    """Everything that can be told to the pipeline.
+
+    Attributes:
+        tracking: How markers are followed.
+        calibration: How their rest positions are learned.
+    """
+
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+
+    def with_tracking(self, **changes: Any) -> Config:
+        """Return a copy with some fields of :attr:`tracking` changed; None changes nothing."""
+        kept = {name: value for name, value in changes.items() if value is not None}
+        return replace(self, tracking=replace(self.tracking, **kept))
+
+
+def load_config(name: str | Path) -> Config:
+    """Load a preset by name, or a TOML file by path.
+
+    Raises:
+        ConfigError: There is neither, or the file holds an unknown key or an unfit value.
+    """
+    if str(name) in PRESETS:
+        with resources.as_file(resources.files("spikingtac") / "configs" / f"{name}.toml") as path:
+            return build(Config, read_toml(path), f"preset {name}")
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise ConfigError(
+            f"unknown preset {str(name)!r}{nearest(str(name), PRESETS)} "
+            f"(valid: {', '.join(PRESETS)}, or the path of a .toml file)"
+        )
+    return build(Config, read_toml(path), path.name)
+
+
+def digest(value: Any) -> str:
+    """Return the sha256 of a resolved configuration, scene or document (first 16 digits)."""
+    text = json.dumps(to_mapping(value), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,123 @@
+"""From a recording on disk to tracks on disk: the work behind ``spikingtac track``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.config import Config
+from spikingtac.errors import CalibrationError
+from spikingtac.events.open import open_events
+from spikingtac.pipeline import follow
+from spikingtac.registry import make_tracker
+from spikingtac.schema import to_mapping
+from spikingtac.tracks import create_tracks
+from spikingtac.types import Calibration, MarkerFrame
+
+
+def track_to_file(
+    recording: str | Path,
+    output: str | Path,
+    config: Config,
+    calibration: Calibration,
+    *,
+    sensor: int = 0,
+    strict: bool = False,
+    advance: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:
+    """Track a recording at constant memory and write the tracks.
+
+    Args:
+        recording: Event file or recording folder.
+        output: ``.npz`` or ``.csv`` file to write.
+        config: The configuration.
+        calibration: The sensor's calibration.
+        sensor: Which sensor of a folder.
+        strict: Refuse damage.
+        advance: Told the share that is done, 0 to 1.
+
+    Returns:
+        A summary: counts, largest displacement, markers never observed, anomalies.
+
+    Raises:
+        CalibrationError: The recording's size is not the calibration's.
+    """
+    source = open_events(recording, strict=strict, sensor=sensor)
+    if source.size != calibration.size:
+        raise CalibrationError(
+            f"the recording is {source.size[0]}x{source.size[1]}, the calibration is for "
+            f"{calibration.size[0]}x{calibration.size[1]}; calibrate this sensor: "
+            "spikingtac calibrate RECORDING -o calibration.json"
+        )
+    tracker = make_tracker(config.tracking, calibration)
+    writer = create_tracks(output, calibration.reference_px)
+    counts = _Counts(len(calibration.reference_px))
+    for frame in follow(source, tracker, config.tracking.rate_hz):
+        writer.write(frame)
+        counts.add(frame)
+        if counts.estimates % PROGRESS_EVERY == 0:
+            advance(source.progress)
+    anomalies = dict(source.losses.kinds())
+    writer.close(
+        {
+            "config": to_mapping(config),
+            "input": Path(recording).name,
+            "input_sha256": _file_digest(Path(recording), sensor),
+            "package_version": _version(),
+            "losses": anomalies,
+        }
+    )
+    return {
+        **counts.summary(),
+        "rate_hz": config.tracking.rate_hz,
+        "anomalies": anomalies,
+        "output": str(output),
+    }
+
+
+PROGRESS_EVERY = 64
+"""Estimates between two reports of progress."""
+
+
+class _Counts:
+    def __init__(self, markers: int) -> None:
+        self.estimates = 0
+        self._held = np.zeros(markers, np.int64)
+        self._largest_px = 0.0
+
+    def add(self, frame: MarkerFrame) -> None:
+        self.estimates += 1
+        self._held += frame.held
+        largest2 = float((frame.displacement_px**2).sum(axis=1).max(initial=0.0))
+        self._largest_px = max(self._largest_px, largest2**0.5)
+
+    def summary(self) -> dict[str, Any]:
+        markers = len(self._held)
+        total = max(self.estimates * markers, 1)
+        never = np.flatnonzero(self._held == self.estimates) if self.estimates else []
+        return {
+            "markers": markers,
+            "estimates": self.estimates,
+            "held_share": float(self._held.sum() / total),
+            "displacement_max_px": self._largest_px,
+            "never_observed": [int(marker) for marker in never],
+        }
+
+
+def _file_digest(path: Path, sensor: int) -> str:
+    if path.is_dir():
+        path = path / (f"events_{sensor}.raw" if sensor else "events.raw")
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _version() -> str:
+    from spikingtac import __version__
+
+    return __version__

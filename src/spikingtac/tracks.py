@@ -1,0 +1,183 @@
+"""``tracks.npz`` and its CSV twin: the displacement of every marker over time, on disk."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.formats.npz import ColumnFile
+from spikingtac.types import MarkerFrame
+
+FRAMES_PER_CHUNK = 1_024
+"""Frames that are held in memory before they are written."""
+
+CSV_COLUMNS = (
+    "t_us",
+    "marker",
+    "detected_x_px",
+    "detected_y_px",
+    "position_x_px",
+    "position_y_px",
+    "displacement_x_px",
+    "displacement_y_px",
+    "held",
+    "confidence",
+)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Marker tracks of one recording.
+
+    Attributes:
+        t_us: ``(n,)`` int64 times, us.
+        detected_px: ``(n, m, 2)`` the truthful estimate, px.
+        position_px: ``(n, m, 2)`` after the hysteresis law, px.
+        displacement_px: ``(n, m, 2)`` position minus reference, px.
+        held: ``(n, m)`` True where a position was sustained or predicted.
+        confidence: ``(n, m)`` 0 to 1.
+        reference_px: ``(m, 2)`` rest positions, px.
+        meta: Resolved configuration, input digest, package version, loss counters.
+    """
+
+    t_us: NDArray[np.int64]
+    detected_px: NDArray[np.float32]
+    position_px: NDArray[np.float32]
+    displacement_px: NDArray[np.float32]
+    held: NDArray[np.bool_]
+    confidence: NDArray[np.float32]
+    reference_px: NDArray[np.float32]
+    meta: dict[str, Any]
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read ``tracks.npz``.
+
+        Raises:
+            RecordingError: The file cannot be read or holds no tracks.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                values = {name: archive[name] for name in archive.files}
+            meta = json.loads(str(values.pop("meta")))
+            return cls(meta=meta, **values)
+        except (OSError, ValueError, EOFError, KeyError, TypeError) as error:
+            raise RecordingError(
+                f"{str(path)!r} holds no tracks: {error}; "
+                "make them with: spikingtac track RECORDING --calibration calibration.json"
+            ) from error
+
+
+class TracksWriter(Protocol):
+    """Takes frames one by one and writes them somewhere."""
+
+    def write(self, frame: MarkerFrame) -> None:
+        """Append a frame."""
+        ...
+
+    def close(self, meta: Mapping[str, Any]) -> None:
+        """Complete the file with what is known at the end."""
+        ...
+
+
+def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> TracksWriter:
+    """Return a writer by the file's ending: ``.npz``, or ``.csv`` in long form.
+
+    Raises:
+        ConfigError: The ending is neither, or the folder does not exist.
+    """
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    if target.suffix == ".npz":
+        return NpzTracksWriter(target, reference_px)
+    if target.suffix == ".csv":
+        return CsvTracksWriter(target)
+    raise ConfigError(f"tracks are written as .npz or .csv, not as {target.name!r}")
+
+
+class NpzTracksWriter:
+    """Writes ``tracks.npz`` at constant memory; equal frames give equal bytes."""
+
+    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
+        self._file = ColumnFile(path)
+        self._file.set("reference_px", reference_px.astype(np.float32))
+        self._frames: list[MarkerFrame] = []
+        self._flush_empty(len(reference_px))
+
+    def write(self, frame: MarkerFrame) -> None:
+        """Append a frame."""
+        self._frames.append(frame)
+        if len(self._frames) == FRAMES_PER_CHUNK:
+            self._flush()
+
+    def close(self, meta: Mapping[str, Any]) -> None:
+        """Complete the file with what is known at the end."""
+        self._flush()
+        self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
+        self._file.close()
+
+    def _flush(self) -> None:
+        if not self._frames:
+            return
+        frames, self._frames = self._frames, []
+        columns = {
+            name: np.stack([getattr(frame, name) for frame in frames]).astype(dtype)
+            for name, dtype in _TYPES.items()
+        }
+        self._file.append({"t_us": np.array([frame.t_us for frame in frames]), **columns})
+
+    def _flush_empty(self, markers: int) -> None:
+        shapes = {"held": (0, markers), "confidence": (0, markers)}
+        columns = {
+            name: np.empty(shapes.get(name, (0, markers, 2)), dtype)
+            for name, dtype in _TYPES.items()
+        }
+        self._file.append({"t_us": np.empty(0, np.int64), **columns})
+
+
+class CsvTracksWriter:
+    """Writes one line per time and marker."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
+        self._rows = csv.writer(self._file, lineterminator="\n")
+        self._rows.writerow(CSV_COLUMNS)
+
+    def write(self, frame: MarkerFrame) -> None:
+        """Append a frame."""
+        vectors = np.column_stack([frame.detected_px, frame.position_px, frame.displacement_px])
+        for marker, vector in enumerate(vectors):
+            self._rows.writerow(
+                [
+                    frame.t_us,
+                    marker,
+                    *(f"{value:.4f}" for value in vector),
+                    int(frame.held[marker]),
+                    f"{frame.confidence[marker]:.3f}",
+                ]
+            )
+
+    def close(self, meta: Mapping[str, Any]) -> None:
+        """Complete the file; the meta data go beside it, into ``NAME.csv.json``."""
+        self._file.close()
+        beside = self._path.with_name(self._path.name + ".json")
+        beside.write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+_TYPES = {
+    "detected_px": np.float32,
+    "position_px": np.float32,
+    "displacement_px": np.float32,
+    "held": np.bool_,
+    "confidence": np.float32,
+}
