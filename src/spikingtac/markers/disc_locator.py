@@ -75,7 +75,7 @@ class DiscLocator:
             window.reach_px,
             self._config.iterations,
             predicted_px if expected_px is None else expected_px,
-            self._config.grid_weight,
+            0.0 if expected_px is None else self._config.grid_weight,
             self._agreement,
         )
         return center_px, self._agreement

@@ -22,7 +22,7 @@ def neighbour_weights(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
         reference_px: ``(m, 2)`` rest positions, px.
 
     Returns:
-        ``(m, m)`` weights; the identity's zero rows for a single marker.
+        ``(m, m)`` weights; a marker without neighbours predicts itself.
     """
     count = len(reference_px)
     weights = np.zeros((count, count))
@@ -32,6 +32,8 @@ def neighbour_weights(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
         near = order[order != i][:NEIGHBOURS]
         if len(near):
             weights[i, near] = _affine_weights_at_origin(offset[near])
+        else:
+            weights[i, i] = 1.0
     return weights
 
 

@@ -1,0 +1,151 @@
+"""Disc fit, leak and centroid kernels against plain twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from spikingtac.markers.centroid_locator import (
+    CentroidLocator,
+    CentroidLocatorConfig,
+    round_window,
+)
+from spikingtac.markers.disc_fit import SOFT_LEVEL, leak_to_discs_kernel
+from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.profile import TABLE_STEP_PX, DiscProfile
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.types import Calibration
+
+SIZE = (80, 60)
+REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
+RADIUS_PX = np.array([7.0, 6.5, 5.0])
+PROFILE = DiscProfile(6.0, 0.6)
+CALIBRATION = Calibration(
+    reference_px=REFERENCE_PX,
+    radius_px=RADIUS_PX,
+    grid=(1, 3),
+    size=SIZE,
+    contrast=6.0,
+    edge_px=0.6,
+)
+
+
+def levels(center_px: np.ndarray) -> np.ndarray:
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    out = np.zeros((SIZE[1], SIZE[0]))
+    for (cx, cy), radius in zip(center_px, RADIUS_PX, strict=True):
+        out = np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - radius))
+    return out.astype(np.float32)
+
+
+def cauchy_fit(level: np.ndarray, start: np.ndarray, radius: float, reach: float) -> np.ndarray:
+    """Minimise the same robust cost over all pixels near the edge, by scipy."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    near = np.hypot(x - start[0], y - start[1]) < radius + reach
+
+    def residual(center: np.ndarray) -> np.ndarray:
+        q = np.hypot(x - center[0], y - center[1]) - radius
+        return (level - PROFILE.level(q))[near]
+
+    return least_squares(residual, start, loss="cauchy", f_scale=SOFT_LEVEL).x
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.4, -0.3), (-1.7, 1.2)])
+def test_disc_fit_finds_exact_discs(shift: tuple[float, float]) -> None:
+    true_px = REFERENCE_PX + shift
+    locator = DiscLocator(DiscLocatorConfig(iterations=8, grid_weight=0.0), CALIBRATION)
+    found_px, agreement = locator.locate(GradedStateMap(levels(true_px)), REFERENCE_PX, None)
+    np.testing.assert_allclose(found_px, true_px, atol=0.01)
+    assert agreement.min() > 0.95
+
+
+def test_disc_fit_equals_scipys_robust_minimum() -> None:
+    rng = np.random.default_rng(5)
+    noisy = levels(REFERENCE_PX + 0.3)
+    noisy += rng.normal(0.0, 0.08, noisy.shape).astype(np.float32)
+    spots = rng.random(noisy.shape) < 0.01
+    noisy[spots] = rng.random(int(spots.sum()))
+    locator = DiscLocator(
+        DiscLocatorConfig(iterations=20, grid_weight=0.0, reach_px=4.0), CALIBRATION
+    )
+    found_px, _ = locator.locate(GradedStateMap(noisy), REFERENCE_PX, None)
+    for found, start, radius in zip(found_px, REFERENCE_PX, RADIUS_PX, strict=True):
+        expected = cauchy_fit(noisy, start, radius, 4.0)
+        np.testing.assert_allclose(found, expected, atol=0.06)
+
+
+def test_neighbours_pull_only_as_much_as_asked() -> None:
+    state_map = GradedStateMap(levels(REFERENCE_PX))
+    expected_px = REFERENCE_PX + 1.0
+    free, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.0), CALIBRATION).locate(
+        state_map, REFERENCE_PX, expected_px
+    )
+    pulled, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.05), CALIBRATION).locate(
+        state_map, REFERENCE_PX, expected_px
+    )
+    assert 0.01 < (pulled - free).min() < (pulled - free).max() < 0.1
+
+
+def test_a_marker_at_the_border_reads_no_pixel_outside() -> None:
+    true_px = np.array([[2.0, 30.0]])
+    calibration = Calibration(
+        reference_px=true_px,
+        radius_px=np.array([7.0]),
+        grid=(1, 1),
+        size=SIZE,
+        contrast=6.0,
+        edge_px=0.6,
+    )
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    level = PROFILE.level(np.hypot(x - 2.0, y - 30.0) - 7.0).astype(np.float32)
+    locator = DiscLocator(DiscLocatorConfig(iterations=8), calibration)
+    found_px, _ = locator.locate(GradedStateMap(level), true_px + 0.8, None)
+    np.testing.assert_allclose(found_px, true_px, atol=0.02)
+
+
+def test_leak_equals_its_twin_and_spares_agreement() -> None:
+    rng = np.random.default_rng(8)
+    start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
+    state_map = GradedStateMap(start.astype(np.float32))
+    reach = 3.0
+    table = PROFILE.tables[0]
+    scale = (PROFILE.reach_px, 1.0 / TABLE_STEP_PX, reach)
+    leak_to_discs_kernel(
+        state_map.padded, state_map.memory, REFERENCE_PX, RADIUS_PX, table, scale, 0.14, 0.25
+    )
+    expected = start.copy()
+    for y in range(SIZE[1]):
+        for x in range(SIZE[0]):
+            for (cx, cy), radius in zip(REFERENCE_PX, RADIUS_PX, strict=True):
+                q = np.hypot(x - cx, y - cy) - radius
+                if q <= reach:
+                    e = start[y, x] - PROFILE.level(q)
+                    if abs(e) > 0.14:
+                        expected[y, x] -= 0.25 * (e - np.sign(e) * 0.14)
+    np.testing.assert_allclose(state_map.memory, expected, atol=0.01)
+    np.testing.assert_array_equal(state_map.values, state_map.memory)
+
+
+def test_centroids_equal_their_twin() -> None:
+    rng = np.random.default_rng(4)
+    level = np.clip(levels(REFERENCE_PX + 0.4) + rng.normal(0.0, 0.1, (SIZE[1], SIZE[0])), 0, 1)
+    config = CentroidLocatorConfig()
+    locator = CentroidLocator(config, CALIBRATION)
+    found_px, _ = locator.locate(GradedStateMap(level.astype(np.float32)), REFERENCE_PX, None)
+    reach = RADIUS_PX.max() + config.reach_px
+    for found, center in zip(found_px, REFERENCE_PX, strict=True):
+        y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+        weight = np.maximum(level - config.floor, 0.0)
+        weight[np.hypot(x - center[0], y - center[1]) > reach] = 0.0
+        expected = [(weight * x).sum() / weight.sum(), (weight * y).sum() / weight.sum()]
+        np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_window_rows_are_padded_with_nothing() -> None:
+    window = round_window(9.5)
+    assert window.shape[0] == 19
+    assert window.shape[1] % 8 == 0
+    assert window.sum() == sum(
+        np.hypot(x, y) <= 9.5 for x in range(-10, 11) for y in range(-10, 11)
+    )
