@@ -12,12 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.markers.associate import UNMATCHED, associate
 from spikingtac.markers.blobs import BlobConfig, BlobDetector
-from spikingtac.markers.neighbours import neighbour_weights, smallest_spacing_px
+from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.types import Calibration
 
 SMALLEST_BLOB_SHARE = 0.4
@@ -74,7 +75,7 @@ class Custody:
         count = len(calibration.reference_px)
         self._config = config
         self._reference_px = calibration.reference_px
-        self._weights = neighbour_weights(calibration.reference_px)
+        self._neighbours = Neighbourhood(calibration.reference_px)
         disc_px = np.pi * calibration.radius_px**2
         self._detector = BlobDetector(
             calibration.size,
@@ -87,13 +88,15 @@ class Custody:
         self._capture_px = config.capture_share * smallest_spacing_px(calibration.reference_px)
         self._doubted_since_us = np.full(count, -1, np.int64)
         self._search_at_us = 0
+        self._doubted = np.zeros(count, np.bool_)
+        self._watching = False
         self.held = np.zeros(count, np.bool_)
         self.moved = np.zeros(count, np.bool_)
         self.position_px = calibration.reference_px.copy()
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
-        return self._reference_px + self._weights @ (position_px - self._reference_px)
+        return self._neighbours.expected_px(position_px)
 
     def judge(
         self,
@@ -114,27 +117,32 @@ class Custody:
             ``(m,)`` the held markers (:attr:`held`, not a copy).
         """
         self.moved[:] = False
-        doubted = self._doubted(fitted_px, agreement)
-        fresh = doubted & (self._doubted_since_us < 0)
-        self._doubted_since_us[fresh] = t_us
-        self._doubted_since_us[~doubted] = -1
-        waited = t_us - self._doubted_since_us >= self._config.patience_us
-        self.held |= doubted & waited
+        config = self._config
+        clear = _all_clear_kernel(
+            fitted_px,
+            self._neighbours.expected_px(fitted_px),
+            self._reference_px,
+            agreement,
+            (config.agreement, config.strain_px, config.strain_share),
+            self._doubted,
+        )
+        if clear and not self._watching:
+            return self.held
+        self._weigh(t_us)
         if self.held.any():
             self._place_held(fitted_px)
             if t_us >= self._search_at_us:
-                self._search_at_us = t_us + self._config.search_us
+                self._search_at_us = t_us + config.search_us
                 self._search(fitted_px, levels)
+        self._watching = bool(self._doubted.any() or self.held.any())
         return self.held
 
-    def _doubted(
-        self, fitted_px: NDArray[np.float64], agreement: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
-        expected_px = self.expected_px(fitted_px)
-        strain_px = np.sqrt(((fitted_px - expected_px) ** 2).sum(axis=1))
-        travel_px = np.sqrt(((expected_px - self._reference_px) ** 2).sum(axis=1))
-        believed_px = self._config.strain_px + self._config.strain_share * travel_px
-        return (agreement < self._config.agreement) | (strain_px > believed_px)
+    def _weigh(self, t_us: int) -> None:
+        doubted = self._doubted
+        fresh = doubted & (self._doubted_since_us < 0)
+        self._doubted_since_us[fresh] = t_us
+        self._doubted_since_us[~doubted] = -1
+        self.held |= doubted & (t_us - self._doubted_since_us >= self._config.patience_us)
 
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
         held = self.held
@@ -150,3 +158,25 @@ class Custody:
         self.position_px[found] = blobs.center_px[match[found]]
         self.held &= ~found
         self._doubted_since_us[found] = -1
+
+
+@njit(cache=True, nogil=True)
+def _all_clear_kernel(
+    fitted_px: NDArray[np.float64],
+    expected_px: NDArray[np.float64],
+    reference_px: NDArray[np.float64],
+    agreement: NDArray[np.float64],
+    limits: tuple[float, float, float],
+    doubted: NDArray[np.bool_],
+) -> bool:  # pragma: no cover - compiled
+    """Mark what looks lost; ``limits`` are agreement, strain (px) and strain per travel."""
+    least, strain_px, strain_share = limits
+    clear = True
+    for m in range(fitted_px.shape[0]):
+        strain = np.hypot(fitted_px[m, 0] - expected_px[m, 0], fitted_px[m, 1] - expected_px[m, 1])
+        travel = np.hypot(
+            expected_px[m, 0] - reference_px[m, 0], expected_px[m, 1] - reference_px[m, 1]
+        )
+        doubted[m] = agreement[m] < least or strain > strain_px + strain_share * travel
+        clear = clear and not doubted[m]
+    return clear

@@ -212,7 +212,7 @@ def fit_discs_kernel(
         center_px[m, 0], center_px[m, 1] = column + x, row + y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def leak_to_discs_kernel(
     padded: NDArray[np.float32],
     memory: NDArray[np.float32],
@@ -231,20 +231,25 @@ def leak_to_discs_kernel(
     """
     reach_px, per_px, outer_px = table_scale
     height, width = memory.shape
-    last = table.size - 1
+    last = np.int64(table.size - 1)
+    limit, portion = np.float32(tolerance), np.float32(share)
+    zero, one, scale = np.float32(0.0), np.float32(1.0), np.float32(per_px)
     for m in range(center_px.shape[0]):
         x, y, radius = center_px[m, 0], center_px[m, 1], radius_px[m]
         outer = radius + outer_px
+        start = np.float32(radius - reach_px)
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
+            dy2 = np.float32((row - y) ** 2)
             half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
             first = max(0, int(np.ceil(x - half)))
+            levels, sums = padded[row + PAD_PX, PAD_PX:], memory[row]
             for column in range(first, min(width - 1, int(x + half)) + 1):
-                q = np.sqrt((column - x) ** 2 + (row - y) ** 2) - radius
-                model = table[min(max(int((q + reach_px) * per_px), 0), last)]
-                e = padded[row + PAD_PX, column + PAD_PX] - model
-                if abs(e) > tolerance:
-                    excess = e - tolerance if e > 0.0 else e + tolerance
-                    old = memory[row, column]
-                    new = min(max(old - share * excess, 0.0), 1.0)
-                    memory[row, column] = new
-                    padded[row + PAD_PX, column + PAD_PX] += new - old
+                dx = np.float32(column - x)
+                entry = np.int64(max((np.sqrt(dx * dx + dy2) - start) * scale, zero))
+                e = levels[column] - table[min(entry, last)]
+                if e > limit or e < -limit:
+                    excess = e - limit if e > zero else e + limit
+                    old = sums[column]
+                    new = min(max(old - portion * excess, zero), one)
+                    sums[column] = new
+                    levels[column] += new - old

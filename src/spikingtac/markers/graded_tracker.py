@@ -71,7 +71,7 @@ class CareConfig:
     leak_per_s: float = 20.0
     leak_tolerance: float = 0.14
     leak_reach_px: float = 3.5
-    leak_groups: int = 4
+    leak_groups: int = 8
     lag_us: float | None = None
     adapt_to_loss: bool = True
     custody: CustodyConfig = field(default_factory=CustodyConfig)

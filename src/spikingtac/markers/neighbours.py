@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 NEIGHBOURS = 8
@@ -12,29 +13,52 @@ RIDGE = 1e-3
 """Regularises the affine fit where the neighbours lie on a line, relative to their spread."""
 
 
-def neighbour_weights(reference_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix that predicts each displacement from the others.
+class Neighbourhood:
+    """Predicts the displacement of each marker from those of its nearest neighbours.
 
-    Row i holds the weights of an affine least-squares fit of the displacements of the nearest
-    markers, evaluated at marker i; every row sums to 1 and its diagonal is 0.
-
-    Args:
-        reference_px: ``(m, 2)`` rest positions, px.
-
-    Returns:
-        ``(m, m)`` weights; a marker without neighbours predicts itself.
+    Attributes:
+        index: ``(m, k)`` int64 neighbours of each marker.
+        weight: ``(m, k)`` their weights, which sum to 1 per marker.
     """
-    count = len(reference_px)
-    weights = np.zeros((count, count))
-    for i in range(count):
-        offset = reference_px - reference_px[i]
-        order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
-        near = order[order != i][:NEIGHBOURS]
-        if len(near):
-            weights[i, near] = _affine_weights_at_origin(offset[near])
-        else:
-            weights[i, i] = 1.0
-    return weights
+
+    def __init__(self, reference_px: NDArray[np.float64]) -> None:
+        """Solve the weights once; a marker without neighbours predicts itself.
+
+        Args:
+            reference_px: ``(m, 2)`` rest positions, px.
+        """
+        self._reference_px = np.ascontiguousarray(reference_px, np.float64)
+        count = len(reference_px)
+        self.index = np.zeros((count, max(min(NEIGHBOURS, count - 1), 1)), np.int64)
+        self.weight = np.ones(self.index.shape)
+        for i in range(count if count > 1 else 0):
+            offset = reference_px - reference_px[i]
+            order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
+            self.index[i] = order[order != i][: self.index.shape[1]]
+            self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
+
+    def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
+        out = np.empty_like(self._reference_px)
+        _expect_kernel(position_px, self._reference_px, self.index, self.weight, out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _expect_kernel(
+    position_px: NDArray[np.float64],
+    reference_px: NDArray[np.float64],
+    index: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    for m in range(index.shape[0]):
+        x, y = reference_px[m, 0], reference_px[m, 1]
+        for k in range(index.shape[1]):
+            n = index[m, k]
+            x += weight[m, k] * (position_px[n, 0] - reference_px[n, 0])
+            y += weight[m, k] * (position_px[n, 1] - reference_px[n, 1])
+        out[m, 0], out[m, 1] = x, y
 
 
 def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:
