@@ -1,7 +1,6 @@
 """Arm, probe, gel, cameras, detector: move until contact on the twin, as pinned (simulated)."""
 
 import numpy as np
-import pytest
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.quiet import QuietStatistics
@@ -40,9 +39,8 @@ def run(preset: str, speed_mm_s: float, seed: int) -> tuple[Approach, Rig]:
     return approacher.approach(np.array([FREE_MM + 40.0, 0.0, 0.0])), rig
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_published_detector_stops_the_arm_at_full_speed(seed: int) -> None:
-    found, rig = run("typical", 180.0, seed)
+def test_the_published_detector_stops_the_arm_at_full_speed() -> None:
+    found, rig = run("typical", 180.0, seed=1)
     assert found.contact is not None
     assert rig.touch is not None
     deviation = found.deviation_mm(rig.touch.arm_mm)

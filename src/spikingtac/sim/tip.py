@@ -16,14 +16,18 @@ from spikingtac.sim.walls import Bit, Wall
 
 Vector = NDArray[np.float64]
 
-NEWTON_STEPS = 3
-"""Times the wall is linearised anew: its normal turns by less than 1e-3 rad after the second."""
+NEWTON_STEPS = 30
+"""Most times the wall is linearised anew; a step of the rig needs two or three."""
+PLAIN_STEPS = 8
+"""After so many the tip moves only half as far: two corners may take turns in holding it."""
+TURN_RAD = 1e-5
+"""Turn of a wall's normal at which that ends: less than 1e-5 of the force."""
 SWEEPS = 30
 """Most Gauss-Seidel sweeps; two points of a hexagon need about ten."""
 SLIP_STEPS = 12
 """Most fixed-point steps for the direction of slip; the error falls by about 3 with each."""
-TOLERANCE_N = 1e-9
-"""Change of force at which the iterations end, N (a millionth of the force at 1 mm of travel)."""
+TOLERANCE_N = 1e-8
+"""Change of force at which the sweeps end, N (a millionth of the force at 1 mm of travel)."""
 
 
 @dataclass
@@ -63,18 +67,22 @@ class TipContact:
             if self._pressed:
                 self.force_n[:], self._stuck[:], self._pressed = 0.0, False, False
             return np.zeros(3)
-        mount = _Mount(free_mm, compliance, np.linalg.inv(compliance).astype(np.float64))
         points = self.bit.points_mm
-        tip = mount.tip(self.force_n.sum(axis=0))
+        stiffness = np.linalg.inv(compliance).astype(np.float64)
+        tip = free_mm + compliance @ self.force_n.sum(axis=0)
         normal = np.zeros_like(points)
-        for _ in range(NEWTON_STEPS):
-            gap, turned = self.wall.gap(tip + points)
-            if (turned == normal).all():
+        for step in range(NEWTON_STEPS):
+            gap, seen = self.wall.gap(tip + points)
+            if np.abs(seen - normal).max() < TURN_RAD:
                 break
-            normal = turned
+            normal = seen
+            pressure = np.maximum((self.force_n * normal).sum(axis=1), 0.0)
+            bend = np.tensordot(pressure, self.wall.bend(tip + points), axes=1)
+            mount = _Mount.bent(free_mm, stiffness, bend, tip)
             reach = (normal * tip).sum(axis=1) - (gap - self.bit.radius_mm)
             self._sweep(mount, normal, reach)
-            tip = mount.tip(self.force_n.sum(axis=0))
+            share = 1.0 if step < PLAIN_STEPS else 0.5
+            tip = tip + share * (mount.tip(self.force_n.sum(axis=0)) - tip)
         self._remember(tip, normal)
         return self.force_n.sum(axis=0)
 
@@ -112,6 +120,23 @@ class _Mount:
     free_mm: Vector
     compliance: Vector
     stiffness: Vector
+
+    @classmethod
+    def bent(cls, free_mm: Vector, stiffness: Vector, bend: Vector, at_mm: Vector) -> _Mount:
+        """Return the mount as seen along a bent wall.
+
+        A pressure turns with the normal as the tip slides; to first order that is a spring around
+        the present tip, without which a hole narrower than the tip's travel is never solved.
+
+        Args:
+            free_mm: ``(3,)`` where the tip would be without contact, mm.
+            stiffness: ``(3, 3)`` of the mount, N/mm.
+            bend: ``(3, 3)`` pressure times the turn of the normal, N/mm.
+            at_mm: ``(3,)`` present tip, mm.
+        """
+        stiff = stiffness + bend
+        compliance = np.linalg.inv(stiff).astype(np.float64)
+        return cls(compliance @ (stiffness @ free_mm + bend @ at_mm), compliance, stiff)
 
     def tip(self, force_n: Vector) -> Vector:
         return self.free_mm + self.compliance @ force_n

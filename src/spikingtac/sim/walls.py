@@ -28,6 +28,14 @@ class Wall(Protocol):
         """
         ...
 
+    def bend(self, point_mm: Vector) -> Vector:
+        """Return ``(n, 3, 3)`` how the normal turns per displacement, with the sign reversed, 1/mm.
+
+        Args:
+            point_mm: ``(n, 3)`` points in the base frame, mm.
+        """
+        ...
+
 
 @dataclass(frozen=True, kw_only=True)
 class NoWall:
@@ -36,6 +44,10 @@ class NoWall:
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return infinite gaps; see :class:`Wall`."""
         return np.full(len(point_mm), np.inf), np.zeros((len(point_mm), 3))
+
+    def bend(self, point_mm: Vector) -> Vector:
+        """Return zeros; see :class:`Wall`."""
+        return np.zeros((len(point_mm), 3, 3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +67,10 @@ class PlaneWall:
         normal = _unit(self.normal)
         gap = (point_mm - np.array(self.point_mm)) @ normal
         return gap, np.broadcast_to(normal, point_mm.shape)
+
+    def bend(self, point_mm: Vector) -> Vector:
+        """Return zeros: the wall is flat; see :class:`Wall`."""
+        return np.zeros((len(point_mm), 3, 3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,12 +93,22 @@ class HoleWall:
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return distance and normal (towards the axis); see :class:`Wall`."""
+        outward, distance = self._from_axis(point_mm)
+        return self.radius_mm - distance, -outward
+
+    def bend(self, point_mm: Vector) -> Vector:
+        """Return the turn around the hole, 1 / distance from the axis; see :class:`Wall`."""
+        outward, distance = self._from_axis(point_mm)
+        around = np.cross(_unit(self.axis), outward)
+        return around[:, :, None] * around[:, None, :] / distance[:, None, None]
+
+    def _from_axis(self, point_mm: Vector) -> tuple[Vector, Vector]:
+        """Return the unit directions ``(n, 3)`` and distances ``(n,)`` from the axis."""
         axis = _unit(self.axis)
         offset = point_mm - np.array(self.center_mm)
         radial = offset - (offset @ axis)[:, None] * axis
-        distance = np.linalg.norm(radial, axis=1)
-        safe = np.maximum(distance, np.finfo(float).tiny)
-        return self.radius_mm - distance, -radial / safe[:, None]
+        distance = np.maximum(np.linalg.norm(radial, axis=1), np.finfo(float).tiny)
+        return radial / distance[:, None], distance
 
 
 class Bit(Protocol):

@@ -90,7 +90,7 @@ def test_markers_see_a_tenth_of_the_tips_travel() -> None:
 
 def test_vibration_moves_the_markers_of_a_free_probe_through_its_inertia() -> None:
     rig, fingers = make_rig(rms_mm=0.03)
-    rig.rest(8.0)
+    rig.rest(4.0)
     path = np.array([image.center_px for image in fingers[0].images])
     rms_px = path.std(axis=0).max()
     assert 0.02 < rms_px < 0.15
