@@ -1,0 +1,41 @@
+"""The lag on a recording of an independent simulator whose best constant lag is 2.6 ms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.events.open import open_events
+from spikingtac.markers.crossings import CrossingObserver, MarkerTrack
+from spikingtac.markers.lag import estimate_lag
+from spikingtac.markers.photoreceptor import EdgeProfile
+
+LAG_US = 2_600.0
+EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
+"""As the recording was made; a calibration finds them."""
+
+
+def test_the_bootstraps_lag_is_found(data_dir: Path) -> None:
+    """The track is the truth, late by 2.6 ms, as a disc fit's; the estimator sees only that."""
+    truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
+    true_us, path = truth["marker_t_us"], truth["marker_px"].astype(np.float64)
+    t_us = np.arange(true_us[0] + 10_000, true_us[-1], 1_000)
+    flat = path.reshape(len(path), -1)
+    late = [np.interp(t_us - LAG_US, true_us, column) for column in flat.T]
+    track = MarkerTrack(
+        t_us, np.stack(late, axis=1).reshape(-1, *path.shape[1:]), truth["radius_px"]
+    )
+    source = open_events(data_dir / "v2e" / "bootstrap.raw")
+    observer = CrossingObserver(track, source.size)
+    for packet in source:
+        observer.absorb(packet)
+    estimate = estimate_lag(observer.crossings, EDGE)
+    print(
+        f"bootstrap.raw: lag {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us "
+        f"(track late by {LAG_US:.0f} us) from {estimate.samples} events"
+    )
+    assert estimate.lag_us == pytest.approx(LAG_US, rel=0.25)
+    assert abs(estimate.lag_us - LAG_US) < 2.5 * estimate.uncertainty_us
+    assert estimate.uncertainty_us < 0.25 * LAG_US
