@@ -42,8 +42,8 @@ class TrackingConfig:
 
     method: str = "disc"
     rate_hz: float = 1_000.0
-    hysteresis: str = "none"
-    denoiser: str = "box7"
+    hysteresis: str = field(default="none", metadata={"choices": ("none", "paper", "anchored")})
+    denoiser: str = field(default="box7", metadata={"choices": ("none", "median3", "box7")})
     disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
     centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)

@@ -29,7 +29,7 @@ class AnchoredLawConfig:
         delta2_px: δ2, distance from which the map is the identity, px (ours).
     """
 
-    gamma: float = 0.3
+    gamma: float = field(default=0.3, metadata={"range": (0.05, 1.0)})
     delta1_px: float = 0.75
     delta2_px: float = 2.0
 

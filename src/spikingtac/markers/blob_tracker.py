@@ -6,7 +6,7 @@ map (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,10 +43,10 @@ class BlobTrackerConfig:
             marker itself).
     """
 
-    threshold: float = 0.5
-    min_area_share: float = 0.5
-    max_area_share: float = 2.5
-    proximity_share: float = 0.5
+    threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
+    min_area_share: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
+    max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
+    proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
 
     def __post_init__(self) -> None:
         if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:

@@ -5,7 +5,7 @@ What it gives up against the disc fit: the robust weights, and with them accurac
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -29,8 +29,8 @@ class CentroidLocatorConfig:
         floor: Level up to which pixels count as ground: a stray ON event is not yet marker (ours).
     """
 
-    reach_px: float = 3.0
-    floor: float = 0.25
+    reach_px: float = field(default=3.0, metadata={"range": (0.5, 6.0)})
+    floor: float = field(default=0.25, metadata={"range": (0.0, 0.9)})
 
     def __post_init__(self) -> None:
         if not self.reach_px > 0.0:

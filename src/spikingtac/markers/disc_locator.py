@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,9 @@ class DiscLocatorConfig:
             (ours: a strong pull smooths real deformation away).
     """
 
-    iterations: int = 3
-    reach_px: float = 3.5
-    grid_weight: float = 0.03
+    iterations: int = field(default=3, metadata={"range": (1, 8)})
+    reach_px: float = field(default=3.5, metadata={"range": (1.0, 6.0)})
+    grid_weight: float = field(default=0.03, metadata={"range": (0.0, 0.5)})
 
     def __post_init__(self) -> None:
         if self.iterations < 1:

@@ -68,12 +68,12 @@ class CareConfig:
     """
 
     period_us: int = 0
-    leak_per_s: float = 20.0
-    leak_tolerance: float = 0.14
+    leak_per_s: float = field(default=20.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
+    leak_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
     leak_reach_px: float = 3.5
     leak_groups: int = 8
     lag_us: float | None = None
-    adapt_to_loss: bool = True
+    adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
     custody: CustodyConfig = field(default_factory=CustodyConfig)
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ written, slips included (``docs/explanation/errata.md``): its output depends on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,8 +69,8 @@ class PaperLawConfig:
         gamma: γ, gain inside the window. Section IV-C: 0.7.
     """
 
-    delta_px: float = 4.0
-    gamma: float = 0.7
+    delta_px: float = field(default=4.0, metadata={"range": (0.0, 12.0)})
+    gamma: float = field(default=0.7, metadata={"range": (0.0, 1.0)})
 
     def __post_init__(self) -> None:
         if not self.delta_px >= 0.0:

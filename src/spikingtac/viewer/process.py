@@ -11,6 +11,7 @@ import queue
 import signal
 from collections.abc import Callable
 from multiprocessing.synchronize import Event
+from multiprocessing.util import Finalize
 from typing import Any
 
 from spikingtac.live.ring import SharedRing
@@ -52,10 +53,11 @@ class SessionProcess:
         self._stopped = context.Event()
         names = self._frames.name, self._greetings.name
         channels = names, self._commands, self._failures, self._stopped
-        self._process = context.Process(
-            target=_run, args=(opener, arguments, repeat, channels), daemon=True
-        )
+        self._process = context.Process(target=_run, args=(opener, arguments, repeat, channels))
         self._process.start()
+        # Not a daemon, since a daemon may start no process for a simulated sensor; so it is told
+        # to end before the interpreter waits for it.
+        Finalize(None, self._stopped.set, exitpriority=1)
 
     def frame(self, after: int) -> tuple[int, bytes] | None:
         """Return the latest frame message with its number, or None if there is none newer."""

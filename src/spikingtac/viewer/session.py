@@ -97,8 +97,11 @@ class Session:
         self._timer.wait()
 
     def close(self) -> None:
-        """Remove the stored events."""
+        """Remove the stored events, and end a source that runs by itself."""
         self.playback.store.close()
+        end = getattr(self._subject.source, "close", None)
+        if end is not None:
+            end()
 
     def _tracker(self) -> MarkerTracker:
         return self._subject.make_tracker(self._config)
@@ -176,4 +179,5 @@ class Session:
 
 def _map_of(tracker: MarkerTracker) -> NDArray[np.floating] | None:
     """Return the tracker's state map where it shows one."""
-    return getattr(getattr(tracker, "state_map", None), "values", None)
+    shown = getattr(tracker, "state_map", None) or getattr(tracker, "_map", None)
+    return getattr(shown, "values", None)

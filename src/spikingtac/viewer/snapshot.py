@@ -12,7 +12,7 @@ from spikingtac.live.playback import WINDOW_US, Playback
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.subject import Subject
-from spikingtac.viewer.tuning import controls
+from spikingtac.viewer.tuning import in_use
 
 COUNT_WINDOWS = 1_024
 """Windows of the count series sent with each frame: about 1 s, so that a page may miss sixty."""
@@ -41,7 +41,7 @@ def greeting(subject: Subject, playback: Playback, config: Any) -> dict[str, Any
         "px_per_mm": calibration.px_per_mm,
         "rate_hz": subject.rate_hz,
         "truth": subject.truth is not None,
-        "controls": [asdict(control) for control in controls(config)],
+        "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
     }

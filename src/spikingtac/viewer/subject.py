@@ -14,6 +14,11 @@ from spikingtac.live.playback import ContactWatch
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import Calibration
 
+FIRST_ROWS = 4_096
+"""Room for 4 s of truth at 1 kHz; it doubles."""
+BEYOND_US = 2_000
+"""How far the last line is prolonged: one step of a simulation at 500 Hz."""
+
 
 class Truth(Protocol):
     """Knows where the markers really are."""
@@ -53,7 +58,10 @@ class Subject:
 
 
 class SampledTruth:
-    """True positions sampled at given times, joined by straight lines."""
+    """True positions sampled at given times, joined by straight lines.
+
+    A simulation that goes on appends to it; just beyond the last sample the line is prolonged.
+    """
 
     def __init__(self, t_us: NDArray[np.int64], marker_px: NDArray[np.floating]) -> None:
         """Keep the samples.
@@ -63,14 +71,32 @@ class SampledTruth:
             marker_px: ``(n, m, 2)`` positions, px.
         """
         self._t_us, self._marker_px = t_us, marker_px
+        self._samples = len(t_us)
+
+    @classmethod
+    def growing(cls, markers: int) -> SampledTruth:
+        """Return a truth that knows nothing yet of so many markers."""
+        return cls(np.empty(0, np.int64), np.empty((0, markers, 2), np.float32))
+
+    def append(self, t_us: NDArray[np.int64], marker_px: NDArray[np.floating]) -> None:
+        """Add samples, later than those that are known."""
+        after = self._samples + len(t_us)
+        if after > len(self._t_us):
+            rows = max(after, 2 * len(self._t_us), FIRST_ROWS)
+            self._t_us = np.resize(self._t_us, rows)
+            grown = np.empty((rows, *self._marker_px.shape[1:]), self._marker_px.dtype)
+            grown[: self._samples] = self._marker_px[: self._samples]
+            self._marker_px = grown
+        self._t_us[self._samples : after] = t_us
+        self._marker_px[self._samples : after] = marker_px
+        self._samples = after
 
     def at(self, t_us: int) -> NDArray[np.float64] | None:
-        """Return ``(m, 2)`` positions at a time, or None outside the samples."""
-        if not len(self._t_us) or not self._t_us[0] <= t_us <= self._t_us[-1]:
+        """Return ``(m, 2)`` positions at a time, or None where they are not known."""
+        times_us = self._t_us[: self._samples]
+        if len(times_us) < 2 or not times_us[0] <= t_us <= times_us[-1] + BEYOND_US:
             return None
-        after = min(int(np.searchsorted(self._t_us, t_us, side="right")), len(self._t_us) - 1)
-        before = max(after - 1, 0)
-        span_us = max(int(self._t_us[after] - self._t_us[before]), 1)
-        share = (t_us - int(self._t_us[before])) / span_us
-        first, last = (self._marker_px[index].astype(np.float64) for index in (before, after))
-        return first + share * (last - first)
+        after = min(max(int(np.searchsorted(times_us, t_us, side="right")), 1), len(times_us) - 1)
+        start_us, end_us = int(times_us[after - 1]), int(times_us[after])
+        first, last = (self._marker_px[row].astype(np.float64) for row in (after - 1, after))
+        return first + (t_us - start_us) / (end_us - start_us) * (last - first)

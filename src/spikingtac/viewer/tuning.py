@@ -16,6 +16,14 @@ from typing import Any, TypeVar
 from spikingtac.errors import ConfigError, nearest
 
 T = TypeVar("T")
+_STAGES = {
+    "disc": ("disc", "care"),
+    "centroid": ("centroid", "care"),
+    "blobs": ("denoiser", "blobs"),
+    "paper": ("paper_law",),
+    "anchored": ("anchored_law",),
+}
+"""Method or law -> the fields of the tracking configuration that it reads."""
 STEPS = 200
 """Positions of a slider where the field names no step."""
 
@@ -55,6 +63,20 @@ def controls(config: Any, prefix: str = "") -> Iterator[Control]:
             yield from controls(value, f"{name}.")
         elif "choices" in field.metadata or "range" in field.metadata:
             yield _control(name, value, dict(field.metadata))
+
+
+def in_use(config: Any) -> Iterator[Control]:
+    """Yield the controls that have an effect under the configuration's method and law.
+
+    A configuration that names neither has all its controls in use.
+    """
+    methods = {getattr(config, name, None) for name in ("method", "hysteresis")}
+    idle = {field for name, fields in _STAGES.items() if name not in methods for field in fields}
+    used = {field for name, fields in _STAGES.items() if name in methods for field in fields}
+    for control in controls(config):
+        stage = control.name.partition(".")[0]
+        if not hasattr(config, "method") or stage in used or stage not in idle:
+            yield control
 
 
 def with_value(config: T, name: str, value: Any) -> T:

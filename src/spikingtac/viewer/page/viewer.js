@@ -36,7 +36,8 @@ function connect() {
 }
 
 function greet(document_) {
-  const first = !hello || hello.label !== document_.label;
+  const names = (from) => from.controls.map((control) => control.name).join();
+  const first = !hello || names(hello) !== names(document_);
   hello = metrics.hello = document_;
   sensor.greet(hello);
   if (first) buildControls($("controls"), hello.controls, (name, value) => send({ set: [name, value] }));

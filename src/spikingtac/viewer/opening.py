@@ -1,0 +1,168 @@
+"""From what a user names (an event file, a recording folder, a scene) to a subject to look at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.config import TrackingConfig, load_config
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.live.relay import RelaySource
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.registry import make_tracker
+from spikingtac.types import Calibration, EventPacket
+from spikingtac.viewer.first_windows import FirstWindowsWatch
+from spikingtac.viewer.subject import SampledTruth, Subject
+
+CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
+
+
+def open_subject(
+    source: str,
+    *,
+    calibration: str | None = None,
+    preset: str = "default",
+    rate_hz: float | None = None,
+    seed: int = 0,
+    camera: str | None = None,
+) -> Subject:
+    """Open an event file, a recording folder, or a scene of the digital twin.
+
+    Args:
+        source: Path, or name of a scene.
+        calibration: Path of a calibration; a folder's own unless told, and a scene brings its own.
+        preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
+        rate_hz: Estimates per second; the preset's unless told.
+        seed: Of a scene.
+        camera: Camera preset of a scene.
+
+    Raises:
+        RecordingError: The recording cannot be read.
+        CalibrationError: There is no calibration for it, or it does not fit.
+        ConfigError: There is neither such a path nor such a scene.
+    """
+    path = Path(source)
+    if path.suffix == ".toml" or not path.exists():
+        subject = _open_scene(source, seed, camera)
+    else:
+        subject = _open_recording(path, calibration)
+    if calibration is not None:
+        subject = replace(subject, calibration=Calibration.load(calibration))
+    if tuple(subject.calibration.size) != tuple(subject.source.size):
+        raise CalibrationError(
+            f"the calibration is for {subject.calibration.size}, "
+            f"the recording has {subject.source.size}"
+        )
+    config = load_config(preset).with_tracking(rate_hz=rate_hz).tracking
+    return replace(
+        subject,
+        config=config,
+        make_tracker=partial(_tracker, subject.calibration),
+        make_watch=FirstWindowsWatch,
+        rate_hz=config.rate_hz,
+    )
+
+
+def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
+    return make_tracker(config, calibration)
+
+
+def _open_recording(path: Path, calibration: str | None) -> Subject:
+    from spikingtac.events.open import open_events
+
+    folder = path if path.is_dir() else path.parent
+    truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
+    manifest = _manifest(folder) if path.is_dir() else {}
+    chosen = Calibration.load(calibration) if calibration else _calibration_beside(folder, manifest)
+    return Subject(
+        label=path.resolve().name,
+        source=open_events(path),
+        calibration=chosen,
+        config=None,
+        make_tracker=_unchosen,
+        truth=_truth(truth_path),
+        simulated=manifest.get("source") == "twin",
+    )
+
+
+def _open_scene(name: str, seed: int, camera: str | None) -> Subject:
+    from spikingtac.sim import catalog
+    from spikingtac.sim.source import SceneSource
+
+    scene = catalog.load(name).with_camera(camera)
+    at_rest = SceneSource(scene, seed)
+    contrast = scene.camera.resolve(scene.size).light.contrast
+    truth = SampledTruth.growing(len(at_rest.reference_px))
+    arguments = {"name": name, "seed": seed, "camera": camera}
+    return Subject(
+        label=Path(name).stem,
+        source=RelaySource(
+            scene_packets, arguments, scene.size, lambda rows: truth.append(rows[0], rows[1])
+        ),
+        calibration=Calibration(
+            reference_px=at_rest.reference_px,
+            radius_px=at_rest.radius_px,
+            grid=scene.skin.grid,
+            size=scene.size,
+            polarity="dark" if contrast < 1 else "white",
+            provenance={"from": f"the scene {name!r} at rest"},
+        ),
+        config=None,
+        make_tracker=_unchosen,
+        truth=truth,
+        simulated=True,
+        ends=False,
+    )
+
+
+def scene_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
+    """Yield a scene's packets, each with the times and positions of its markers."""
+    from spikingtac.sim import catalog
+    from spikingtac.sim.source import SceneSource
+
+    for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
+        yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    try:
+        document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def _calibration_beside(folder: Path, manifest: dict[str, Any]) -> Calibration:
+    if (folder / CALIBRATION_NAME).exists():
+        return Calibration.load(folder / CALIBRATION_NAME)
+    if "grid" in manifest and (folder / TRUTH_NAME).exists():
+        with np.load(folder / TRUTH_NAME) as stored:
+            return Calibration(
+                reference_px=stored["reference_px"].astype(np.float64),
+                radius_px=stored["radius_px"].astype(np.float64),
+                grid=(int(manifest["grid"][0]), int(manifest["grid"][1])),
+                size=(int(manifest["size"][0]), int(manifest["size"][1])),
+                polarity="dark" if float(manifest.get("contrast", 1)) < 1 else "white",
+                provenance={"from": "the twin's truth at rest"},
+            )
+    raise CalibrationError(
+        f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
+        "make it with: spikingtac calibrate RECORDING -o calibration.json"
+    )
+
+
+def _truth(path: Path) -> SampledTruth | None:
+    if not path.exists():
+        return None
+    with np.load(path) as stored:
+        return SampledTruth(stored["marker_t_us"], stored["marker_px"])
+
+
+def _unchosen(_: Any) -> Any:
+    raise ConfigError("no tracker was chosen")
