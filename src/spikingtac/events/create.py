@@ -47,12 +47,12 @@ def create_events(
         from spikingtac.events.formats.es import EsWriter
 
         return EsWriter(path, size)
-    if ending in (".h5", ".hdf5", ".aedat4"):
+    if ending in (".h5", ".hdf5"):
         from spikingtac.events.formats.hdf5 import Hdf5Writer
 
         return Hdf5Writer(path, size)
     if ending == ".aedat4":
-        from spikingtac.events.formats.aedat4 import Aedat4Writer
+        from spikingtac.events.formats.aedat4_writer import Aedat4Writer
 
         return Aedat4Writer(path, size)
     raise ConfigError(

@@ -151,6 +151,8 @@ def lone_low_kernel(state: NDArray[np.int64], low: Integer, events: Integer) -> 
         low: Lower time.
         events: Events decoded so far in this chunk.
     """
+    if state[HIGH] < 0:
+        return state[NOW]
     now = state[BASE] + low
     if now < state[NOW]:
         if state[EVENTS_BEFORE] != events or now < state[EARLIER]:

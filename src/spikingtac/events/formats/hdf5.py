@@ -22,6 +22,9 @@ CHUNK_ROWS = 1 << 17
 STORED_ROWS = 1 << 14
 """Rows that are compressed together."""
 
+DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError)
+"""What h5py raises on damaged files."""
+
 ECF_FILTER = 0x8ECF
 """Prophesee's compression, of which no wheel exists."""
 
@@ -51,8 +54,11 @@ class Hdf5Source(FileSource):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with _opened(path) as file:
-            self._layout = _layout_of(file, path)
-            self._named_size = _size_of(file)
+            try:
+                self._layout = _layout_of(file, path)
+                self._named_size = _size_of(file)
+            except DAMAGE as error:
+                raise FormatError(f"{str(path)!r} is damaged: {error}") from error
         super().__init__(path, options)
 
     def _size(self) -> tuple[int, int]:
@@ -60,13 +66,17 @@ class Hdf5Source(FileSource):
 
     def _columns(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
-            total = min(len(file[place.partition("?")[0]]) for place in self._layout.values())
-            offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+            try:
+                total = min(len(file[place.partition("?")[0]]) for place in self._layout.values())
+                offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+            except DAMAGE:
+                self.losses.add("bad_record")
+                return
             for first in range(0, total, CHUNK_ROWS):
                 rows = slice(first, min(first + CHUNK_ROWS, total))
                 try:
                     x, y, p, t = self._read(file, rows)
-                except OSError as error:
+                except DAMAGE as error:
                     self._explain(file, error)
                     self.losses.add("bad_record")
                     continue
@@ -82,7 +92,7 @@ class Hdf5Source(FileSource):
             x, y, p, t = (file[place][rows] for place in places)
         return np.asarray(x), np.asarray(y), np.asarray(p), np.asarray(t)
 
-    def _explain(self, file: Any, error: OSError) -> None:
+    def _explain(self, file: Any, error: Exception) -> None:
         """Raise where the filter is missing, not the data damaged."""
         place = self._layout["t"].partition("?")[0]
         settings = file[place].id.get_create_plist()

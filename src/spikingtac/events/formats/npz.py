@@ -7,6 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from tokenize import TokenError
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -19,7 +20,12 @@ from spikingtac.types import EventPacket
 
 CHUNK_ROWS = 1 << 17
 _TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
-_DAMAGE = (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError)
+_DAMAGE = (
+    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
+    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
+)  # fmt: skip
+"""What zipfile and NumPy's header parser raise on damaged archives."""
+
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest date that ZIP knows: archives must not depend on the clock."""
 

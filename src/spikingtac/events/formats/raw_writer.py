@@ -123,15 +123,15 @@ class _Encoder(Protocol):
 
 def _encoder(name: str) -> _Encoder:
     if name == "evt3":
-        from spikingtac.events.formats.evt3 import Evt3Encoder
+        from spikingtac.events.formats.evt3_encoder import Evt3Encoder
 
         return Evt3Encoder()
     if name == "evt2":
-        from spikingtac.events.formats.evt2 import Evt2Encoder
+        from spikingtac.events.formats.evt2_encoder import Evt2Encoder
 
         return Evt2Encoder()
     if name == "evt21":
-        from spikingtac.events.formats.evt21 import Evt21Encoder
+        from spikingtac.events.formats.evt21_encoder import Evt21Encoder
 
         return Evt21Encoder()
     raise ConfigError(

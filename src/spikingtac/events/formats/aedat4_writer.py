@@ -1,0 +1,92 @@
+"""Write AEDAT4 files, uncompressed; the few bytes of FlatBuffers are laid out by hand."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+
+from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
+from spikingtac.types import EventPacket
+
+STREAM = 0
+PACKET_EVENTS = 4_096
+"""Events in a packet; readers load a packet at once."""
+
+_NODE = (
+    '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'
+    '<node name="0" path="/mainloop/Recorder/outInfo/0/">'
+    '<attr key="compression" type="string">NONE</attr>'
+    '<attr key="originalModuleName" type="string">spikingtac</attr>'
+    '<attr key="originalOutputName" type="string">events</attr>'
+    '<attr key="typeDescription" type="string">Array of events (polarity ON/OFF).</attr>'
+    '<attr key="typeIdentifier" type="string">EVTS</attr>'
+    '<node name="info" path="/mainloop/Recorder/outInfo/0/info/">'
+    '<attr key="sizeX" type="int">{0}</attr><attr key="sizeY" type="int">{1}</attr>'
+    '<attr key="source" type="string">spikingtac</attr></node></node></node></dv>'
+)
+
+
+class Aedat4Writer:
+    """Writes AEDAT4 files packet by packet, uncompressed."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self.size = size
+        self._pending = np.zeros(0, EVENT)
+        self._file: BinaryIO = open(path, "wb")  # noqa: SIM115
+        self._file.write(SIGNATURE + _io_header(_NODE.format(*size).encode("ascii")))
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        held = len(self._pending)
+        events = np.zeros(held + len(packet), EVENT)  # joining arrays would drop their padding
+        events[:held] = self._pending
+        for name, column in (("t", packet.t), ("x", packet.x), ("y", packet.y), ("on", packet.p)):
+            events[name][held:] = column
+        whole = len(events) // PACKET_EVENTS * PACKET_EVENTS
+        self._put(events[:whole])
+        self._pending = events[whole:]
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._put(self._pending)
+            self._file.close()
+
+    def _put(self, events: np.ndarray[Any, np.dtype[Any]]) -> None:
+        for first in range(0, len(events), PACKET_EVENTS):
+            data = _event_packet(events[first : first + PACKET_EVENTS])
+            self._file.write(PACKET_HEAD.pack(STREAM, len(data)) + data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _io_header(info: bytes) -> bytes:
+    """Return the IOHeader: compression and table position at their defaults, and the XML."""
+    head = struct.pack("<I4s", 20, b"IOHE")
+    vtable = struct.pack("<HHHHH2x", 10, 8, 0, 0, 4)
+    table = struct.pack("<iI", 12, 4)
+    body = head + vtable + table + struct.pack("<I", len(info)) + info + b"\0"
+    body += bytes(-len(body) % 4)
+    return struct.pack("<I", len(body)) + body
+
+
+def _event_packet(events: np.ndarray[Any, np.dtype[Any]]) -> bytes:
+    """Return an EventPacket: one vector of structures, aligned to eight bytes with the prefix."""
+    head = struct.pack("<I4s", 16, b"EVTS")
+    vtable = struct.pack("<HHH2x", 6, 8, 4)
+    table = struct.pack("<iI8x", 8, 12)
+    body = head + vtable + table + struct.pack("<I", len(events)) + events.tobytes()
+    return struct.pack("<I", len(body)) + body

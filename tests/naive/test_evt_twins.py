@@ -1,0 +1,219 @@
+"""Decoders, written from the formats' descriptions in plain Python, against the kernels."""
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from spikingtac.events.formats import es_kernels, evt2, evt3, evt21, salvage
+from spikingtac.events.formats.clock import new_state
+from spikingtac.events.formats.decoder import Columns, WordDecoder
+from spikingtac.events.formats.evt2 import Evt2Decoder
+from spikingtac.events.formats.evt2_encoder import Evt2Encoder
+from spikingtac.events.formats.evt3 import Evt3Decoder
+from spikingtac.events.formats.evt3_encoder import Evt3Encoder
+from spikingtac.events.formats.evt21 import Evt21Decoder
+from spikingtac.events.formats.evt21_encoder import Evt21Encoder
+
+SIZE = (320, 240)
+Events = list[tuple[int, int, int, bool]]
+
+
+def twin_evt2(words: NDArray[np.uint32]) -> Events:
+    events, high = [], 0
+    for word in words.tolist():
+        kind = word >> 28
+        if kind == 8:
+            high = word & 0xFFFFFFF
+        elif kind in (0, 1):
+            t = high << 6 | (word >> 22 & 63)
+            events.append((t, word >> 11 & 2047, word & 2047, kind == 1))
+    return events
+
+
+def twin_evt21(words: NDArray[np.uint64]) -> Events:
+    events = []
+    for word in words.tolist():
+        head, mask = word >> 32, word & 0xFFFFFFFF
+        if head >> 28 == 8:
+            high = head & 0xFFFFFFF
+        elif head >> 28 in (0, 1):
+            t, x, y = high << 6 | (head >> 22 & 63), head >> 11 & 2047, head & 2047
+            events += [(t, x + i, y, head >> 28 == 1) for i in range(32) if mask >> i & 1]
+    return events
+
+
+def twin_evt3(words: NDArray[np.uint16]) -> Events:
+    events: Events = []
+    high = low = y = x = 0
+    epoch, p = 0, False
+    for word in words.tolist():
+        kind, value = word >> 12, word & 4095
+        if kind == 0:
+            y = value & 2047
+        elif kind == 2:
+            events.append((epoch + (high << 12 | low), value & 2047, y, value >> 11 == 1))
+        elif kind == 3:
+            x, p = value & 2047, value >> 11 == 1
+        elif kind in (4, 5):
+            width = 12 if kind == 4 else 8
+            t = epoch + (high << 12 | low)
+            events += [(t, x + i, y, p) for i in range(width) if value >> i & 1]
+            x += width
+        elif kind == 6:
+            low = value
+        elif kind == 8:
+            epoch += (1 << 24) if high - value >= 2048 else 0
+            high, low = value, low if value == high else 0
+    return events
+
+
+def events(rng: np.random.Generator, n: int, span_us: int) -> tuple[NDArray, ...]:
+    t = np.sort(rng.integers(0, span_us, n)).astype(np.int64)
+    x = rng.integers(0, SIZE[0], n).astype(np.uint16)
+    y = rng.integers(0, 40, n).astype(np.uint16)
+    p = rng.random(n) < 0.5
+    order = np.lexsort((x, p, y, t))
+    return t[order], x[order], y[order], p[order]
+
+
+def as_tuples(t: NDArray, x: NDArray, y: NDArray, p: NDArray) -> Events:
+    return list(zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True))
+
+
+def decoded(decoder: WordDecoder, words: NDArray) -> Events:
+    out = Columns.empty(len(words) * decoder.events_per_word, len(words))
+    n = decoder.decode(words, out)
+    return as_tuples(out.t[:n], out.x[:n], out.y[:n], out.p[:n])
+
+
+CODECS = [
+    pytest.param(Evt2Encoder, Evt2Decoder, twin_evt2, id="evt2"),
+    pytest.param(Evt21Encoder, Evt21Decoder, twin_evt21, id="evt21"),
+    pytest.param(Evt3Encoder, Evt3Decoder, twin_evt3, id="evt3"),
+]
+
+
+@pytest.mark.parametrize(("encoder", "decoder", "twin"), CODECS)
+@pytest.mark.parametrize(
+    ("n", "span_us"), [(0, 1), (1, 1), (500, 20), (2000, 5000), (300, 1 << 26)]
+)
+def test_encoder_twin_and_decoder_agree(encoder, decoder, twin, n, span_us) -> None:
+    columns = events(np.random.default_rng(n), n, span_us)
+    words = encoder().encode(*columns)
+    assert twin(words) == as_tuples(*columns)
+    assert decoded(decoder(SIZE), words) == as_tuples(*columns)
+
+
+@pytest.mark.parametrize(("encoder", "decoder", "twin"), CODECS)
+def test_kernels_equal_their_python_source(encoder, decoder, twin) -> None:
+    """On random words: every branch, sound or not, acts as the interpreted function does."""
+    module = {"evt2": evt2, "evt21": evt21, "evt3": evt3}[decoder.name]
+    rng = np.random.default_rng(3)
+    columns = events(rng, 300, 30_000)
+    words = encoder().encode(*columns).copy()
+    places = rng.integers(0, len(words), 40)
+    words[places] = rng.integers(0, 1 << 8 * words.itemsize, 40, dtype=words.dtype)
+    results = []
+    for kernel in (module.decode_kernel, module.decode_kernel.py_func):
+        state = new_state(SIZE)
+        out = [column.copy() * 0 for column in Columns.empty(len(words) * 32, len(words))]
+        halves = words.view("<u4").reshape(-1, 2) if decoder is Evt21Decoder else None
+        source = (words,) if halves is None else (halves[:, 1], halves[:, 0])
+        with np.errstate(over="ignore"):
+            results.append(
+                (kernel(*source, *out, state), state.tolist(), [a.tolist() for a in out])
+            )
+    assert results[0] == results[1]
+
+
+def cost_of_path(bad: list[int], path: tuple[int, ...], word: int) -> int:
+    position, cost = 0, 0
+    for step in path:
+        cost += salvage.SKIP_COST if step == 1 else int(bad[position])
+        position += step
+    return cost
+
+
+@pytest.mark.parametrize("word", [2, 4])
+def test_boundaries_are_the_cheapest_path(word: int) -> None:
+    rng = np.random.default_rng(word)
+    for _ in range(20):
+        length = int(rng.integers(word, 13))
+        bad = rng.random(max(length - word + 1, 0)) < 0.5
+        starts = np.empty(length // word + 1, np.int64)
+        count, end, _ = salvage.boundaries_kernel(bad, length, word, starts)
+        paths = [
+            path
+            for steps in range(1, length + 1)
+            for path in itertools.product((1, word), repeat=steps)
+            if length - word < sum(path) <= length
+        ]
+        best = min(cost_of_path(bad.tolist(), path, word) for path in paths)
+        skipped = end - count * word
+        found = salvage.SKIP_COST * skipped + sum(int(bad[s]) for s in starts[:count])
+        assert found == best
+
+
+def test_course_is_the_cheapest_subset() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(60):
+        value = rng.integers(0, 4096, 7)
+        value[: rng.integers(0, 7)] = np.arange(rng.integers(0, 100), 10_000)[: len(value)][0]
+        last = int(rng.integers(-1, 4096))
+        kept = np.zeros(7, np.bool_)
+        salvage.course_kernel(value, last, 12, kept)
+        prices = [
+            price_of(value, last, np.array(choice, bool))
+            for choice in itertools.product((False, True), repeat=7)
+        ]
+        assert price_of(value, last, kept) == min(prices)
+
+
+def price_of(value: NDArray, last: int, kept: NDArray) -> int:
+    price = salvage.DISCARD_COST * int((~kept).sum())
+    chosen = value[kept].tolist()
+    if chosen:
+        price += (
+            int(salvage.step_cost_kernel(last, chosen[0], 12))
+            if last >= 0
+            else salvage.LEAP_COST * (not kept[0])
+        )
+    pairs = itertools.pairwise(chosen)
+    return price + sum(int(salvage.step_cost_kernel(a, b, 12)) for a, b in pairs)
+
+
+def test_single_time_words_are_mended() -> None:
+    value = np.array([5, 5, 1029, 5, 6, 2, 6, 7])
+    mended = salvage.mend_high_kernel(value, np.zeros(8, np.bool_), 5, 12)
+    assert mended == 2
+    assert value.tolist() == [5, 5, 5, 5, 6, 6, 6, 7]
+
+
+def test_restart_is_believed() -> None:
+    value = np.array([1000, 1001, 0, 0, 1, 1, 2])
+    assert salvage.mend_high_kernel(value.copy(), np.zeros(7, np.bool_), 999, 12) == 0
+
+
+def test_es_kernel_equals_twin() -> None:
+    rng = np.random.default_rng(5)
+    data = rng.integers(0, 256, 997).astype(np.uint8)
+    data[::7] = 0xFF
+    t, i, twin = 0, 0, []
+    while i < len(data):
+        if data[i] >= 0xFE:
+            t += 127 * int(data[i] == 0xFF)
+            i += 1
+        elif i + 5 > len(data):
+            break
+        else:
+            t += int(data[i]) >> 1
+            x, y = np.frombuffer(data[i + 1 : i + 5].tobytes(), "<u2").tolist()
+            twin.append((t, x, y, bool(data[i] & 1)))
+            i += 5
+    room = len(data)
+    columns = [np.empty(room, kind) for kind in (np.int64, np.int64, np.bool_, np.int64)]
+    n, end = es_kernels.decode_kernel(data, *columns, np.zeros(1, np.int64))
+    x, y, p, t_column = (column[:n] for column in columns)
+    assert (as_tuples(t_column, x, y, p), end) == (twin, i)

@@ -1,0 +1,226 @@
+"""Codecs on generated input: round trips, and survival of anything that a disk can hold.
+
+SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (300 unless given).
+"""
+
+import itertools
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from spikingtac.errors import RecordingError
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
+
+EXAMPLES = int(os.environ.get("SPIKINGTAC_EXAMPLES", "300"))
+SIZE = (320, 240)
+ENCODINGS = ("evt2", "evt21", "evt3")
+many = settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def packet_of(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> EventPacket:
+    start, end = (int(t[0]), int(t[-1]) + 1) if len(t) else (0, 0)
+    return EventPacket(
+        x.astype(np.uint16),
+        y.astype(np.uint16),
+        p.astype(bool),
+        t.astype(np.int64),
+        start,
+        end,
+        SIZE,
+    )
+
+
+@st.composite
+def packets(draw: st.DrawFn) -> EventPacket:
+    n = draw(st.integers(0, 200))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    steps = rng.integers(0, draw(st.sampled_from([1, 2, 100, 10_000, 9_000_000])), n)
+    t = np.cumsum(steps) + draw(st.sampled_from([0, 5, (1 << 24) - 3, (1 << 34) + 7]))
+    y = rng.integers(0, draw(st.sampled_from([1, 3, 240])), n)
+    x = np.sort(rng.integers(0, 320, n)) if draw(st.booleans()) else rng.integers(0, 320, n)
+    return packet_of(t, x, y, rng.random(n) < 0.5)
+
+
+def joined(source) -> EventPacket:
+    found = list(source)
+    for packet in found:
+        assert packet.t_start_us <= packet.t[0]
+        assert packet.t[-1] < packet.t_end_us
+    for before, after in itertools.pairwise(found):
+        assert before.t_end_us == after.t_start_us
+    return EventPacket.concatenate(found) if found else EventPacket.empty(0, 0, source.size)
+
+
+def assert_equal(found: EventPacket, expected: EventPacket) -> None:
+    for name in ("t", "x", "y", "p"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def assert_sound(events: EventPacket) -> None:
+    assert (np.diff(events.t) >= 0).all()
+    assert (events.x < events.size[0]).all()
+    assert (events.y < events.size[1]).all()
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@many
+@given(packet=packets(), cut=st.integers(0, 200), chunk=st.integers(1, 300))
+def test_raw_round_trip(tmp_path: Path, encoding: str, packet, cut: int, chunk: int) -> None:
+    path = tmp_path / "a.raw"
+    with create_events(path, SIZE, encoding=encoding) as writer:
+        writer.write(packet.part(0, cut, 0, 0))
+        writer.write(packet.part(cut, len(packet), 0, 0))
+    source = open_events(path, strict=True, chunk_events=chunk)
+    assert_equal(joined(source), packet)
+    assert not source.losses or set(source.losses) == {"time_jump"}
+
+
+@many
+@given(packet=packets())
+def test_evt3_round_trip_through_the_library_evt3(tmp_path: Path, packet) -> None:
+    evt3 = pytest.importorskip("evt3", reason="the extra [bench] brings the oracle")
+    if len(packet) and packet.t[0] >= 1 << 24:
+        packet = packet_of(packet.t - (packet.t[0] >> 24 << 24), packet.x, packet.y, packet.p)
+    path = tmp_path / "a.raw"
+    with create_events(path, SIZE) as writer:
+        writer.write(packet)
+    events = evt3.decode_file(str(path))
+    np.testing.assert_array_equal(events.t.astype(np.int64), packet.t)
+    np.testing.assert_array_equal(events.x, packet.x)
+    np.testing.assert_array_equal(events.y, packet.y)
+    np.testing.assert_array_equal(events.p.astype(bool), packet.p)
+
+
+@st.composite
+def damage(draw: st.DrawFn) -> list[tuple[str, float, int]]:
+    kinds = st.sampled_from(["cut", "flip", "lose", "insert", "noise", "zero", "swap"])
+    one = st.tuples(kinds, st.floats(0, 1), st.integers(1, 400))
+    return draw(st.lists(one, min_size=1, max_size=6))
+
+
+def damaged(data: bytes, orders: list[tuple[str, float, int]]) -> bytes:
+    out = bytearray(data)
+    for kind, share, amount in orders:
+        at = int(share * len(out))
+        random = np.random.default_rng(amount)
+        if kind == "cut":
+            del out[at:]
+        elif kind == "lose":
+            del out[at : at + amount % 9]
+        elif kind == "insert":
+            out[at:at] = random.bytes(amount % 9)
+        elif kind == "noise":
+            out[at : at + amount] = random.bytes(amount)
+        elif kind == "zero":
+            out[at : at + amount] = bytes(amount)
+        elif kind == "swap":
+            out[at:] = out[at + amount :] + out[at : at + amount]
+        elif at < len(out):
+            out[at] ^= 1 << amount % 8
+    return bytes(out)
+
+
+class Files(dict[str, bytes]):
+    """Contents of sound files by format; short to print."""
+
+    def __repr__(self) -> str:
+        return f"Files({', '.join(self)})"
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> "Files":
+    rng = np.random.default_rng(1)
+    n = 3_000
+    t = np.cumsum(rng.integers(0, 12, n))
+    packet = packet_of(t, rng.integers(0, 320, n), rng.integers(0, 240, n), rng.random(n) < 0.5)
+    files = Files()
+    for name in (*ENCODINGS, "npz", "csv", "es", "h5", "aedat4"):
+        path = tmp_path_factory.mktemp("sound") / f"a.{'raw' if name in ENCODINGS else name}"
+        encoding = name if name in ENCODINGS else None
+        with create_events(path, SIZE, encoding=encoding) as writer:
+            writer.write(packet)
+        files[name] = path.read_bytes()
+    return files
+
+
+def survive(path: Path) -> None:
+    with suppress(RecordingError):  # anything else, and anything unsound, fails the test
+        assert_sound(joined(open_events(path)))
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@many
+@given(orders=damage())
+def test_mutated_raw_survives(tmp_path: Path, sound, encoding: str, orders) -> None:
+    path = tmp_path / "a.raw"
+    path.write_bytes(damaged(sound[encoding], orders))
+    survive(path)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@many
+@given(data=st.binary(max_size=600), seed=st.integers(0, 2**32 - 1), more=st.integers(0, 5000))
+def test_random_words_survive(tmp_path: Path, encoding: str, data: bytes, seed, more) -> None:
+    version = {"evt2": "2.0", "evt21": "2.1", "evt3": "3.0"}[encoding]
+    header = f"% evt {version}\n% geometry 320x240\n% end\n".encode()
+    path = tmp_path / "a.raw"
+    path.write_bytes(header + data + np.random.default_rng(seed).bytes(more))
+    survive(path)
+
+
+@many
+@given(data=st.binary(max_size=2_000))
+def test_random_files_survive(tmp_path: Path, data: bytes) -> None:
+    for ending in ("raw", "csv", "dat", "es", "npz"):
+        path = tmp_path / f"a.{ending}"
+        path.write_bytes(data)
+        survive(path)
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "es", "h5", "aedat4"])
+@settings(parent=many, max_examples=max(EXAMPLES // 4, 50))
+@given(orders=damage())
+def test_mutated_files_survive(tmp_path: Path, sound, ending: str, orders) -> None:
+    if ending in ("h5", "aedat4"):
+        pytest.importorskip({"h5": "h5py", "aedat4": "aedat"}[ending])
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(damaged(sound[ending], orders))
+    survive(path)
+
+
+def share_recovered(truth: EventPacket, found: EventPacket) -> float:
+    def keys(events: EventPacket) -> np.ndarray:
+        return ((events.t << 10 | events.x) << 10 | events.y) << 1 | events.p
+
+    return float(np.isin(keys(truth), keys(found)).mean())
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("kind", ["flip", "lose", "insert", "noise", "zero"])
+@pytest.mark.parametrize("seed", range(6))
+def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = 60_000
+    t = np.cumsum(rng.integers(0, 3, n))
+    rows = np.sort(rng.integers(0, 240, n).reshape(-1, 20), axis=1).ravel()
+    truth = packet_of(t, rng.integers(0, 320, n), rows, rng.random(n) < 0.5)
+    path = tmp_path / "a.raw"
+    with create_events(path, SIZE, encoding=encoding) as writer:
+        writer.write(truth)
+    header = path.read_bytes().index(b"% end\n") + 6
+    data = path.read_bytes()
+    orders = [(kind, share, int(rng.integers(1, 400))) for share in rng.random(4)]
+    path.write_bytes(data[:header] + damaged(data[header:], orders))
+    found = joined(open_events(path))
+    assert_sound(found)
+    assert share_recovered(truth, found) > 0.9
