@@ -6,12 +6,13 @@ The table is static, so that ``spikingtac --help`` answers without importing any
 from __future__ import annotations
 
 VERBS: dict[str, str] = {
-    "demo": "track a simulated finger press, without hardware: a table, a picture, a tracks file",
+    "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
     "info": "say what an event file holds: format, size, counts, rates, damage",
     "convert": "rewrite an event file in another format, or cut a stretch of time out of it",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
+    "view": "look at a recording or a scene in the browser: replay, tune, measure",
     "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
 }
 """Verb -> one line; the module is ``spikingtac.cli.<verb>`` with ``Args`` and ``run(args)``."""

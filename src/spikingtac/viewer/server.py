@@ -31,7 +31,7 @@ CLOSED_BY_POLICY, CLOSED_AS_BUSY = 1008, 1013
 """WebSocket close codes (RFC 6455 section 7.4.1; 1013 is registered as "try again later")."""
 SHUTDOWN_S = 1
 """Pages never close by themselves; the server does not wait for them."""
-ALIVE_S = 0.25
+ALIVE_S = 0.05
 """How often the session is looked after while serving."""
 
 Command = Callable[[str, Any], None]

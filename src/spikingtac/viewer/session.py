@@ -29,6 +29,8 @@ GREETING_S = 0.5
 """How often the greeting is renewed while the length of the source still grows."""
 CATCHING_UP_US = 50_000
 """Further behind its aim, tracking is repeating a stretch; the page keeps the picture it has."""
+SLACK_US = 40_000
+"""A hold-up of so long is made up for; a longer one stretches the time."""
 DEFAULT_EXPOSURE_US = 30_000
 """Events of the last two frames of an ordinary camera: enough to see an edge, too few to smear."""
 
@@ -86,7 +88,7 @@ class Session:
         self._timer.begin()
         start_us = self.playback.position_us
         # Where tracking cannot keep up the head waits: time slows down, no event is skipped.
-        if self.playing and start_us >= self.playback.aim_us:
+        if self.playing and self.playback.aim_us - start_us <= SLACK_US:
             self._head_us += self.speed * 1e6 / FRAME_HZ
             self.playback.aim(int(self._head_us))
         reached = self.playback.work(WORK_SHARE / FRAME_HZ)
@@ -179,5 +181,5 @@ class Session:
 
 def _map_of(tracker: MarkerTracker) -> NDArray[np.floating] | None:
     """Return the tracker's state map where it shows one."""
-    shown = getattr(tracker, "state_map", None) or getattr(tracker, "_map", None)
+    shown = getattr(tracker, "state_map", getattr(tracker, "_map", None))
     return getattr(shown, "values", None)

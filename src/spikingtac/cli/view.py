@@ -1,0 +1,91 @@
+"""``spikingtac view``: look at a recording or a scene in the browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from spikingtac.cli.output import emit_json, emit_table, remark
+
+HEADLESS_S = 10.0
+"""How long --headless runs where --seconds is not given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Look at a recording, a recording folder or a scene of the twin in the browser."""
+
+    source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
+    """Event file, recording folder, or name of a scene (spikingtac simulate --list)."""
+    calibration: Path | None = None
+    """calibration.json of this sensor; a folder's own unless given."""
+    preset: str = "default"
+    """default, fast or paper, or a TOML file."""
+    rate_hz: float | None = None
+    """Estimates per second; the preset's unless given."""
+    seed: int = 0
+    """Of a scene."""
+    camera: Literal["clean", "typical", "noisy"] | None = None
+    """Camera of a scene; its own unless given."""
+    host: str = "127.0.0.1"
+    """Address to serve on; beyond loopback the printed address carries a random token."""
+    port: int = 8765
+    """Port, or 0 for any free one."""
+    no_browser: bool = False
+    """Serve, but open no browser."""
+    headless: bool = False
+    """Serve without a browser, end by itself, print the summary."""
+    seconds: float | None = None
+    """How long to run; without end unless given (10 with --headless)."""
+    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File for a picture of what was seen: .png, .svg or .pdf."""
+    json: bool = False
+    """Print one JSON object at the end."""
+
+
+def run(args: Args) -> int:
+    """Serve the page; print what was seen once it ends."""
+    arguments = {
+        "source": args.source,
+        "calibration": str(args.calibration) if args.calibration else None,
+        "preset": args.preset,
+        "rate_hz": args.rate_hz,
+        "seed": args.seed,
+        "camera": args.camera,
+    }
+    report(args.source, show_source(arguments, args, repeat=False), as_json=args.json)
+    return 0
+
+
+def show_source(arguments: dict[str, Any], args: Any, *, repeat: bool) -> dict[str, Any]:
+    """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
+    from spikingtac.viewer.opening import open_subject
+    from spikingtac.viewer.show import Showing, show
+
+    showing = Showing(
+        host=args.host,
+        port=args.port,
+        browser=not (args.no_browser or args.headless),
+        seconds=args.seconds or (HEADLESS_S if args.headless else None),
+        repeat=repeat,
+        picture=args.picture,
+    )
+    return show(open_subject, arguments, showing, remark)
+
+
+def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print the summary of what was seen, as a table or as JSON."""
+    if as_json:
+        emit_json({"source": source, **summary})
+        return
+    rows = ((name.replace("_", " "), _text(value)) for name, value in summary.items())
+    emit_table(f"what was seen of {source}", ("", ""), rows)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{kind} {count}" for kind, count in value.items()) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,104 @@
+"""``spikingtac view`` and ``spikingtac demo`` without a browser, as on a server."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from spikingtac.events.create import create_events
+from spikingtac.types import Calibration
+from stand_ins.viewer import CirclingDots, open_circling
+
+COMMAND = Path(sys.executable).with_name("spikingtac")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
+    with create_events(folder / "events.raw", source.size) as writer:
+        for packet in source:
+            writer.write(packet)
+    open_circling().calibration.save(folder / "calibration.json")
+    return folder
+
+
+def spikingtac(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([COMMAND, *arguments], capture_output=True, text=True, timeout=120)
+
+
+def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "demo.png"
+    done = spikingtac(
+        "demo", "--headless", "--seconds", "3", "--port", "0", "-o", str(picture), "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["estimates"] > 300
+    assert 0 < summary["error_mean_px"] < 2
+    assert "ssh -N -L" in done.stderr
+    assert picture.read_bytes()[1:4] == b"PNG"
+
+
+def test_view_of_a_folder(recording: Path) -> None:
+    done = spikingtac("view", str(recording), "--headless", "--seconds", "2", "--port", "0")
+    assert done.returncode == 0, done.stderr
+    assert "displacement max px" in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_view_refuses_what_is_not_there() -> None:
+    done = spikingtac("view", "nowhere.raw", "--headless", "--port", "0", "--json")
+    assert done.returncode in (1, 2)
+    assert "nowhere.raw" in json.loads(done.stdout)["error"]
+
+
+def test_view_refuses_a_calibration_of_another_sensor(recording: Path, tmp_path: Path) -> None:
+    other = Calibration(
+        reference_px=np.array([[5.0, 5.0]]), radius_px=np.ones(1), grid=(1, 1), size=(10, 10)
+    )
+    other.save(tmp_path / "other.json")
+    done = spikingtac(
+        "view", str(recording), "--calibration", str(tmp_path / "other.json"), "--headless"
+    )
+    assert done.returncode == 1
+    assert "10" in done.stderr
+
+
+def test_a_taken_port_is_said(recording: Path) -> None:
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        done = spikingtac("view", str(recording), "--headless", "--port", port)
+    assert done.returncode == 3
+    assert "--port" in done.stderr
+
+
+def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
+    process = subprocess.Popen(
+        [COMMAND, "view", str(recording), "--no-browser", "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert line.startswith("open http://127.0.0.1:")
+    assert httpx.get(line.split()[1]).status_code == 200
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, rest = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "estimates" in out
+    assert "Traceback" not in rest
