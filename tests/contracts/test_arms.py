@@ -43,21 +43,13 @@ def twin() -> Iterator[Workplace]:
     yield Workplace(arm, wait_s)
 
 
-def driver(e_series: bool) -> Iterator[Workplace]:
+def driver() -> Iterator[Workplace]:
     pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
-    with URController(e_series) as controller, RemoteArm(controller.host) as arm:
+    with URController() as controller, RemoteArm(controller.host) as arm:
         yield Workplace(arm, time.sleep)
 
 
-def cb3() -> Iterator[Workplace]:
-    yield from driver(e_series=False)
-
-
-def e_series() -> Iterator[Workplace]:
-    yield from driver(e_series=True)
-
-
-@pytest.fixture(params=[twin, cb3, e_series], ids=["twin", "ur-cb3", "ur-e-series"])
+@pytest.fixture(params=[twin, driver], ids=["twin", "ur"])
 def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
     yield from request.param()
 

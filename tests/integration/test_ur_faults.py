@@ -45,13 +45,16 @@ def still(controller: URController) -> bool:
     return float(np.linalg.norm(controller.twin.speed_mm_s())) < 0.1
 
 
-def test_both_rates_are_asked_for_by_version(controller: URController) -> None:
-    RemoteArm(controller.host).end()
-    assert controller.asked_rates_hz == [125.0, 125.0]
-    assert "rtde_set_watchdog" in controller.scripts[0]
-    with URController(e_series=True) as newer:
-        RemoteArm(newer.host).end()
-        assert newer.asked_rates_hz == [500.0, 500.0]
+@pytest.mark.parametrize(("e_series", "rate_hz"), [(False, 125.0), (True, 500.0)])
+def test_both_series_are_driven_at_their_rate(e_series: bool, rate_hz: float) -> None:
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with URController(e_series) as controller, RemoteArm(controller.host) as arm:
+        assert controller.asked_rates_hz == [rate_hz, rate_hz]
+        assert "rtde_set_watchdog" in controller.scripts[0]
+        target = arm.pose().position_mm + np.array([1.0, 0.0, 0.0])
+        arm.move_linear(target, 20.0)
+        until(lambda: arm.state() is ArmState.IDLE)
+        np.testing.assert_allclose(arm.pose().position_mm, target, atol=0.05)
 
 
 def test_the_controller_stops_when_this_computer_dies(
@@ -108,7 +111,7 @@ def test_a_lost_controller_is_reported_at_once_and_found_again(
 def test_nobody_there() -> None:
     pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
     with pytest.raises(DeviceError, match="no UR controller answers"):
-        RemoteArm("127.0.0.254")
+        RemoteArm("127.255.255.1")
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import os
 import socket
 import struct
 import threading
@@ -31,7 +32,7 @@ _addresses = itertools.count(2)
 
 
 class URController:
-    """One controller on a loopback address of its own (127.0.0.2 and up).
+    """One controller on a loopback address of its own (in 127.0.0.0/8).
 
     Args:
         e_series: Version 5 at 500 Hz, otherwise CB3 at 125 Hz.
@@ -41,7 +42,8 @@ class URController:
     def __init__(
         self, e_series: bool = False, start_mm: tuple[float, float, float] = (100.0, 200.0, 300.0)
     ) -> None:
-        self.host = f"127.0.0.{next(_addresses)}"
+        process = os.getpid()  # its own addresses, so that two test runs do not meet
+        self.host = f"127.{1 + process // 256 % 254}.{process % 256}.{next(_addresses)}"
         self.frequency_hz = 500.0 if e_series else 125.0
         self.version = (5, 12, 0, 1) if e_series else (3, 15, 8, 106339)
         self.scripts: list[str] = []

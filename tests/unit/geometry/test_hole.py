@@ -76,7 +76,7 @@ def test_the_stated_region_covers_the_truth(spread: float) -> None:
 
 def test_clustered_contacts_do_not_diverge() -> None:
     rng = np.random.default_rng(6)
-    config, surprises, trials = HoleFitConfig(), 0, 500
+    config, surprises, trials = HoleFitConfig(), 0, 300
     for _ in range(trials):
         radius = rng.uniform(0.3, 5.0)
         angle = rng.uniform(0, 2 * np.pi) + rng.uniform(0, 0.2, rng.integers(1, 6))

