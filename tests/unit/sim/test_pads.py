@@ -81,7 +81,7 @@ def test_two_pads_see_the_same_motion_mirrored() -> None:
     force = np.array([-0.04, 0.0, 0.0])
     skins = [pad.skin(state(bushing, force), rotation) for pad in pads]
     flip = skins[1].marker_mm.reshape(8, 8, 3)[:, ::-1] * [-1.0, 1.0, 1.0]
-    np.testing.assert_allclose(skins[0].marker_mm.reshape(8, 8, 3), flip, atol=1e-6)
+    np.testing.assert_allclose(skins[0].marker_mm.reshape(8, 8, 3), flip, atol=1e-3)
     assert skins[0].force_n[0] == pytest.approx(-0.02)
     assert skins[1].force_n[0] == pytest.approx(0.02)
     assert skins[0].torque_n_mm[2] == pytest.approx(0.8)
