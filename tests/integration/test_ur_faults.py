@@ -9,6 +9,7 @@ import pytest
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.ur import URArm, rotation_matrix
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
 
@@ -63,6 +64,27 @@ def test_the_controller_stops_when_this_computer_dies(
     arm.kill()
     assert until(lambda: still(controller)) < 0.1 + 0.05 + SLACK_S
     assert controller.twin.true_position_mm()[0] < 180.0 - 10.0
+
+
+def test_the_arm_stops_when_the_event_stream_dies(controller: URController) -> None:
+    config = WatchdogConfig(stale_s=0.05)
+    with RemoteArm(controller.host) as arm:
+        watchdog = Watchdog(config, arm.stop, time.monotonic)
+        watchdog.self_test()
+        until(lambda: arm.state() is ArmState.IDLE)
+        arm.move_linear(arm.pose().position_mm + np.array([80.0, 0.0, 0.0]), 40.0)
+        watchdog.arm()
+        with WatchdogThread(watchdog):
+            for _ in range(50):
+                watchdog.beat()
+                time.sleep(0.01)
+            died_s = time.monotonic()
+            assert not still(controller)
+            until(lambda: still(controller))
+        told_s = controller.stop_times_s[-1] - died_s
+        assert watchdog.health is Health.STALE
+        assert told_s < 0.05 + 0.002 + SLACK_S
+        assert watchdog.stop_failure is None
 
 
 def test_a_protective_stop_is_seen_and_refuses_motion(
