@@ -29,6 +29,9 @@ EVENT = np.dtype(
     }
 )
 PACKET_HEAD = struct.Struct("<iI")
+PACKET_LIMIT_BYTES = 1 << 26
+"""Longest packet that is read; DV writes some 100 kB."""
+
 HEAD_LIMIT_BYTES = 1 << 24
 """Longest head that is believed."""
 
@@ -87,11 +90,9 @@ class Aedat4Source(FileSource):
             while file.tell() < end:
                 head = file.read(PACKET_HEAD.size)
                 stream, length = PACKET_HEAD.unpack(head.ljust(PACKET_HEAD.size, b"\0"))
-                data = file.read(length) if 0 < length <= total else b""
-                if not data or len(data) < length:
-                    self.losses.add("truncated")
-                    return
+                data = file.read(min(length, PACKET_LIMIT_BYTES))
                 self.progress = file.tell() / total
+                self.losses.add("truncated", int(len(data) < length))
                 if stream == self._head.stream:
                     events = _events_of(data)
                     if events is None:
@@ -209,10 +210,11 @@ def _event_stream(info: str) -> tuple[int, tuple[int, int]]:
 
 
 def _events_of(data: bytes) -> np.ndarray[Any, np.dtype[Any]] | None:
-    """Return the events of a size-prefixed EventPacket, or None where it is damaged."""
+    """Return the whole events of a size-prefixed EventPacket, or None where it is damaged."""
     try:
         start, count = _Table(data[4:]).vector(0)
-        return np.frombuffer(data, EVENT, count, start + 4)
+        present = (len(data) - 4 - start) // EVENT.itemsize
+        return np.frombuffer(data, EVENT, max(min(count, present), 0), start + 4)
     except (struct.error, ValueError):
         return None
 

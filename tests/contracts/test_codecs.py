@@ -1,0 +1,181 @@
+"""One suite that every format must pass: write, read back, read again, cut, empty, truncated."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
+from spikingtac.events import EventSource, create_events, open_events
+from spikingtac.events.formats.codec import EventWriter
+from spikingtac.types import EventPacket
+
+SIZE = (320, 240)
+FORMATS = [
+    pytest.param("a.raw", "evt2", id="evt2"),
+    pytest.param("a.raw", "evt21", id="evt21"),
+    pytest.param("a.raw", "evt3", id="evt3"),
+    *(pytest.param(f"a.{end}", None, id=end) for end in ("npz", "csv", "es", "h5", "aedat4")),
+]
+every_format = pytest.mark.parametrize(("name", "encoding"), FORMATS)
+
+
+@pytest.fixture(autouse=True)
+def _libraries(request: pytest.FixtureRequest) -> None:
+    name = getattr(request.node, "callspec", None)
+    if name is not None and name.params.get("name") == "a.h5":
+        pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+
+
+def sample(n: int = 5_000, first_us: int = 70) -> EventPacket:
+    rng = np.random.default_rng(n)
+    t = np.sort(rng.integers(first_us, first_us + 40_000, n)).astype(np.int64)
+    x, y = rng.integers(0, SIZE[0], n), rng.integers(0, SIZE[1], n)
+    span = (int(t[0]), int(t[-1]) + 1) if n else (0, 0)
+    p = rng.random(n) < 0.6
+    return EventPacket(x.astype(np.uint16), y.astype(np.uint16), p, t, *span, SIZE)
+
+
+def write(path: Path, encoding: str | None, packets: list[EventPacket]) -> None:
+    with create_events(path, SIZE, encoding=encoding) as writer:
+        for packet in packets:
+            writer.write(packet)
+
+
+def whole(source: EventSource) -> EventPacket:
+    found = list(source)
+    for before, after in itertools.pairwise(found):
+        assert before.t_end_us == after.t_start_us
+    return EventPacket.concatenate(found) if found else EventPacket.empty(0, 0, source.size)
+
+
+def assert_equal(found: EventPacket, expected: EventPacket) -> None:
+    for column in ("t", "x", "y", "p"):
+        np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
+        assert getattr(found, column).dtype == getattr(expected, column).dtype
+
+
+@every_format
+def test_what_is_written_is_read(tmp_path: Path, name: str, encoding: str | None) -> None:
+    write(tmp_path / name, encoding, [sample()])
+    source = open_events(tmp_path / name, strict=True)
+    assert isinstance(source, EventSource)
+    assert source.size == SIZE
+    assert_equal(whole(source), sample())
+    assert dict(source.losses) == {}
+
+
+@every_format
+def test_a_source_can_be_read_again(tmp_path: Path, name: str, encoding: str | None) -> None:
+    write(tmp_path / name, encoding, [sample()])
+    source = open_events(tmp_path / name)
+    assert_equal(whole(source), whole(source))
+
+
+@every_format
+@pytest.mark.parametrize("chunk_events", [1, 7, 999])
+def test_any_packet_length(
+    tmp_path: Path, name: str, encoding: str | None, chunk_events: int
+) -> None:
+    write(tmp_path / name, encoding, [sample(600)])
+    source = open_events(tmp_path / name, chunk_events=chunk_events)
+    assert_equal(whole(source), sample(600))
+    assert max(len(packet) for packet in source) <= chunk_events + 5  # equal times stay together
+
+
+@every_format
+def test_bytes_do_not_depend_on_the_cuts_or_the_clock(
+    tmp_path: Path, name: str, encoding: str | None
+) -> None:
+    packet = sample()
+    cuts = [packet.part(first, first + 613, 0, 0) for first in range(0, len(packet), 613)]
+    (tmp_path / "whole").mkdir()
+    write(tmp_path / "whole" / name, encoding, [packet])
+    write(tmp_path / name, encoding, [*cuts, EventPacket.empty(0, 0, SIZE)])
+    assert (tmp_path / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@every_format
+def test_no_events(tmp_path: Path, name: str, encoding: str | None) -> None:
+    write(tmp_path / name, encoding, [])
+    source = open_events(tmp_path / name)
+    assert len(whole(source)) == 0
+    assert source.size in (SIZE, (320, 320))
+
+
+@every_format
+def test_times_beyond_the_counters(tmp_path: Path, name: str, encoding: str | None) -> None:
+    first_us = (1 << 35) + (1 << 24) + 12_345
+    if name.endswith("es"):
+        first_us = 3_000_000  # every 127 us before the first event cost a byte
+    write(tmp_path / name, encoding, [sample(300, first_us)])
+    assert_equal(whole(open_events(tmp_path / name)), sample(300, first_us))
+
+
+@every_format
+def test_the_writer_closes_twice(tmp_path: Path, name: str, encoding: str | None) -> None:
+    writer: EventWriter = create_events(tmp_path / name, SIZE, encoding=encoding)
+    writer.write(sample(10))
+    writer.close()
+    writer.close()
+    assert len(whole(open_events(tmp_path / name))) == 10
+
+
+@pytest.mark.parametrize(("name", "encoding"), [f for f in FORMATS if f.id not in ("h5", "npz")])
+def test_a_cut_keeps_every_whole_event(tmp_path: Path, name: str, encoding: str | None) -> None:
+    write(tmp_path / name, encoding, [sample()])
+    data = (tmp_path / name).read_bytes()
+    cut_words = 0
+    for length in range(len(data) * 3 // 4, len(data) * 3 // 4 + 5):
+        (tmp_path / name).write_bytes(data[:length])
+        source = open_events(tmp_path / name)
+        found = whole(source)
+        kept = len(found) - (name == "a.csv")  # a number that was cut is a number
+        assert_equal(found.part(0, kept, 0, 0), sample().part(0, kept, 0, 0))
+        assert len(found) > 0.7 * len(sample())
+        if source.losses["truncated"]:
+            cut_words += 1
+            with pytest.raises(DamageError, match="truncated"):
+                whole(open_events(tmp_path / name, strict=True))
+    assert cut_words >= 2 or name == "a.csv"
+
+
+@pytest.mark.parametrize("ending", ["h5", "npz"])
+def test_a_cut_archive_is_refused(tmp_path: Path, ending: str) -> None:
+    if ending == "h5":
+        pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    path = tmp_path / f"a.{ending}"
+    write(path, None, [sample()])
+    path.write_bytes(path.read_bytes()[:2_000])
+    with pytest.raises(FormatError, match="no readable"):
+        whole(open_events(path))
+
+
+@pytest.mark.parametrize("ending", ["raw", "csv", "npz", "es", "h5", "aedat4", "dat", "bag"])
+def test_an_empty_file(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(b"")
+    if ending in ("raw", "csv", "dat"):
+        source = open_events(path)
+        assert len(whole(source)) == 0
+        assert any("no events" in note for note in source.notes)
+    else:
+        with pytest.raises(RecordingError, match=r"a\."):
+            open_events(path)
+
+
+def test_unknown_names_are_refused_with_the_nearest(tmp_path: Path) -> None:
+    (tmp_path / "a.h6").write_bytes(b"x")
+    with pytest.raises(FormatError, match=r"did you mean '\.h5'"):
+        open_events(tmp_path / "a.h6")
+    with pytest.raises(ConfigError, match=r"did you mean '\.npz'"):
+        create_events(tmp_path / "a.np", SIZE)
+    with pytest.raises(ConfigError, match="did you mean 'evt3'"):
+        create_events(tmp_path / "a.raw", SIZE, encoding="evt33")
+    with pytest.raises(RecordingError, match="no file"):
+        open_events(tmp_path / "missing.raw")
+    with pytest.raises(RecordingError, match=r"holds no events\.raw"):
+        open_events(tmp_path)

@@ -1,0 +1,107 @@
+"""Recordings of real cameras, with facts that were established independently."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
+
+FACTS = {
+    "evt2_rotating_dot.raw": (539_481, (640, 480), 1_317_888, 1_367_888),
+    "evt3_busy_scene.raw": (219_596, (1280, 720), 11_718_656, 11_727_457),
+    "ros2_evt3_events.db3": (343_474, (640, 480), 7_139_845, 9_218_023),
+    "ros1_evt3_events.bag": (343_474, (640, 480), 7_139_845, 9_218_023),
+}
+
+
+def read(path: Path) -> EventPacket:
+    if path.suffix == ".bag":
+        pytest.importorskip("rosbags", reason="ROS 1 bags need the extra [formats]")
+    return EventPacket.concatenate(list(open_events(path)))
+
+
+def same(first: EventPacket, second: EventPacket) -> bool:
+    return all(
+        np.array_equal(getattr(first, name), getattr(second, name)) for name in ("x", "y", "p", "t")
+    )
+
+
+@pytest.mark.parametrize("name", FACTS)
+def test_counts_sizes_and_times(data_dir: Path, name: str) -> None:
+    events = read(data_dir / "real" / name)
+    assert (len(events), events.size, int(events.t[0]), int(events.t[-1])) == FACTS[name]
+    assert (np.diff(events.t) >= 0).all()
+
+
+def test_the_share_of_on_events(data_dir: Path) -> None:
+    assert read(data_dir / "real" / "evt2_rotating_dot.raw").p.mean() == pytest.approx(
+        0.68, abs=0.005
+    )
+
+
+def test_both_bags_hold_the_same(data_dir: Path) -> None:
+    ros2 = open_events(data_dir / "real" / "ros2_evt3_events.db3")
+    first = EventPacket.concatenate(list(ros2))
+    assert same(first, read(data_dir / "real" / "ros1_evt3_events.bag"))
+    assert len(ros2.triggers) == ros2.losses["trigger"] == 4_157
+    assert ros2.losses["gap"] == 0
+
+
+@pytest.mark.parametrize("name", ["real/evt3_busy_scene.raw", "v2e/bootstrap.raw", "v2e/mix.raw"])
+def test_evt3_equals_the_library_element_by_element(data_dir: Path, name: str) -> None:
+    evt3 = pytest.importorskip("evt3", reason="the oracle comes with the extra [bench]")
+    ours, theirs = read(data_dir / name), evt3.decode_file(str(data_dir / name))
+    np.testing.assert_array_equal(ours.t, theirs.t.astype(np.int64))
+    np.testing.assert_array_equal(ours.x, theirs.x)
+    np.testing.assert_array_equal(ours.y, theirs.y)
+    np.testing.assert_array_equal(ours.p, theirs.p.astype(bool))
+
+
+def test_evt2_equals_its_definition(data_dir: Path) -> None:
+    """Upper time, lower time, column and row by bit fields, for all words at once."""
+    data = (data_dir / "real" / "evt2_rotating_dot.raw").read_bytes()
+    start = data.index(b"% evt 2.0\n") + len(b"% evt 2.0\n")
+    words = np.frombuffer(data[start : start + (len(data) - start) // 4 * 4], "<u4")
+    high = words[np.maximum.accumulate(np.where(words >> 28 == 8, np.arange(len(words)), 0))]
+    event = (words >> 28 <= 1) & (np.cumsum(words >> 28 == 8) > 0)
+    t = ((high & 0xFFFFFFF).astype(np.int64) << 6) + (words >> 22 & 0x3F)
+    ours = read(data_dir / "real" / "evt2_rotating_dot.raw")
+    np.testing.assert_array_equal(ours.t, t[event])
+    np.testing.assert_array_equal(ours.x, words[event] >> 11 & 0x7FF)
+    np.testing.assert_array_equal(ours.y, words[event] & 0x7FF)
+    np.testing.assert_array_equal(ours.p, words[event] >> 28 == 1)
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+@pytest.mark.parametrize("name", ["evt2_rotating_dot.raw", "evt3_busy_scene.raw"])
+def test_real_events_survive_each_encoding(
+    data_dir: Path, tmp_path: Path, name: str, encoding: str
+) -> None:
+    source = open_events(data_dir / "real" / name)
+    with create_events(tmp_path / "a.raw", source.size, encoding=encoding) as writer:
+        for packet in source:
+            writer.write(packet)
+    assert same(read(tmp_path / "a.raw"), read(data_dir / "real" / name))
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+@pytest.mark.parametrize("lost", [1, 3])
+def test_lost_bytes_cost_little(data_dir: Path, tmp_path: Path, encoding: str, lost: int) -> None:
+    truth = read(data_dir / "real" / "evt3_busy_scene.raw")
+    path = tmp_path / "a.raw"
+    with create_events(path, truth.size, encoding=encoding) as writer:
+        writer.write(truth)
+    data = bytearray(path.read_bytes())
+    for share in (0.7, 0.5, 0.2):
+        at = int(share * len(data))
+        del data[at : at + lost]
+    path.write_bytes(data)
+    source = open_events(path)
+    found = EventPacket.concatenate(list(source))
+    keys = [((e.t << 11 | e.x) << 11 | e.y) << 1 | e.p for e in (truth, found)]
+    assert np.isin(*keys).mean() > 0.95
+    assert source.losses["resynchronised"] >= 3
