@@ -9,8 +9,12 @@ import pytest
 
 from spikingtac.events.open import open_events
 from spikingtac.markers.crossings import CrossingObserver, MarkerTrack
+from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded_tracker import CareConfig, GradedTracker
 from spikingtac.markers.lag import estimate_lag
 from spikingtac.markers.photoreceptor import EdgeProfile
+from spikingtac.markers.recording_lag import recording_lag
+from spikingtac.types import Calibration
 
 LAG_US = 2_600.0
 EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
@@ -39,3 +43,24 @@ def test_the_bootstraps_lag_is_found(data_dir: Path) -> None:
     assert estimate.lag_us == pytest.approx(LAG_US, rel=0.25)
     assert abs(estimate.lag_us - LAG_US) < 2.5 * estimate.uncertainty_us
     assert estimate.uncertainty_us < 0.25 * LAG_US
+
+
+def test_the_disc_fits_lag_is_found(data_dir: Path) -> None:
+    """The tracker's positions, not the truth's; what they cost is judged against the truth."""
+    truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
+    calibration = Calibration(
+        reference_px=truth["reference_px"].astype(np.float64),
+        radius_px=truth["radius_px"].astype(np.float64),
+        grid=(8, 8),
+        size=(320, 320),
+        step_on=1 / 7.4,
+        step_off=1 / 7.2,
+        contrast=EDGE.contrast,
+        edge_px=EDGE.edge_px,
+    )
+    locator = DiscLocator(DiscLocatorConfig(), calibration)
+    tracker = GradedTracker(locator, CareConfig(lag_us=0.0), calibration)
+    source = open_events(data_dir / "v2e" / "bootstrap.raw")
+    estimate = recording_lag(source, tracker, calibration)
+    print(f"bootstrap.raw, disc fit: {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us")
+    assert estimate.lag_us == pytest.approx(LAG_US, rel=0.25)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
+from spikingtac.events.source import PacketSource
 from spikingtac.markers.crossings import (
     ORDERS,
     PLACE_BINS,
@@ -19,10 +20,11 @@ from spikingtac.markers.crossings import (
 )
 from spikingtac.markers.lag import LagConfig, estimate_lag
 from spikingtac.markers.photoreceptor import EdgeProfile, overshoot_px
+from spikingtac.markers.recording_lag import recording_lag
 from spikingtac.sim.camera import EventCamera
 from spikingtac.sim.camera_config import load_camera
 from spikingtac.sim.skin import MarkerImage
-from spikingtac.types import EventPacket
+from spikingtac.types import Calibration, EventPacket, MarkerFrame
 
 EDGE = EdgeProfile(contrast=6.0, edge_px=0.5)
 LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
@@ -203,3 +205,34 @@ def test_settings_out_of_range_are_refused() -> None:
         LagConfig(dark=())
     with pytest.raises(ConfigError, match="shortest_us"):
         LagConfig(shortest_us=10.0, longest_us=1.0)
+
+
+class Late:
+    """A tracker that gives out a known path, late; its first marker is held, and wrong."""
+
+    def __init__(self, path: np.ndarray, lag_us: float) -> None:
+        self._track = delayed(path, lag_us)
+
+    def absorb(self, packet: EventPacket) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        row = min(int(np.searchsorted(self._track.t_us, t_us)), len(self._track.t_us) - 1)
+        at = self._track.center_px[row].copy()
+        held = np.arange(len(at)) == 0
+        at[held] += 1.0
+        return MarkerFrame(t_us, at, at, at, held, np.ones(len(at)))
+
+
+def test_a_recording_is_tracked_and_its_lag_found() -> None:
+    packet, path, radius = filmed("typical", 500.0, slides())
+    lag_us = 1_147.0
+    calibration = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
+    source, late = PacketSource([packet], packet.size), Late(path, lag_us)
+    with pytest.raises(ConfigError, match="contrast"):
+        recording_lag(source, late, calibration)
+    known = replace(calibration, contrast=6.0, edge_px=0.577 / 1.702)
+    estimate = recording_lag(source, late, known)
+    assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
+    assert estimate.samples > 0
