@@ -11,10 +11,25 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from spikingtac.config import Config as Config
+    from spikingtac.config import load_config as load_config
+    from spikingtac.contact.event_count import EventCountConfig as EventCountConfig
+    from spikingtac.contact.event_count import EventCountDetector as EventCountDetector
+    from spikingtac.contact.quiet import QuietStatistics as QuietStatistics
     from spikingtac.errors import SpikingTacError as SpikingTacError
+    from spikingtac.events.open import open_events as open_events
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
     from spikingtac.events.windows import windows as windows
+    from spikingtac.markers.calibrate import CalibrationConfig as CalibrationConfig
+    from spikingtac.markers.calibrate import calibrate as calibrate
+    from spikingtac.markers.tracker import MarkerTracker as MarkerTracker
+    from spikingtac.pipeline import follow as follow
+    from spikingtac.registry import make_tracker as make_tracker
+    from spikingtac.sim.catalog import load as load_scene  # noqa: F401 - renamed on purpose
+    from spikingtac.sim.render import simulate as simulate
+    from spikingtac.sim.source import SceneSource as SceneSource
+    from spikingtac.tracks import Tracks as Tracks
     from spikingtac.types import Calibration as Calibration
     from spikingtac.types import Contact as Contact
     from spikingtac.types import EventPacket as EventPacket
@@ -24,17 +39,32 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Calibration": "types",
+    "CalibrationConfig": "markers.calibrate",
+    "Config": "config",
     "Contact": "types",
+    "EventCountConfig": "contact.event_count",
+    "EventCountDetector": "contact.event_count",
     "EventPacket": "types",
     "EventSource": "events.source",
     "LossCounters": "types",
     "MarkerFrame": "types",
+    "MarkerTracker": "markers.tracker",
     "PacketSource": "events.source",
     "Pose": "types",
+    "QuietStatistics": "contact.quiet",
+    "SceneSource": "sim.source",
     "SpikingTacError": "errors",
+    "Tracks": "tracks",
+    "calibrate": "markers.calibrate",
+    "follow": "pipeline",
+    "load_config": "config",
+    "load_scene": "sim.catalog:load",
+    "make_tracker": "registry",
+    "open_events": "events.open",
+    "simulate": "sim.render",
     "windows": "events.windows",
 }
-"""Public name -> the module that defines it."""
+"""Public name -> the module that defines it, and after a colon its name there if it differs."""
 
 __all__ = ["__version__", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
 
@@ -44,7 +74,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         value: Any = importlib.import_module("importlib.metadata").version("spikingtac")
     elif name in _HOMES:
-        value = getattr(importlib.import_module(f"spikingtac.{_HOMES[name]}"), name)
+        module, _, original = _HOMES[name].partition(":")
+        value = getattr(importlib.import_module(f"spikingtac.{module}"), original or name)
     else:
         raise AttributeError(f"module 'spikingtac' has no attribute {name!r}")
     globals()[name] = value

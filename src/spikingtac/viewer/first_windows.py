@@ -13,6 +13,8 @@ from spikingtac.types import Contact, EventPacket
 FIRST_WINDOWS = 300
 """Windows that are taken for quiet: 0.3 s, which every recording of ours begins with."""
 FALSE_ALARMS_PER_HOUR = 1.0
+RELEASE_WINDOWS = 300
+"""A finger that holds still is as silent as one that left; 0.3 s of it do not end a contact."""
 LEAST_MARGIN = 3.0
 """The threshold is at least so many times the quiet mean: the first windows may be the calmest."""
 
@@ -32,6 +34,8 @@ class FirstWindowsWatch:
         if len(self._first) == FIRST_WINDOWS:
             quiet = QuietStatistics.of(self._first)
             threshold = max(quiet.threshold(FALSE_ALARMS_PER_HOUR), LEAST_MARGIN * quiet.mean)
-            self._detector = EventCountDetector(EventCountConfig(threshold=threshold))
+            self._detector = EventCountDetector(
+                EventCountConfig(threshold=threshold, release_windows=RELEASE_WINDOWS)
+            )
             self._first.clear()
         return None

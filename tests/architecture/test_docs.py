@@ -1,0 +1,85 @@
+"""Code in the documentation runs, links lead somewhere, and every verb is described."""
+
+import dataclasses
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.verbs import VERBS
+
+PROJECT = Path(__file__).resolve().parents[2]
+PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
+MARK = "# runs in the tests"
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)")
+
+
+def blocks() -> Iterator[tuple[str, str]]:
+    for page in PAGES:
+        for index, code in enumerate(BLOCK.findall(page.read_text(encoding="utf-8"))):
+            if code.startswith(MARK):
+                yield f"{page.relative_to(PROJECT)}[{index}]", code
+
+
+@pytest.fixture
+def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the calibration that the examples name."""
+    from spikingtac.sim.catalog import load
+    from spikingtac.sim.source import SceneSource
+    from spikingtac.types import Calibration
+
+    scene = load("finger-torsion")
+    at_rest = SceneSource(scene)
+    Calibration(
+        reference_px=np.asarray(at_rest.reference_px),
+        radius_px=np.asarray(at_rest.radius_px),
+        grid=scene.skin.grid,
+        size=scene.size,
+    ).save(tmp_path / "left_finger.json")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in blocks()])
+def test_code_runs(code: str, beside: Path) -> None:
+    exec(compile(code, "documentation", "exec"), {"__name__": "documentation"})
+
+
+def test_the_readme_example_is_among_them() -> None:
+    assert any(name.startswith("README.md") for name, _ in blocks())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = LINK.findall(page.read_text(encoding="utf-8"))
+    local = [target for target in targets if "://" not in target]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_the_readme_holds_the_two_commands() -> None:
+    text = (PROJECT / "README.md").read_text(encoding="utf-8")
+    first_screen = text.split("\n## ")[0]
+    for command in (
+        "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/spikingtac demo",
+        "python3 -m venv .venv && .venv/bin/pip install -e '.[dev]' && .venv/bin/python -m pytest",
+    ):
+        assert command in first_screen
+    assert "no relation to its authors" in first_screen
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_is_described_with_its_flags(verb: str) -> None:
+    text = (PROJECT / "docs" / "reference" / "cli.md").read_text(encoding="utf-8")
+    section = re.search(rf"^## {verb}\n(.*?)(?=^## |\Z)", text, re.S | re.M)
+    assert section, f"docs/reference/cli.md has no section on {verb}"
+    module = importlib.import_module(f"spikingtac.cli.{verb}")
+    fields = dataclasses.fields(module.Args)
+    flags = (f"`--{field.name.replace('_', '-')}`" for field in fields)
+    # A positional argument is listed under its name in capitals.
+    missing = [flag for flag in flags if flag not in section.group(1)]
+    positional = re.findall(r"^\| `[A-Z]", section.group(1), re.M)
+    assert len(missing) == len(positional), missing
