@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+from PIL import Image
 
 from spikingtac.events.create import create_events
 from spikingtac.types import Calibration
@@ -102,3 +103,18 @@ def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
     assert process.returncode == 0
     assert "estimates" in out
     assert "Traceback" not in rest
+
+
+def test_export_of_a_gif(recording: Path, tmp_path: Path) -> None:
+    done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.gif"), "--json")
+    assert done.returncode == 0, done.stderr
+    written = json.loads(done.stdout)["written"]
+    assert written == 600 // 50
+    with Image.open(tmp_path / "x.gif") as picture:
+        assert picture.n_frames == written
+
+
+def test_an_unknown_export_is_refused_at_once(recording: Path, tmp_path: Path) -> None:
+    done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.mp5"))
+    assert done.returncode == 2
+    assert ".mcap, .gif" in done.stderr

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from spikingtac.cli.output import emit_json, emit_table, remark
+from spikingtac.cli.output import emit_json, emit_table, progress, remark
 
 HEADLESS_S = 10.0
 """How long --headless runs where --seconds is not given."""
@@ -42,6 +42,8 @@ class Args:
     """How long to run; without end unless given (10 with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a picture of what was seen: .png, .svg or .pdf."""
+    export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Track into a file instead of showing: .mcap (ROS 2 schemas) or .gif; --seconds limits it."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -56,8 +58,22 @@ def run(args: Args) -> int:
         "seed": args.seed,
         "camera": args.camera,
     }
-    report(args.source, show_source(arguments, args, repeat=False), as_json=args.json)
+    if args.export is not None:
+        summary = _exported(arguments, args.export, args.seconds)
+    else:
+        summary = show_source(arguments, args, repeat=False)
+    report(args.source, summary, as_json=args.json)
     return 0
+
+
+def _exported(arguments: dict[str, Any], path: Path, seconds: float | None) -> dict[str, Any]:
+    from spikingtac.viewer.export import check_ending, export
+    from spikingtac.viewer.opening import open_subject
+
+    check_ending(path)
+    with progress(f"exporting to {path.name}"):
+        written = export(open_subject(**arguments), path, seconds=seconds)
+    return {"export": str(path), "written": written}
 
 
 def show_source(arguments: dict[str, Any], args: Any, *, repeat: bool) -> dict[str, Any]:

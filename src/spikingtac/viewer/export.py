@@ -1,0 +1,47 @@
+"""Exports by the file's ending."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.viewer.subject import Subject
+
+ENDINGS = (".mcap", ".gif")
+
+
+def export(subject: Subject, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a subject into a file; return the number of messages or pictures.
+
+    Args:
+        subject: From :func:`spikingtac.viewer.opening.open_subject`.
+        path: ``.mcap`` (ROS 2 schemas) or ``.gif``.
+        seconds: Length of the stretch from its beginning; None is all of it.
+
+    Raises:
+        ConfigError: The ending is another, or the folder does not exist.
+        MissingExtraError: The format needs an extra.
+    """
+    target = Path(path)
+    check_ending(target)
+    if target.suffix == ".mcap":
+        from spikingtac.viewer.export_mcap import export_mcap
+
+        return export_mcap(subject, target, seconds=seconds)
+    from spikingtac.viewer.export_gif import export_gif
+
+    return export_gif(subject, target, seconds=seconds)
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file that no export writes, before anything is tracked.
+
+    Raises:
+        ConfigError: The ending is another, or the folder does not exist.
+    """
+    if path.suffix not in ENDINGS:
+        valid = ", ".join(ENDINGS)
+        hint = nearest(path.suffix, ENDINGS)
+        raise ConfigError(f"cannot export to {path.name!r}{hint} (valid endings: {valid})")
+    if not path.parent.is_dir():
+        raise ConfigError(f"the folder {str(path.parent)!r} does not exist; create it first")
