@@ -11,9 +11,10 @@ from spikingtac.markers.centroid_locator import (
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.disc_fit import SOFT_LEVEL, leak_to_discs_kernel
-from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.profile import TABLE_STEP_PX, DiscProfile
+from spikingtac.markers.disc_fit import SOFT_LEVEL
+from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig, round_outline
+from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
+from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration
 
@@ -55,7 +56,7 @@ def cauchy_fit(level: np.ndarray, start: np.ndarray, radius: float, reach: float
 def test_disc_fit_finds_exact_discs(shift: tuple[float, float]) -> None:
     true_px = REFERENCE_PX + shift
     locator = DiscLocator(DiscLocatorConfig(iterations=8, grid_weight=0.0), CALIBRATION)
-    found_px, agreement = locator.locate(GradedStateMap(levels(true_px)), REFERENCE_PX, None)
+    found_px, agreement = locator.locate(GradedStateMap(levels(true_px)), REFERENCE_PX, None, 0.0)
     np.testing.assert_allclose(found_px, true_px, atol=0.01)
     assert agreement.min() > 0.95
 
@@ -69,7 +70,7 @@ def test_disc_fit_equals_scipys_robust_minimum() -> None:
     locator = DiscLocator(
         DiscLocatorConfig(iterations=20, grid_weight=0.0, reach_px=4.0), CALIBRATION
     )
-    found_px, _ = locator.locate(GradedStateMap(noisy), REFERENCE_PX, None)
+    found_px, _ = locator.locate(GradedStateMap(noisy), REFERENCE_PX, None, 0.0)
     for found, start, radius in zip(found_px, REFERENCE_PX, RADIUS_PX, strict=True):
         expected = cauchy_fit(noisy, start, radius, 4.0)
         np.testing.assert_allclose(found, expected, atol=0.06)
@@ -79,10 +80,10 @@ def test_neighbours_pull_only_as_much_as_asked() -> None:
     state_map = GradedStateMap(levels(REFERENCE_PX))
     expected_px = REFERENCE_PX + 1.0
     free, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.0), CALIBRATION).locate(
-        state_map, REFERENCE_PX, expected_px
+        state_map, REFERENCE_PX, expected_px, 0.0
     )
     pulled, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.05), CALIBRATION).locate(
-        state_map, REFERENCE_PX, expected_px
+        state_map, REFERENCE_PX, expected_px, 0.0
     )
     assert 0.01 < (pulled - free).min() < (pulled - free).max() < 0.1
 
@@ -100,31 +101,61 @@ def test_a_marker_at_the_border_reads_no_pixel_outside() -> None:
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     level = PROFILE.level(np.hypot(x - 2.0, y - 30.0) - 7.0).astype(np.float32)
     locator = DiscLocator(DiscLocatorConfig(iterations=8), calibration)
-    found_px, _ = locator.locate(GradedStateMap(level), true_px + 0.8, None)
+    found_px, _ = locator.locate(GradedStateMap(level), true_px + 0.8, None, 0.0)
     np.testing.assert_allclose(found_px, true_px, atol=0.02)
 
 
-def test_leak_equals_its_twin_and_spares_agreement() -> None:
+def test_outlines_follow_magnified_and_strained_discs() -> None:
+    outline_px = np.array([[7.5, 0.6, -0.3], [6.0, -0.4, 0.5], [5.2, 0.0, 0.3]])
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    level = np.zeros((SIZE[1], SIZE[0]))
+    for (cx, cy), (r, b, c) in zip(REFERENCE_PX + 0.2, outline_px, strict=True):
+        phi = np.arctan2(y - cy, x - cx)
+        edge = r + b * np.cos(2 * phi) + c * np.sin(2 * phi)
+        level = np.maximum(level, PROFILE.level(np.hypot(x - cx, y - cy) - edge))
+    locator = DiscLocator(DiscLocatorConfig(grid_weight=0.0), CALIBRATION)
+    state_map = GradedStateMap(level.astype(np.float32))
+    for _ in range(30):
+        found_px, agreement = locator.locate(state_map, REFERENCE_PX, None, 0.02)
+    np.testing.assert_allclose(locator.outline_px, outline_px, atol=0.05)
+    np.testing.assert_allclose(found_px, REFERENCE_PX + 0.2, atol=0.01)
+    assert agreement.min() > 0.98
+    locator.reset()
+    np.testing.assert_array_equal(locator.outline_px, round_outline(RADIUS_PX))
+
+
+def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     rng = np.random.default_rng(8)
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))
-    reach = 3.0
-    table = PROFILE.tables[0]
-    scale = (PROFILE.reach_px, 1.0 / TABLE_STEP_PX, reach)
+    reach, tolerance, share = 3.0, 0.14, 0.25
+    outline_px = round_outline(RADIUS_PX)
+    outline_px[1] = 6.2, 0.4, -0.3
     leak_to_discs_kernel(
-        state_map.padded, state_map.memory, REFERENCE_PX, RADIUS_PX, table, scale, 0.14, 0.25
+        state_map.padded,
+        state_map.memory,
+        REFERENCE_PX,
+        outline_px,
+        leak_tables(PROFILE),
+        (PROFILE.reach_px, reach),
+        tolerance,
+        share,
     )
     expected = start.copy()
+    steepest = PROFILE.slope(np.linspace(-4, 4, 4001)).min()
     for y in range(SIZE[1]):
         for x in range(SIZE[0]):
-            for (cx, cy), radius in zip(REFERENCE_PX, RADIUS_PX, strict=True):
-                q = np.hypot(x - cx, y - cy) - radius
-                if q <= reach:
-                    e = start[y, x] - PROFILE.level(q)
-                    if abs(e) > 0.14:
-                        expected[y, x] -= 0.25 * (e - np.sign(e) * 0.14)
+            for (cx, cy), (r, b, c) in zip(REFERENCE_PX, outline_px, strict=True):
+                rho, phi = np.hypot(x - cx, y - cy), np.arctan2(y - cy, x - cx)
+                q = rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)
+                excess = start[y, x] - PROFILE.level(q)
+                if rho <= r + reach and abs(excess) > tolerance:
+                    weight = 1.0 - np.sqrt(PROFILE.slope(q) / steepest)
+                    expected[y, x] -= share * weight * (excess - np.sign(excess) * tolerance)
+    expected = np.clip(expected, 0.0, 1.0)
     np.testing.assert_allclose(state_map.memory, expected, atol=0.01)
     np.testing.assert_array_equal(state_map.values, state_map.memory)
+    assert np.abs(state_map.memory - start).max() > 0.02
 
 
 def test_centroids_equal_their_twin() -> None:
@@ -132,7 +163,7 @@ def test_centroids_equal_their_twin() -> None:
     level = np.clip(levels(REFERENCE_PX + 0.4) + rng.normal(0.0, 0.1, (SIZE[1], SIZE[0])), 0, 1)
     config = CentroidLocatorConfig()
     locator = CentroidLocator(config, CALIBRATION)
-    found_px, _ = locator.locate(GradedStateMap(level.astype(np.float32)), REFERENCE_PX, None)
+    found_px, _ = locator.locate(GradedStateMap(level.astype(np.float32)), REFERENCE_PX, None, 0.0)
     reach = RADIUS_PX.max() + config.reach_px
     for found, center in zip(found_px, REFERENCE_PX, strict=True):
         y, x = np.mgrid[: SIZE[1], : SIZE[0]]

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.markers.disc_locator import round_outline
 from spikingtac.markers.start import painted_graded_map, profile_of
 from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 from spikingtac.types import Calibration
@@ -45,6 +46,7 @@ class CentroidLocator:
     def __init__(self, config: CentroidLocatorConfig, calibration: Calibration) -> None:
         """Choose the window, and weigh every marker at rest for its agreement later."""
         self._floor = np.float32(config.floor)
+        self.outline_px = round_outline(calibration.radius_px)
         self._window = round_window(float(calibration.radius_px.max()) + config.reach_px)
         self._mass = np.ones(len(calibration.radius_px))
         painted = painted_graded_map(calibration, profile_of(calibration))
@@ -61,12 +63,16 @@ class CentroidLocator:
         state_map: GradedStateMap,
         predicted_px: NDArray[np.float64],
         expected_px: NDArray[np.float64] | None,
+        dt_s: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
         center_px = predicted_px.copy()
         self._centroids(state_map, center_px)
         share = self._mass / self._full_mass
         return center_px, np.minimum(share, 1.0 / np.maximum(share, 0.1))
+
+    def reset(self) -> None:
+        """Do nothing: a centroid remembers nothing."""
 
     def _centroids(self, state_map: GradedStateMap, center_px: NDArray[np.float64]) -> None:
         _centroids_kernel(state_map.padded, center_px, self._window, self._floor, self._mass)

@@ -36,8 +36,9 @@ class CustodyConfig:
     Attributes:
         agreement: Share of the edge that must agree with the fitted disc (ours).
         strain_px: Distance from the neighbours' prediction that is still believed, at rest, px.
-        strain_share: The same, as a share of how far the neighbours moved (ours: contact bends the
-            field, but never this much between neighbours).
+        strain_share: The same, as a share of how far the farthest neighbour moved (ours: in torsion
+            the neighbours of a marker move in opposite directions, so that their prediction says
+            nothing; but no marker moves much farther than all of them).
         patience_us: How long a marker may look lost before it is held, us.
         search_us: Time between two full-frame detections while a marker is lost, us.
         capture_share: Largest distance between prediction and detection, as a share of the smallest
@@ -45,8 +46,8 @@ class CustodyConfig:
     """
 
     agreement: float = 0.35
-    strain_px: float = 4.0
-    strain_share: float = 0.5
+    strain_px: float = 6.0
+    strain_share: float = 1.2
     patience_us: int = 20_000
     search_us: int = 20_000
     capture_share: float = 0.3
@@ -122,6 +123,7 @@ class Custody:
             fitted_px,
             self._neighbours.expected_px(fitted_px),
             self._reference_px,
+            self._neighbours.index,
             agreement,
             (config.agreement, config.strain_px, config.strain_share),
             self._doubted,
@@ -165,6 +167,7 @@ def _all_clear_kernel(
     fitted_px: NDArray[np.float64],
     expected_px: NDArray[np.float64],
     reference_px: NDArray[np.float64],
+    neighbours: NDArray[np.int64],
     agreement: NDArray[np.float64],
     limits: tuple[float, float, float],
     doubted: NDArray[np.bool_],
@@ -174,9 +177,12 @@ def _all_clear_kernel(
     clear = True
     for m in range(fitted_px.shape[0]):
         strain = np.hypot(fitted_px[m, 0] - expected_px[m, 0], fitted_px[m, 1] - expected_px[m, 1])
-        travel = np.hypot(
-            expected_px[m, 0] - reference_px[m, 0], expected_px[m, 1] - reference_px[m, 1]
-        )
+        travel = 0.0
+        for k in range(neighbours.shape[1]):
+            n = neighbours[m, k]
+            dx = fitted_px[n, 0] - reference_px[n, 0]
+            dy = fitted_px[n, 1] - reference_px[n, 1]
+            travel = max(travel, np.hypot(dx, dy))
         doubted[m] = agreement[m] < least or strain > strain_px + strain_share * travel
         clear = clear and not doubted[m]
     return clear

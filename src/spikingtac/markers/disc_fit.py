@@ -1,8 +1,11 @@
 """Fit a disc's centre to the graded map, by a few robust Gauss-Newton steps per marker.
 
-Residual e = Y(x) - S(|x - c| - R) over the pixels around the edge, weight 1 / (1 + (e / soft)^2)
-(Cauchy), S of :mod:`spikingtac.markers.profile` as a polynomial, which the compiler can vectorise
-where it cannot vectorise a table or an exponential.
+Residual e = Y(x) - S(|x - c| - R(phi)) over the pixels around the edge, weight
+1 / (1 + (e / soft)^2) (Cauchy), S of :mod:`spikingtac.markers.profile` as a polynomial, which the
+compiler can vectorise where it cannot vectorise a table or an exponential. The outline
+R(phi) = r + b cos 2 phi + c sin 2 phi follows the disc slowly: an indentation magnifies it, strain
+makes it an ellipse. Both are even in phi and leave the centre alone, but a map that is held to the
+wrong outline would not.
 """
 
 from __future__ import annotations
@@ -90,166 +93,131 @@ def fit_window(
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _polynomial_kernel(c: NDArray[np.float32], z: np.float32) -> np.float32:  # pragma: no cover
+    """Evaluate a polynomial of degree 15 by Horner's rule, without a loop."""
+    high = c[12] + z * (c[13] + z * (c[14] + z * c[15]))
+    high = c[8] + z * (c[9] + z * (c[10] + z * (c[11] + z * high)))
+    high = c[4] + z * (c[5] + z * (c[6] + z * (c[7] + z * high)))
+    return c[0] + z * (c[1] + z * (c[2] + z * (c[3] + z * high)))
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _normal_equations_kernel(
     level: NDArray[np.float32],
     dx: NDArray[np.float32],
     dy: NDArray[np.float32],
-    center: tuple[np.float32, np.float32, np.float32],
+    state: NDArray[np.float32],
     coefficients: NDArray[np.float32],
     scale: tuple[np.float32, np.float32],
-    residual: NDArray[np.float32],
 ) -> tuple[float, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of one marker; one straight loop, so that it vectorises.
 
-    ``center`` is (x, y, radius) relative to the window, ``scale`` (1 / reach, 1 / soft^2).
+    ``state`` is (x, y, r, b, c) relative to the window, ``scale`` (1 / reach, 1 / soft^2). Returns
+    the curvature (xx, xy, yy), the gradients (x, y, r, b, c), the curvature of r, and the share of
+    the edge that agrees.
     """
-    x, y, radius = center
+    x, y, r, b, c = state[0], state[1], state[2], state[3], state[4]
     per_reach, per_soft2 = scale
+    curve, steep = coefficients[0], coefficients[1]
     one = np.float32(1.0)
-    a = b = d = gx = gy = weight = total = np.float32(0.0)
-    s0, s1, s2, s3, s4, s5, s6, s7 = coefficients[0, :8]
-    s8, s9, s10, s11, s12, s13, s14, s15 = coefficients[0, 8:16]
-    g0, g1, g2, g3, g4, g5, g6, g7 = coefficients[1, :8]
-    g8, g9, g10, g11, g12, g13, g14, g15 = coefficients[1, 8:16]
+    xx = xy = yy = gx = gy = gr = gb = gc = rr = weight = total = np.float32(0.0)
     for j in range(level.size):
-        ex = dx[j] - x
-        ey = dy[j] - y
-        inverse = one / np.sqrt(ex * ex + ey * ey + np.float32(1e-6))
-        z = (one / inverse - radius) * per_reach
+        inverse = one / np.sqrt((dx[j] - x) ** 2 + (dy[j] - y) ** 2 + np.float32(1e-6))
+        ux = (dx[j] - x) * inverse
+        uy = (dy[j] - y) * inverse
+        cos2 = ux * ux - uy * uy
+        sin2 = np.float32(2.0) * ux * uy
+        z = (one / inverse - r - b * cos2 - c * sin2) * per_reach
         z = one if z > one else z
         z = -one if z < -one else z
-        high = s12 + z * (s13 + z * (s14 + z * s15))
-        high = s8 + z * (s9 + z * (s10 + z * (s11 + z * high)))
-        high = s4 + z * (s5 + z * (s6 + z * (s7 + z * high)))
-        model = s0 + z * (s1 + z * (s2 + z * (s3 + z * high)))
-        high = g12 + z * (g13 + z * (g14 + z * g15))
-        high = g8 + z * (g9 + z * (g10 + z * (g11 + z * high)))
-        high = g4 + z * (g5 + z * (g6 + z * (g7 + z * high)))
-        slope = g0 + z * (g1 + z * (g2 + z * (g3 + z * high)))
-        e = level[j] - model
-        residual[j] = e
+        e = level[j] - _polynomial_kernel(curve, z)
+        slope = _polynomial_kernel(steep, z)
         w = one / (one + e * e * per_soft2)
-        jx = slope * inverse * ex
-        jy = slope * inverse * ey
-        a += w * jx * jx
-        b += w * jx * jy
-        d += w * jy * jy
-        gx += w * jx * e
-        gy += w * jy * e
-        weight += w * slope
+        ws = w * slope
+        wse = ws * e
+        xx += ws * slope * ux * ux
+        xy += ws * slope * ux * uy
+        yy += ws * slope * uy * uy
+        gx += wse * ux
+        gy += wse * uy
+        gr += wse
+        gb += wse * cos2
+        gc += wse * sin2
+        rr += ws * slope
+        weight += ws
         total += slope
-    return a, b, d, gx, gy, weight, total
+    return xx, xy, yy, gx, gy, gr, gb, gc, rr, weight / (total + np.float32(1e-6))
+
+
+@njit(cache=True, nogil=True)
+def _center_step_kernel(
+    curvature: tuple[float, float, float], gx: float, gy: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing."""
+    xx, xy, yy = curvature
+    determinant = xx * yy - xy * xy
+    if not determinant > 1e-6:
+        return 0.0, 0.0
+    step_x, step_y = (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
+    length = np.hypot(step_x, step_y)
+    if length > LARGEST_STEP_PX:
+        return step_x * LARGEST_STEP_PX / length, step_y * LARGEST_STEP_PX / length
+    return step_x, step_y
 
 
 @njit(cache=True, nogil=True)
 def fit_discs_kernel(
     padded: NDArray[np.float32],
     center_px: NDArray[np.float64],
-    radius_px: NDArray[np.float64],
+    outline_px: NDArray[np.float64],
     window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]],
-    coefficients: NDArray[np.float32],
-    reach_px: float,
-    iterations: int,
-    prior_px: NDArray[np.float64],
-    prior_weight: float,
+    curves: tuple[NDArray[np.float32], float, int],
+    prior: tuple[NDArray[np.float64], float],
+    outline_gain: float,
     agreement: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Move every centre to the best fit, in place.
+    """Move every centre to the best fit and every outline a little, in place.
 
     Args:
         padded: The map with its margin of PAD_PX.
         center_px: ``(m, 2)`` start and result, px.
-        radius_px: ``(m,)`` radii, px.
+        outline_px: ``(m, 3)`` r, b and c of each disc, px.
         window: Offsets, columns and rows of :class:`FitWindow`.
-        coefficients: Of :class:`FitWindow`.
-        reach_px: Of :class:`FitWindow`, px.
-        iterations: Gauss-Newton steps at most.
-        prior_px: ``(m, 2)`` where the neighbours expect each marker, px.
-        prior_weight: Weight of that prior as a share of the fit's own curvature.
+        curves: Coefficients and reach (px) of :class:`FitWindow`; Gauss-Newton steps at most.
+        prior: ``(m, 2)`` where the neighbours expect each marker, px, and its weight as a share of
+            the fit's own curvature.
+        outline_gain: Share of its Gauss-Newton step that the outline makes.
         agreement: ``(m,)`` result: share of the edge that agrees with the fit, 0 to 1.
     """
     offset, dx, dy = window
+    coefficients, reach_px, iterations = curves
     row_px = padded.shape[1]
-    height, width = padded.shape[0] - 2 * PAD_PX, row_px - 2 * PAD_PX
     flat = padded.ravel()
     level = np.empty(offset.size, np.float32)
-    residual = np.empty(offset.size, np.float32)
+    state = np.empty(5, np.float32)
     scale = (np.float32(1.0 / reach_px), np.float32(1.0 / SOFT_LEVEL**2))
     for m in range(center_px.shape[0]):
-        column = min(max(int(np.rint(center_px[m, 0])), 0), width - 1)
-        row = min(max(int(np.rint(center_px[m, 1])), 0), height - 1)
+        column = min(max(int(np.rint(center_px[m, 0])), 0), row_px - 2 * PAD_PX - 1)
+        row = min(max(int(np.rint(center_px[m, 1])), 0), padded.shape[0] - 2 * PAD_PX - 1)
         base = (row + PAD_PX) * row_px + column + PAD_PX
         for j in range(offset.size):
             level[j] = flat[base + offset[j]]
-        x, y = center_px[m, 0] - column, center_px[m, 1] - row
+        state[0], state[1] = center_px[m, 0] - column, center_px[m, 1] - row
+        state[2:] = outline_px[m]
         for _ in range(iterations):
-            a, b, d, gx, gy, weight, total = _normal_equations_kernel(
-                level,
-                dx,
-                dy,
-                (np.float32(x), np.float32(y), np.float32(radius_px[m])),
-                coefficients,
-                scale,
-                residual,
+            xx, xy, yy, gx, gy, gr, gb, gc, rr, agreement[m] = _normal_equations_kernel(
+                level, dx, dy, state, coefficients, scale
             )
-            agreement[m] = weight / max(total, np.float32(1e-6))
-            pull = prior_weight * 0.5 * (a + d)
-            gx += pull * (prior_px[m, 0] - column - x)
-            gy += pull * (prior_px[m, 1] - row - y)
-            a, d = a + pull, d + pull
-            determinant = a * d - b * b
-            if not determinant > 1e-6:
+            pull = prior[1] * 0.5 * (xx + yy)
+            gx += pull * (prior[0][m, 0] - column - state[0])
+            gy += pull * (prior[0][m, 1] - row - state[1])
+            step_x, step_y = _center_step_kernel((xx + pull, xy, yy + pull), gx, gy)
+            state[0] += step_x
+            state[1] += step_y
+            if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
                 break
-            step_x, step_y = (d * gx - b * gy) / determinant, (a * gy - b * gx) / determinant
-            length = np.hypot(step_x, step_y)
-            if length > LARGEST_STEP_PX:
-                step_x *= LARGEST_STEP_PX / length
-                step_y *= LARGEST_STEP_PX / length
-            x += step_x
-            y += step_y
-            if length < SMALL_STEP_PX:
-                break
-        center_px[m, 0], center_px[m, 1] = column + x, row + y
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def leak_to_discs_kernel(
-    padded: NDArray[np.float32],
-    memory: NDArray[np.float32],
-    center_px: NDArray[np.float64],
-    radius_px: NDArray[np.float64],
-    table: NDArray[np.float32],
-    table_scale: tuple[float, float, float],
-    tolerance: float,
-    share: float,
-) -> None:  # pragma: no cover - compiled
-    """Move map pixels that disagree with the fitted disc towards it.
-
-    Noise and lost events leave errors in the sum that no later event removes; where the level is
-    off by more than ``tolerance`` it gives up ``share`` of the excess. ``table`` is S, with
-    ``table_scale`` = (reach, entries per px, outer reach): pixels beyond it are left alone.
-    """
-    reach_px, per_px, outer_px = table_scale
-    height, width = memory.shape
-    last = np.int64(table.size - 1)
-    limit, portion = np.float32(tolerance), np.float32(share)
-    zero, one, scale = np.float32(0.0), np.float32(1.0), np.float32(per_px)
-    for m in range(center_px.shape[0]):
-        x, y, radius = center_px[m, 0], center_px[m, 1], radius_px[m]
-        outer = radius + outer_px
-        start = np.float32(radius - reach_px)
-        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-            dy2 = np.float32((row - y) ** 2)
-            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
-            first = max(0, int(np.ceil(x - half)))
-            levels, sums = padded[row + PAD_PX, PAD_PX:], memory[row]
-            for column in range(first, min(width - 1, int(x + half)) + 1):
-                dx = np.float32(column - x)
-                entry = np.int64(max((np.sqrt(dx * dx + dy2) - start) * scale, zero))
-                e = levels[column] - table[min(entry, last)]
-                if e > limit or e < -limit:
-                    excess = e - limit if e > zero else e + limit
-                    old = sums[column]
-                    new = min(max(old - portion * excess, zero), one)
-                    sums[column] = new
-                    levels[column] += new - old
+        center_px[m, 0], center_px[m, 1] = column + state[0], row + state[1]
+        gain = outline_gain / (rr + 1e-3)
+        outline_px[m, 0] += gain * gr
+        outline_px[m, 1] += 2.0 * gain * gb
+        outline_px[m, 2] += 2.0 * gain * gc

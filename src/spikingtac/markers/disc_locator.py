@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,11 +25,16 @@ class DiscLocatorConfig:
         reach_px: Half the width of the annulus that a fit reads, px (ours).
         grid_weight: Pull towards the neighbours' prediction, as a share of the fit's own curvature
             (ours: a strong pull smooths real deformation away).
+        outline_per_s: Rate at which the outline follows what the fit sees, 1/s (ours: indentation
+            and strain take tens of ms).
+        outline_share: Largest change of the outline, as a share of the radius (ours).
     """
 
     iterations: int = field(default=3, metadata={"range": (1, 8)})
     reach_px: float = field(default=3.5, metadata={"range": (1.0, 6.0)})
     grid_weight: float = field(default=0.03, metadata={"range": (0.0, 0.5)})
+    outline_per_s: float = field(default=50.0, metadata={"range": (0.0, 200.0), "unit": "1/s"})
+    outline_share: float = 0.3
 
     def __post_init__(self) -> None:
         if self.iterations < 1:
@@ -45,7 +51,8 @@ class DiscLocator:
     def __init__(self, config: DiscLocatorConfig, calibration: Calibration) -> None:
         """Choose the pixels and the profile for a sensor's markers."""
         self._config = config
-        self._radius_px = calibration.radius_px
+        self._rest_outline_px = round_outline(calibration.radius_px)
+        self.outline_px = self._rest_outline_px.copy()
         self._profile = profile_of(calibration)
         self._window = fit_window(
             self._profile, calibration.radius_px, calibration.size[0], config.reach_px
@@ -62,20 +69,36 @@ class DiscLocator:
         state_map: GradedStateMap,
         predicted_px: NDArray[np.float64],
         expected_px: NDArray[np.float64] | None,
+        dt_s: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
-        window = self._window
+        window, config = self._window, self._config
         center_px = predicted_px.copy()
         fit_discs_kernel(
             state_map.padded,
             center_px,
-            self._radius_px,
+            self.outline_px,
             (window.offset, window.dx, window.dy),
-            window.coefficients,
-            window.reach_px,
-            self._config.iterations,
-            predicted_px if expected_px is None else expected_px,
-            0.0 if expected_px is None else self._config.grid_weight,
+            (window.coefficients, window.reach_px, config.iterations),
+            (predicted_px, 0.0) if expected_px is None else (expected_px, config.grid_weight),
+            1.0 - math.exp(-dt_s * config.outline_per_s),
             self._agreement,
         )
+        radius_px = self._rest_outline_px[:, :1]
+        most_px = config.outline_share * radius_px
+        np.clip(
+            self.outline_px,
+            self._rest_outline_px - most_px,
+            self._rest_outline_px + most_px,
+            out=self.outline_px,
+        )
         return center_px, self._agreement
+
+    def reset(self) -> None:
+        """Forget the outlines that strain and indentation gave the discs."""
+        self.outline_px[:] = self._rest_outline_px
+
+
+def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(m, 3)`` outlines of round discs: the radius, and no second harmonic, px."""
+    return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])

@@ -16,24 +16,30 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.markers.custody import Custody, CustodyConfig
-from spikingtac.markers.disc_fit import leak_to_discs_kernel
 from spikingtac.markers.events_kept import EventsKept
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
 from spikingtac.markers.motion_filter import MotionFilter
-from spikingtac.markers.profile import TABLE_STEP_PX
 from spikingtac.markers.start import LAG_DEFAULT_US, painted_graded_map, profile_of
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration, EventPacket, MarkerFrame
 
 
 class Locator(Protocol):
-    """Finds each marker in the graded map, near where it is expected."""
+    """Finds each marker in the graded map, near where it is expected.
+
+    Attributes:
+        outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
+    """
+
+    outline_px: NDArray[np.float64]
 
     def locate(
         self,
         state_map: GradedStateMap,
         predicted_px: NDArray[np.float64],
         expected_px: NDArray[np.float64] | None,
+        dt_s: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1.
 
@@ -42,7 +48,12 @@ class Locator(Protocol):
             predicted_px: ``(m, 2)`` where the motion leads, px.
             expected_px: ``(m, 2)`` where the neighbours expect each marker, px, if
                 :attr:`needs_expectation`.
+            dt_s: Time since the last call, s.
         """
+        ...
+
+    def reset(self) -> None:
+        """Forget everything but the calibration."""
         ...
 
     @property
@@ -108,6 +119,7 @@ class GradedTracker:
         self._law = law or NoLaw()
         self._profile = profile_of(calibration)
         self._map = painted_graded_map(calibration, self._profile)
+        self._leak_tables = leak_tables(self._profile)
         lag_us = care.lag_us if care.lag_us is not None else calibration.lag_us
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()
@@ -128,7 +140,7 @@ class GradedTracker:
         predicted_px = self._filter.predict(dt_s)
         asked = self._locator.needs_expectation
         expected_px = self._custody.expected_px(predicted_px) if asked else None
-        located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px)
+        located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._custody.held)
         if t_us >= self._care_at_us:
             self._care(t_us, located_px, agreement)
@@ -138,6 +150,7 @@ class GradedTracker:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         self._map.reset()
         self._law.reset()
+        self._locator.reset()
         self._start()
 
     def _start(self) -> None:
@@ -176,9 +189,9 @@ class GradedTracker:
             self._map.padded,
             self._map.memory,
             self._filter.position_px[self._turn :: care.leak_groups],
-            self._calibration.radius_px[self._turn :: care.leak_groups],
-            self._profile.tables[0],
-            (self._profile.reach_px, 1.0 / TABLE_STEP_PX, care.leak_reach_px),
+            self._locator.outline_px[self._turn :: care.leak_groups],
+            self._leak_tables,
+            (self._profile.reach_px, care.leak_reach_px),
             care.leak_tolerance,
             share,
         )

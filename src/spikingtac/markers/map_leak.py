@@ -1,0 +1,74 @@
+"""The leak of the graded map towards the fitted discs.
+
+Noise and lost events leave errors in the map's sums that no later event removes. Where the level of
+a pixel is off by more than a tolerance, it gives up a share of the excess; nothing leaks on the
+edge itself, where a slow marker is a little ahead of its fit and would be held back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.profile import TABLE_STEP_PX, DiscProfile
+from spikingtac.state_map.graded import PAD_PX
+
+
+def leak_tables(profile: DiscProfile) -> NDArray[np.float32]:
+    """Return ``(2, n)`` S(q) and the weight of the leak: 1 where S is flat, 0 where it is steep."""
+    level, slope = profile.tables
+    return np.stack([level, 1.0 - np.sqrt(slope / slope.min())]).astype(np.float32)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def leak_to_discs_kernel(
+    padded: NDArray[np.float32],
+    memory: NDArray[np.float32],
+    center_px: NDArray[np.float64],
+    outline_px: NDArray[np.float64],
+    tables: NDArray[np.float32],
+    reach: tuple[float, float],
+    tolerance: float,
+    share: float,
+) -> None:  # pragma: no cover - compiled
+    """Move map pixels that disagree with the fitted disc towards it.
+
+    Args:
+        padded: The map with its margin of PAD_PX; changed.
+        memory: The clipped sums behind it; changed.
+        center_px: ``(m, 2)`` disc centres, px.
+        outline_px: ``(m, 3)`` r, b and c of each disc (:mod:`spikingtac.markers.disc_fit`), px.
+        tables: ``(2, n)`` S(q), and the weight of the leak at q.
+        reach: Of the tables and of the leak, px.
+        tolerance: Disagreement that is left alone.
+        share: Share of the excess that is given up where the weight is 1.
+    """
+    reach_px, outer_px = reach
+    height, width = memory.shape
+    last = np.int64(tables.shape[1] - 1)
+    limit, portion = np.float32(tolerance), np.float32(share)
+    zero, one, scale = np.float32(0.0), np.float32(1.0), np.float32(1.0 / TABLE_STEP_PX)
+    for m in range(center_px.shape[0]):
+        x, y = center_px[m, 0], center_px[m, 1]
+        b, c = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2])
+        outer = outline_px[m, 0] + outer_px
+        start = np.float32(outline_px[m, 0] - reach_px)
+        for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
+            dy = np.float32(row - y)
+            half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
+            first = max(0, int(np.ceil(x - half)))
+            levels, sums = padded[row + PAD_PX, PAD_PX:], memory[row]
+            for column in range(first, min(width - 1, int(x + half)) + 1):
+                dx = np.float32(column - x)
+                rho2 = dx * dx + dy * dy + np.float32(1e-6)
+                bulge = (b * (dx * dx - dy * dy) + np.float32(2.0) * c * dx * dy) / rho2
+                entry = np.int64(max((np.sqrt(rho2) - start - bulge) * scale, zero))
+                entry = min(entry, last)
+                e = levels[column] - tables[0, entry]
+                if e > limit or e < -limit:
+                    excess = e - limit if e > zero else e + limit
+                    old = sums[column]
+                    new = min(max(old - portion * tables[1, entry] * excess, zero), one)
+                    sums[column] = new
+                    levels[column] += new - old
