@@ -1,4 +1,8 @@
-"""Events: sources, formats, windows and filters."""
+"""Events: sources, formats, windows and filters.
+
+What is most used is found here; the function ``windows`` stays in ``spikingtac.events.windows``,
+since the module's name would hide it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,6 @@ if TYPE_CHECKING:
     from spikingtac.events.open import open_events
     from spikingtac.events.recording import Recording, RecordingWriter
     from spikingtac.events.source import EventSource, PacketSource
-    from spikingtac.events.windows import cut, windows
 
 __all__ = [
     "EventSource",
@@ -18,9 +21,7 @@ __all__ = [
     "Recording",
     "RecordingWriter",
     "create_events",
-    "cut",
     "open_events",
-    "windows",
 ]
 
 _HOMES = {
@@ -29,9 +30,7 @@ _HOMES = {
     "Recording": "recording",
     "RecordingWriter": "recording",
     "create_events": "create",
-    "cut": "windows",
     "open_events": "open",
-    "windows": "windows",
 }
 
 

@@ -21,6 +21,8 @@ _NAMES = {
     "time_us": "t", "timestamp_us": "t", "x": "x", "col": "x", "column": "x", "y": "y",
     "row": "y", "p": "p", "pol": "p", "polarity": "p", "on": "p", "is_increase": "p",
 }  # fmt: skip
+_TRUTH: dict[str, Any] = {"true": "1", "false": "0"}
+_VALUES = (*_TRUTH, "nan", "inf")
 _SPLIT = re.compile(r"[,;\t ]+")
 _SECONDS = re.compile(r"[.eE]")
 US_PER_S = 1_000_000
@@ -57,7 +59,9 @@ class CsvSource(FileSource):
                 if not text or text.startswith(("#", "%")):
                     continue
                 words = _SPLIT.split(text)
-                if any(re.match(r"[A-Za-z_]", word) for word in words[:3]):
+                if any(
+                    re.match(r"[A-Za-z_]", word) and word.lower() not in _VALUES for word in words
+                ):
                     self._order = _columns_named(words, path)
                     continue
                 place = self._order.index("t")
@@ -119,6 +123,10 @@ class CsvWriter:
         self.close()
 
 
+def _is_name(word: str) -> bool:
+    return bool(re.match(r"[A-Za-z_]", word)) and word.lower() not in _VALUES
+
+
 def _columns_named(words: list[str], path: Path) -> str:
     names = [_NAMES.get(word.strip("\"' ").lower(), "-") for word in words]
     if sorted(name for name in names if name != "-") != ["p", "t", "x", "y"]:
@@ -147,9 +155,6 @@ def _row(line: str, columns: int) -> list[float] | None:
         return [float(word) for word in words[:columns]]
     except ValueError:
         return None
-
-
-_TRUTH: dict[str, Any] = {"true": "1", "false": "0"}
 
 
 def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,140 @@
+"""Filters: equal to plain twins, and the same events however the stream is cut."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spikingtac.errors import ConfigError
+from spikingtac.events import filters
+from spikingtac.events.filters import (
+    BackgroundActivityConfig,
+    BackgroundActivityFilter,
+    HotPixelFinder,
+    RandomDrop,
+)
+from spikingtac.types import EventPacket
+
+SIZE = (12, 9)
+FILTERS = {
+    "flip": lambda: filters.flip_polarity,
+    "crop": lambda: lambda packet: filters.crop(packet, 2, 1, 7, 8),
+    "hot": lambda: lambda packet: filters.without_pixels(packet, np.eye(9, 12, dtype=bool)),
+    "activity": lambda: BackgroundActivityFilter(BackgroundActivityConfig(window_us=40), SIZE),
+    "drop": lambda: RandomDrop(0.4, seed=5),
+}
+
+
+def events(seed: int, n: int) -> EventPacket:
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.integers(0, 9, n))
+    x, y = rng.integers(0, SIZE[0], n), rng.integers(0, SIZE[1], n)
+    end = int(t[-1]) + 1 if n else 1
+    p = rng.random(n) < 0.5
+    return EventPacket(
+        x.astype(np.uint16), y.astype(np.uint16), p, t.astype(np.int64), 0, end, SIZE
+    )
+
+
+def as_tuples(packets: list[EventPacket]) -> list[tuple[int, int, int, bool]]:
+    return [
+        row
+        for item in packets
+        for row in zip(
+            item.t.tolist(), item.x.tolist(), item.y.tolist(), item.p.tolist(), strict=True
+        )
+    ]
+
+
+@pytest.mark.parametrize("name", FILTERS)
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 999), n=st.integers(0, 300), cuts=st.lists(st.integers(0, 300)))
+def test_any_packets_give_the_same_events(name: str, seed: int, n: int, cuts: list[int]) -> None:
+    whole = events(seed, n)
+    edges = [0, *sorted(min(cut, n) for cut in cuts), n]
+    parts = [whole.part(a, b, 0, whole.t_end_us) for a, b in itertools.pairwise(edges)]
+    once, often = FILTERS[name](), FILTERS[name]()
+    assert as_tuples([often(part) for part in parts]) == as_tuples([once(whole)])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_background_activity_equals_its_twin(seed: int) -> None:
+    whole = events(seed, 400)
+    seen: dict[tuple[int, int], int] = {}
+    expected = []
+    for t, x, y, p in as_tuples([whole]):
+        near = [(x + i, y + j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+        if any(t - seen[place] <= 25 for place in near if place in seen):
+            expected.append((t, x, y, p))
+        seen[x, y] = t
+    found = BackgroundActivityFilter(BackgroundActivityConfig(window_us=25), SIZE)(whole)
+    assert as_tuples([found]) == expected
+    assert 0 < len(expected) < 400
+
+
+def test_hot_pixels_are_found_and_dropped() -> None:
+    quiet = events(1, 200)
+    n = 500
+    hot = EventPacket(
+        np.full(n, 3, np.uint16),
+        np.full(n, 4, np.uint16),
+        np.ones(n, np.bool_),
+        np.arange(n, dtype=np.int64) * 2_000,
+        0,
+        1_000_000,
+        SIZE,
+    )
+    finder = HotPixelFinder(SIZE)
+    for part in (quiet.part(0, 150, 0, 0), hot):
+        finder.absorb(part)
+    mask = finder.hot(rate_hz=50)
+    assert np.argwhere(mask).tolist() == [[4, 3]]
+    assert len(filters.without_pixels(hot, mask)) == 0
+
+
+def test_flip_is_its_own_inverse() -> None:
+    whole = events(2, 50)
+    assert (filters.flip_polarity(whole).p == ~whole.p).all()
+    assert as_tuples([filters.flip_polarity(filters.flip_polarity(whole))]) == as_tuples([whole])
+
+
+def test_crop_moves_the_origin() -> None:
+    cropped = filters.crop(events(3, 300), 2, 1, 7, 8)
+    assert cropped.size == (7, 8)
+    assert int(cropped.x.max()) == 6
+    assert int(cropped.y.min()) == 0
+    for rectangle in [(-1, 0, 3, 3), (0, 0, 0, 3), (6, 0, 7, 3), (0, 2, 3, 8)]:
+        with pytest.raises(ConfigError, match="crop"):
+            filters.crop(events(3, 3), *rectangle)
+
+
+def test_time_slice_is_half_open() -> None:
+    whole = events(4, 100)
+    inside = list(filters.time_slice([whole], 50, 200))
+    assert as_tuples(inside) == [row for row in as_tuples([whole]) if 50 <= row[0] < 200]
+    assert (inside[0].t_start_us, inside[-1].t_end_us) == (50, 200)
+    assert as_tuples(list(filters.time_slice([whole]))) == as_tuples([whole])
+    assert list(filters.time_slice([whole], to_us=0)) == []
+    with pytest.raises(ConfigError, match="empty"):
+        list(filters.time_slice([whole], 5, 5))
+
+
+def test_random_drop_keeps_its_share() -> None:
+    whole = events(5, 20_000)
+    kept = RandomDrop(0.3, seed=1)(whole)
+    assert len(kept) / len(whole) == pytest.approx(0.7, abs=0.02)
+    assert len(RandomDrop(0.0, seed=1)(whole)) == len(whole)
+    assert len(RandomDrop(1.0, seed=1)(whole)) == 0
+    with pytest.raises(ConfigError, match="share"):
+        RandomDrop(1.2, seed=1)
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(ValueError, match="window_us"):
+        BackgroundActivityConfig(window_us=0)
+    with pytest.raises(ConfigError, match="rate_hz"):
+        HotPixelFinder(SIZE).hot(0)

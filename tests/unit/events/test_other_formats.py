@@ -1,0 +1,274 @@
+"""Tables, archives and bags as others write them."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import FormatError, RecordingError
+from spikingtac.events import open_events
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.types import EventPacket
+
+ROWS = [(10, 1, 2, 1), (20, 3, 4, 0), (20, 319, 100, 1)]
+
+
+def rows(source: FileSource) -> list[tuple[int, int, int, int]]:
+    return [
+        (t, x, y, int(p))
+        for packet in source
+        for t, x, y, p in zip(
+            packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), packet.p.tolist(), strict=True
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "10,1,2,1\n20,3,4,0\n20,319,100,1\n",
+        "t,x,y,p\n10,1,2,1\n20,3,4,0\n20,319,100,1",
+        "# a remark\n# size 320 320\ntimestamp;x;y;polarity\n10;1;2;1\n20;3;4;-1\n20;319;100;1\n",
+        "x\ty\tpolarity\tt\n1\t2\t1\t10\n3\t4\t0\t20\n319\t100\t1\t20\n",
+        "0.00001 1 2 1\n0.00002 3 4 0\n0.00002 319 100 1\n",
+        "x,y,p,t\n1,2,True,10\n3,4,False,20\n319,100,True,20\n",
+        "\r\nt, x, y, p\r\n10, 1, 2, 1\r\n20, 3, 4, 0\r\n20, 319, 100, 1\r\n",
+    ],
+)
+def test_tables(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8", newline="")
+    source = open_events(tmp_path / "a.csv")
+    assert (rows(source), source.size) == (ROWS, (320, 320))
+    assert dict(source.losses) == {}
+
+
+def test_a_table_with_bad_lines(tmp_path: Path) -> None:
+    text = "t,x,y,p\n10,1,2,1\noops\n15,1\n20,3,4,0\n20,900,4,0\n# size\n20,319,100,1\nnan,1,1,1\n"
+    (tmp_path / "a.csv").write_text(text)
+    source = open_events(tmp_path / "a.csv", size=(320, 320))
+    assert rows(source) == ROWS
+    assert dict(source.losses) == {"bad_record": 4, "out_of_range": 1}
+
+
+def test_a_table_without_a_column_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x,p\n1,2,1\n")
+    with pytest.raises(FormatError, match="name the columns"):
+        open_events(tmp_path / "a.csv")
+
+
+def test_archives_with_foreign_types(tmp_path: Path) -> None:
+    t, x, y, p = (np.array(column) for column in zip(*ROWS, strict=True))
+    np.savez_compressed(tmp_path / "a.npz", t=t.astype("u8"), x=x.astype("i2"), y=y, p=p * 2 - 1)
+    source = open_events(tmp_path / "a.npz")
+    assert (rows(source), source.size) == (ROWS, (320, 320))
+    np.savez(tmp_path / "b.npz", t=t, x=x)
+    with pytest.raises(FormatError, match="no column 'y'"):
+        rows(open_events(tmp_path / "b.npz", size=(320, 320)))
+    np.savez(tmp_path / "c.npz", t=np.array([{}], object), x=x, y=y, p=p)
+    with pytest.raises(FormatError, match="one row of numbers"):
+        rows(open_events(tmp_path / "c.npz", size=(320, 320)))
+
+
+def test_times_in_archives_stay_monotonic(tmp_path: Path) -> None:
+    t = np.array([0, 10, 5, 20, 9_000_000, 30, 40, 1_000_000, 1_000_010, 3, 4])
+    zeros = np.zeros(len(t), np.uint16)
+    np.savez(tmp_path / "a.npz", t=t, x=zeros, y=zeros, p=zeros > 0, size=[4, 4])
+    source = open_events(tmp_path / "a.npz")
+    found = [row[0] for row in rows(source)]
+    assert found == [0, 10, 10, 20, 20, 30, 40, 1_000_000, 1_000_010, 1_000_010, 1_000_011]
+    assert dict(source.losses) == {"time_backwards": 1, "time_glitch": 1, "time_reset": 1}
+
+
+@pytest.mark.parametrize("layout", ["metavision", "dsec", "plain", "seconds"])
+def test_hdf5_layouts(tmp_path: Path, layout: str) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    columns = dict(zip("txyp", np.array(ROWS).T, strict=True))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        if layout == "metavision":
+            table = np.zeros(3, [("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
+            for name, column in columns.items():
+                table[name] = column
+            file["CD/events"] = table
+            file.attrs["geometry"] = "640x480"
+        elif layout == "dsec":
+            for name, column in columns.items():
+                file[f"events/{name}"] = column - 10 * (name == "t")
+            file["t_offset"] = 10
+        elif layout == "plain":
+            for name, column in columns.items():
+                file[name] = column
+        else:
+            for name, column in columns.items():
+                file[f"events/{name}s"] = column / 1e6 if name == "t" else column
+    source = open_events(tmp_path / "a.h5")
+    assert rows(source) == ROWS
+    assert source.size == ((640, 480) if layout == "metavision" else (320, 320))
+
+
+def test_hdf5_without_events(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frames"] = np.zeros(3)
+    with pytest.raises(FormatError, match="holds no events"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_dat_files(tmp_path: Path) -> None:
+    period = 1 << 32
+    times = [period - 5, period + 3, period + 4]
+    body = b"".join(
+        struct.pack("<II", t % period, p << 28 | y << 14 | x)
+        for t, (_, x, y, p) in zip(times, ROWS, strict=True)
+    )
+    head = b"% Data file containing CD events.\n% Version 2\n% Height 240\n% Width 320\n"
+    (tmp_path / "a.dat").write_bytes(head + b"\x0c\x08" + body + b"\x01")
+    source = open_events(tmp_path / "a.dat")
+    assert [row[0] for row in rows(source)] == times
+    assert [row[1:] for row in rows(source)] == [row[1:] for row in ROWS]
+    assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1})
+
+
+PACKET = "event_camera_msgs/msg/EventPacket"
+
+
+def cdr(sequence: int, encoding: bytes, events: bytes, base_ns: int = 0) -> bytes:
+    """Return an event_camera_msgs/EventPacket in ROS 2's serialisation."""
+    data = struct.pack("<IiII3sx", 0x100, 1, 2, 3, b"ab\0")
+    data += struct.pack("<IIQQ", 240, 320, sequence, base_ns)
+    data += struct.pack("<I", len(encoding) + 1) + encoding + b"\0\0"
+    data += bytes(-(len(data) - 4) % 4)
+    return data + struct.pack("<I", len(events)) + events
+
+
+def write_db3(
+    path: Path, messages: list[bytes], kind: str = "event_camera_msgs/msg/EventPacket"
+) -> None:
+    with sqlite3.connect(path) as base:
+        base.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
+        base.execute(
+            "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+        )
+        base.execute("INSERT INTO topics VALUES(1, '/events', ?)", (kind,))
+        rows = [(index, 1, index, data) for index, data in enumerate(messages)]
+        base.executemany("INSERT INTO messages VALUES(?, ?, ?, ?)", rows)
+    base.close()
+
+
+def words(*values: int) -> bytes:
+    return np.array(values, "<u2").tobytes()
+
+
+MESSAGES = [
+    cdr(7, b"evt3", words(0x8000, 0x6005, 3, 0x2801)),
+    cdr(8, b"evt3", words(0x2802)),
+    cdr(11, b"evt3", words(0x6006, 0x2003, 0xA001)),
+]
+DECODED = [(5, 1, 3, 1), (5, 2, 3, 1), (6, 3, 3, 0)]
+
+
+def test_a_ros2_bag_keeps_state_and_counts_missing_messages(tmp_path: Path) -> None:
+    write_db3(tmp_path / "a.db3", [*MESSAGES, MESSAGES[0][:30]])
+    source = open_events(tmp_path / "a.db3")
+    assert rows(source) == DECODED
+    assert source.size == (320, 240)
+    assert dict(source.losses) == {"gap": 1, "trigger": 1, "bad_record": 1}
+    assert source.triggers == [(6, 0, True)]
+
+
+def test_mono_packets_are_read(tmp_path: Path) -> None:
+    events = np.array([5_000 | 9 << 32 | 4 << 48 | 1 << 63, 8_999 | 1 << 32 | 2 << 48], "<u8")
+    data = [cdr(1, b"mono", events.tobytes(), base) for base in (1_000_000, 2_000_000)]
+    write_db3(tmp_path / "a.db3", data)
+    expected = [(5, 9, 4, 1), (8, 1, 2, 0), (1_005, 9, 4, 1), (1_008, 1, 2, 0)]
+    assert rows(open_events(tmp_path / "a.db3")) == expected
+
+
+def test_other_encodings_and_topics_are_refused_by_name(tmp_path: Path) -> None:
+    write_db3(tmp_path / "a.db3", [cdr(1, b"libcaer_cmp", b"123")])
+    with pytest.raises(FormatError, match="'libcaer_cmp', which is not read"):
+        open_events(tmp_path / "a.db3")
+    write_db3(tmp_path / "b.db3", [b"1234"], kind="sensor_msgs/msg/Image")
+    with pytest.raises(FormatError, match="no readable event_camera_msgs"):
+        open_events(tmp_path / "b.db3")
+
+
+def write_mcap(path: Path) -> None:
+    writer_module = pytest.importorskip("mcap.writer", reason="MCAP needs the extra [formats]")
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file, chunk_size=256)
+        writer.start("ros2")
+        schema = writer.register_schema("event_camera_msgs/msg/EventPacket", "ros2idl", b"")
+        channel = writer.register_channel("/events", "cdr", schema)
+        for index in range(60):
+            data = cdr(index, b"evt3", words(0x8000, 0x6000 | index, 3, 0x2801))
+            writer.add_message(channel, index, data, index)
+        writer.finish()
+
+
+def test_mcap_without_definitions_and_truncated(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_mcap(path)
+    source = open_events(path)
+    assert [row[0] for row in rows(source)] == list(range(60))
+    assert dict(source.losses) == {}
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    found = rows(source)
+    assert 10 < len(found) < 60
+    assert [row[0] for row in found] == list(range(len(found)))
+    assert source.losses["truncated"] == 1
+
+
+def test_mcap_checks_its_checksums(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_mcap(path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 0x10
+    path.write_bytes(data)
+    source = open_events(path)
+    assert len(rows(source)) < 60
+    assert sum(source.losses.values()) > 0
+
+
+def test_a_bag_folder_opens_its_storage(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    write_db3(tmp_path / "bag_0.db3", MESSAGES)
+    assert rows(open_events(tmp_path)) == DECODED
+    write_db3(tmp_path / "bag_1.db3", MESSAGES)
+    with pytest.raises(RecordingError, match="2 files"):
+        open_events(tmp_path)
+
+
+def test_es_files_of_other_types_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.es").write_bytes(b"Event Stream\x02\x00\x00\x02" + struct.pack("<HH", 4, 4))
+    with pytest.raises(FormatError, match="type 2"):
+        open_events(tmp_path / "a.es")
+
+
+def test_es_counts_rows_from_the_bottom(tmp_path: Path) -> None:
+    head = b"Event Stream\x02\x00\x00\x01" + struct.pack("<HH", 320, 240)
+    (tmp_path / "a.es").write_bytes(head + b"\xff\xfe" + struct.pack("<BHH", 3 << 1 | 1, 7, 0))
+    assert rows(open_events(tmp_path / "a.es")) == [(130, 7, 239, 1)]
+
+
+def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
+    aedat = pytest.importorskip("aedat", reason="the oracle comes with the extra [formats]")
+    from spikingtac.events import create_events
+
+    rng = np.random.default_rng(0)
+    n = 9_000
+    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 240, n).astype(np.uint16)
+    t = np.cumsum(rng.integers(0, 5, n))
+    packet = EventPacket(x, y, rng.random(n) < 0.5, t, 0, int(t[-1]) + 1, (320, 240))
+    with create_events(tmp_path / "a.aedat4", (320, 240)) as writer:
+        writer.write(packet)
+    decoder = aedat.Decoder(str(tmp_path / "a.aedat4"))
+    assert decoder.id_to_stream() == {0: {"type": "events", "width": 320, "height": 240}}
+    theirs = np.concatenate([item["events"] for item in decoder])
+    for column in "txy":
+        np.testing.assert_array_equal(theirs[column], getattr(packet, column))
+    np.testing.assert_array_equal(theirs["on"], packet.p)

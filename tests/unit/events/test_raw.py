@@ -1,0 +1,248 @@
+"""RAW files: headers, dispatch, time rules and each kind of damage, word by word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, DamageError, FormatError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.types import EventPacket
+
+HEAD3 = b"% evt 3.0\n% geometry 320x240\n% end\n"
+HEAD2 = b"% evt 2.0\n% geometry 320x240\n% end\n"
+
+
+def high3(value: int) -> int:
+    return 0x8000 | value
+
+
+def event3(low: int, x: int, y: int = 5, p: int = 1) -> list[int]:
+    return [0x6000 | low, y, 0x2000 | p << 11 | x]
+
+
+def high2(value: int) -> int:
+    return 0x80000000 | value
+
+
+def event2(low: int, x: int, y: int = 5, p: int = 1) -> int:
+    return p << 28 | low << 22 | x << 11 | y
+
+
+def opened(path: Path, head: bytes, words: list[int], kind: str, **options) -> FileSource:
+    path.write_bytes(head + np.array(words, kind).tobytes())
+    return open_events(path, **options)
+
+
+def times(source: FileSource) -> list[int]:
+    return [t for packet in source for t in packet.t.tolist()]
+
+
+@pytest.fixture
+def raw(tmp_path: Path):
+    def make(words: list[int], **options) -> FileSource:
+        return opened(tmp_path / "a.raw", HEAD3, words, "<u2", **options)
+
+    return make
+
+
+@pytest.fixture
+def raw2(tmp_path: Path):
+    def make(words: list[int], **options) -> FileSource:
+        return opened(tmp_path / "a.raw", HEAD2, words, "<u4", **options)
+
+    return make
+
+
+def test_evt3_wraps_after_16_seconds(raw) -> None:
+    source = raw([high3(4095), *event3(4095, 1), high3(0), *event3(0, 2)])
+    assert times(source) == [(1 << 24) - 1, 1 << 24]
+    assert dict(source.losses) == {}
+
+
+def test_a_restart_is_rebased_and_counted(raw) -> None:
+    before = [w for h in range(1000, 1010) for w in (high3(h), *event3(7, 1))]
+    after = [w for h in range(10) for w in (high3(h), *event3(7, 2))]
+    source = raw(before + after)
+    found = times(source)
+    assert len(found) == 20
+    assert found == sorted(found)
+    assert found[10] - found[9] < 10
+    assert found[19] - found[10] == 9 * 4096
+    assert source.losses["time_reset"] == 1
+
+
+def test_a_leap_of_2_24_us_is_taken_back(raw2) -> None:
+    leap = (1 << 24) >> 6
+    words = [w for h in range(50) for w in (high2(h), event2(3, 1))]
+    words += [w for h in range(50 + leap, 100 + leap) for w in (high2(h), event2(3, 1))]
+    source = raw2(words)
+    found = times(source)
+    assert np.diff(found).max() == 64
+    assert source.losses["time_jump"] == 1
+
+
+def test_a_long_silence_is_kept_and_counted(raw2) -> None:
+    words = [w for h in [*range(9), *range(100_000, 100_009)] for w in (high2(h), event2(3, 1))]
+    source = raw2(words)
+    assert max(np.diff(times(source))) == (100_000 - 8) << 6
+    assert dict(source.losses) == {"time_jump": 1}
+
+
+def test_a_lone_wrong_time_is_ignored(raw) -> None:
+    words = [w for h in range(20) for w in (high3(h), *event3(7, 1))]
+    words[4 * 9] ^= 1 << 10
+    source = raw(words)
+    assert times(source) == [(h << 12) + 7 for h in range(20)]
+    assert source.losses["time_glitch"] == 1
+
+
+def test_a_corrected_lower_time_stamps_nothing(raw) -> None:
+    """The glitch of a real Gen 4.1: 799, event, 811, corrected to 800, event."""
+    source = raw([high3(1), *event3(799, 1), 0x6000 | 811, *event3(800, 2), *event3(801, 3)])
+    assert times(source) == [4096 + 799, 4096 + 800, 4096 + 801]
+    assert dict(source.losses) == {"time_glitch": 1}
+
+
+def test_a_small_step_back_is_held(raw2) -> None:
+    source = raw2([high2(9), event2(30, 1), event2(20, 2), event2(31, 3)])
+    assert times(source) == [9 * 64 + 30, 9 * 64 + 30, 9 * 64 + 31]
+    assert dict(source.losses) == {"time_backwards": 1}
+
+
+def test_events_outside_are_dropped(raw) -> None:
+    vector = [0x3000 | 315, 0x4FFF, 0x4FFF, 0x50FF]
+    source = raw([high3(0), *event3(1, 319), *event3(1, 320), *event3(2, 7, y=240), 5, *vector])
+    assert sum(len(packet) for packet in source) == 1 + 5
+    assert source.losses["out_of_range"] == 2 + 27
+    assert max(int(packet.x.max()) for packet in source) == 319
+
+
+def test_events_without_row_base_or_time_are_dropped(raw) -> None:
+    source = raw([0x2001, high3(0), 0x2001, 0x4001, *event3(3, 9)])
+    assert times(source) == [3]
+    assert dict(source.losses) == {"missing_state": 3}
+
+
+def test_words_that_are_no_events(raw) -> None:
+    words = [high3(0), *event3(1, 1), 0x9999, 0x7001, 0xE014, 0xF123, 0x7004, 0xA301, 0x1000]
+    source = raw([*words, *event3(2, 2)])
+    assert times(source) == [1, 2]
+    assert dict(source.losses) == {
+        "padding": 1, "vendor_word": 4, "trigger": 1, "unknown_word": 1,
+    }  # fmt: skip
+    assert source.triggers == [(1, 3, True)]
+
+
+def test_strict_lets_harmless_words_pass_and_refuses_damage(raw) -> None:
+    sound = [high3(0), *event3(1, 1), 0x9999, 0xA301]
+    assert times(raw(sound, strict=True)) == [1]
+    with pytest.raises(DamageError, match="unknown_word"):
+        times(raw([*sound, 0xB000], strict=True))
+
+
+def test_a_gap_is_seen_where_time_words_never_miss(tmp_path: Path) -> None:
+    t = np.arange(200_000, dtype=np.int64)
+    zeros = np.zeros(len(t), np.uint16)
+    with create_events(tmp_path / "a.raw", (320, 240)) as writer:
+        writer.write(EventPacket(zeros, zeros, zeros > 0, t, 0, 200_000, (320, 240)))
+    data = (tmp_path / "a.raw").read_bytes()
+    (tmp_path / "a.raw").write_bytes(data[:200_000] + data[264_000:])
+    source = open_events(tmp_path / "a.raw")
+    found = times(source)
+    assert len(found) > 150_000
+    assert source.losses["gap"] == 1
+    # Until the next upper time, 256 us at most, lower times fall; they are held.
+    assert set(source.losses) <= {"gap", "time_backwards"}
+    assert source.losses["time_backwards"] <= 256
+
+
+@pytest.mark.parametrize("claimed", ["evt2", "evt21", "evt3"])
+@pytest.mark.parametrize("actual", ["evt2", "evt21", "evt3"])
+def test_a_wrong_header_is_refused_and_names_both(tmp_path: Path, claimed, actual) -> None:
+    rng = np.random.default_rng(0)
+    n = 20_000
+    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 240, n).astype(np.uint16)
+    t = np.cumsum(rng.integers(0, 9, n))
+    packet = EventPacket(x, y, rng.random(n) < 0.5, t, 0, int(t[-1]) + 1, (320, 240))
+    for encoding in (claimed, actual):
+        with create_events(tmp_path / f"{encoding}.raw", (320, 240), encoding=encoding) as writer:
+            writer.write(packet)
+    files = [(tmp_path / f"{name}.raw").read_bytes() for name in (claimed, actual)]
+    ends = [data.index(b"% end\n") + 6 for data in files]
+    (tmp_path / "a.raw").write_bytes(files[0][: ends[0]] + files[1][ends[1] :])
+    if claimed == actual:
+        assert len(times(open_events(tmp_path / "a.raw"))) == n
+        return
+    names = {"evt2": "EVT2", "evt21": r"EVT2\.1", "evt3": "EVT3"}
+    with pytest.raises(FormatError, match=f"says {names[claimed]}.*are {names[actual]}"):
+        open_events(tmp_path / "a.raw")
+    assert len(times(open_events(tmp_path / "a.raw", encoding=actual))) == n
+
+
+def test_no_header_is_guessed_and_said(tmp_path: Path) -> None:
+    words = [w for h in range(300) for w in (high3(h), *event3(7, 1))]
+    source = opened(tmp_path / "a.raw", b"", words, "<u2")
+    assert (source.format, source.size, len(times(source))) == ("EVT3", (320, 320), 300)
+    assert len(source.notes) == 2
+    (tmp_path / "b.raw").write_bytes(np.random.default_rng(0).bytes(5_000))
+    with pytest.raises(FormatError, match="fit none of"):
+        open_events(tmp_path / "b.raw")
+
+
+@pytest.mark.parametrize(
+    ("lines", "size"),
+    [
+        (b"% geometry 640x480\n", (640, 480)),
+        (b"% format EVT3;height=720;width=1280\n", (1280, 720)),
+        (b"% evt 3.0\n% system_ID 40\n", (640, 480)),
+        (b"% evt 3.0\n% geometry 0x0\n% width 346\n% height 260\n", (346, 260)),
+    ],
+)
+def test_sizes_of_headers(tmp_path: Path, lines: bytes, size: tuple[int, int]) -> None:
+    head = lines if b"evt" in lines or b"format" in lines else b"% evt 3.0\n" + lines
+    source = opened(tmp_path / "a.raw", head, [high3(0), *event3(1, 1)], "<u2")
+    assert source.size == size
+    assert times(source) == [1]
+
+
+@pytest.mark.parametrize("order", ["little", "legacy", "big"])
+def test_byte_orders_of_evt21(tmp_path: Path, order: str) -> None:
+    words = [high2(3) << 32, event2(5, 32) << 32 | 0b101, event2(6, 64) << 32 | 1]
+    data = np.array(words, ">u8" if order == "big" else "<u8")
+    if order == "legacy":
+        data = data.view("<u4").reshape(-1, 2)[:, ::-1]
+    head = f"% format EVT21;width=320;height=240;endianness={order}\n% end\n".encode()
+    (tmp_path / "a.raw").write_bytes(head + data.tobytes())
+    packet = EventPacket.concatenate(list(open_events(tmp_path / "a.raw")))
+    assert packet.x.tolist() == [32, 34, 64]
+    assert packet.t.tolist() == [197, 197, 198]
+
+
+def test_old_systems_write_the_legacy_order(tmp_path: Path) -> None:
+    words = [high2(3), 0, event2(5, 32), 0b11]
+    head = b"% evt 2.1\n% geometry 320x240\n% system_ID 49\n"
+    assert times(opened(tmp_path / "a.raw", head, words, "<u4")) == [197, 197]
+
+
+def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
+    def packet(t: list[int], x: int) -> EventPacket:
+        n = len(t)
+        column = np.full(n, x, np.uint16)
+        return EventPacket(column, column, column > 0, np.array(t), t[0], t[-1] + 1, (320, 240))
+
+    with create_events(tmp_path / "a.raw", (320, 240)) as writer:
+        writer.write(packet([5], 1))
+        for bad in (packet([4], 1), packet([9, 8], 1), packet([9], 240), packet([1 << 60], 1)):
+            with pytest.raises(FormatError):
+                writer.write(bad)
+    with pytest.raises(FormatError, match="closed"):
+        writer.write(packet([9], 1))
+    with pytest.raises(FormatError, match="addresses"):
+        create_events(tmp_path / "b.raw", (4096, 16))
+    with pytest.raises(ConfigError, match="encoding"):
+        open_events(tmp_path / "a.raw", encoding="evt5")
+    assert times(open_events(tmp_path / "a.raw")) == [5]

@@ -1,0 +1,93 @@
+"""Recording folders: written in pieces, the same bytes, opened again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import RecordingError
+from spikingtac.events import Recording, RecordingWriter, open_events
+from spikingtac.types import EventPacket
+
+SIZE = (32, 24)
+
+
+def packet(first_us: int) -> EventPacket:
+    t = first_us + np.arange(10, dtype=np.int64)
+    column = np.arange(10, dtype=np.uint16)
+    return EventPacket(column, column, column > 4, t, first_us, first_us + 10, SIZE)
+
+
+def record(folder: Path, sensors: int = 1) -> None:
+    with RecordingWriter(folder, SIZE, sensors) as writer:
+        for step in range(4):
+            for sensor in range(sensors):
+                writer.write(packet(100 * step + sensor), sensor)
+            writer.append_truth(
+                {
+                    "marker_t_us": np.array([100 * step]),
+                    "marker_px": np.full((1, 2, 2), step, np.float32),
+                }
+            )
+        writer.set_truth("reference_px", np.zeros((2, 2)))
+        writer.losses.add("readout", 3)
+        writer.describe(seed=7, scene={"name": "test"})
+
+
+def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
+    record(tmp_path / "a", sensors=2)
+    recording = Recording.open(tmp_path / "a")
+    truth = recording.truth()
+    assert truth is not None
+    assert truth["marker_t_us"].tolist() == [0, 100, 200, 300]
+    assert truth["marker_px"].shape == (4, 2, 2)
+    assert truth["marker_px"].dtype == np.float32
+    assert truth["reference_px"].shape == (2, 2)
+    assert recording.sensors == 2
+    assert next(part.t[0] for part in recording.events(1)) == 1
+    assert sum(len(part) for part in open_events(tmp_path / "a", sensor=1)) == 40
+    manifest = recording.manifest
+    assert (manifest["t_start_us"], manifest["t_end_us"]) == (0, 311)
+    assert (manifest["seed"], manifest["losses"]) == (7, {"readout": 3})
+    assert manifest["size"] == [32, 24]
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+    record(tmp_path / "a")
+    record(tmp_path / "b")
+    for name in ("events.raw", "truth.npz", "manifest.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def write_then_fail(writer: RecordingWriter) -> None:
+    writer.write(packet(0))
+    writer.write(packet(0), sensor=5)
+
+
+def test_a_failed_recording_has_no_manifest(tmp_path: Path) -> None:
+    record(tmp_path / "a")
+    with pytest.raises(IndexError), RecordingWriter(tmp_path / "a", SIZE) as writer:
+        write_then_fail(writer)
+    assert not (tmp_path / "a" / "manifest.json").exists()
+    recording = Recording.open(tmp_path / "a")
+    assert (recording.manifest, recording.truth()) == ({}, None)
+    assert sum(len(part) for part in recording.events()) == 10
+
+
+def test_what_cannot_be_opened_is_explained(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no events\.raw"):
+        Recording.open(tmp_path)
+    record(tmp_path)
+    (tmp_path / "manifest.json").write_text(json.dumps({"schema": 99}))
+    with pytest.raises(RecordingError, match="schema 99"):
+        Recording.open(tmp_path)
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        Recording.open(tmp_path)
+    (tmp_path / "manifest.json").unlink()
+    (tmp_path / "truth.npz").write_bytes(b"no archive")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        Recording.open(tmp_path).truth()
