@@ -11,8 +11,8 @@ from spikingtac.markers.centroid_locator import (
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.disc_fit import SOFT_LEVEL
-from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig, round_outline
+from spikingtac.markers.disc_fit import SOFT_LEVEL, round_outline
+from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.disc_locator import round_outline
+from spikingtac.markers.disc_fit import round_outline
 from spikingtac.markers.start import painted_graded_map, profile_of
 from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 from spikingtac.types import Calibration

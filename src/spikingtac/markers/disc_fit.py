@@ -92,6 +92,11 @@ def fit_window(
     )
 
 
+def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(m, 3)`` outlines of round discs: the radius, and no second harmonic, px."""
+    return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])
+
+
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _polynomial_kernel(c: NDArray[np.float32], z: np.float32) -> np.float32:  # pragma: no cover
     """Evaluate a polynomial of degree 15 by Horner's rule, without a loop."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.disc_fit import fit_discs_kernel, fit_window
+from spikingtac.markers.disc_fit import fit_discs_kernel, fit_window, round_outline
 from spikingtac.markers.start import profile_of
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration
@@ -97,8 +97,3 @@ class DiscLocator:
     def reset(self) -> None:
         """Forget the outlines that strain and indentation gave the discs."""
         self.outline_px[:] = self._rest_outline_px
-
-
-def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 3)`` outlines of round discs: the radius, and no second harmonic, px."""
-    return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])
