@@ -95,7 +95,7 @@ def _noise_rise_kernel(px: Any, chip: Any, aux: Any, scenery: Scenery, step: Ste
     keep = decay_kernel(chip, step.span_us / time_constant_kernel(chip, px["intensity"]))
     draw, _ = normal_pair_kernel(scenery.key, pixel_counter_kernel(px["index"], step.number))
     last = float(aux["noise"])
-    noise = last * keep + scenery.noise * math.sqrt(1.0 - keep * keep) * draw
+    noise: float = last * keep + scenery.noise * math.sqrt(1.0 - keep * keep) * draw
     aux["noise"] = noise
     return noise - last
 

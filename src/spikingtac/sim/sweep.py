@@ -73,10 +73,11 @@ def place_kernel(before: Any, after: Any, share: float, now: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _edge_pixels_kernel(
-    sensor: Sensor, motion: Motion, out: NDArray[np.int64], k: int, end_us: float, span_us: float
+    sensor: Sensor, motion: Motion, out: NDArray[np.int64], k: int, start_us: float, end_us: float
 ) -> None:
     """Show the present light to the pixels around marker ``k``'s edge."""
     pixels, chip = sensor.pixels, sensor.chip[0]
+    span_us = end_us - start_us
     waiting, count = sensor.agenda.waiting, sensor.agenda.listed
     now, work = motion.now, motion.work
     disc, box = now[k], work[k]
@@ -103,7 +104,6 @@ def _edge_pixels_kernel(
             intensity = intensity_kernel(px, covered)
             if unchanged_kernel(px, intensity):
                 continue
-            start_us = end_us - span_us
             if not carry_kernel(px, start_us):
                 hold_kernel(px, chip, out, start_us)
             rise = relight_kernel(px, chip, intensity, end_us, span_us)
@@ -118,12 +118,13 @@ def _edge_pixels_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _move_group_kernel(sensor: Sensor, motion: Motion, out: NDArray[np.int64], leader: int) -> None:
     """Move the markers of one group from the first image to the second."""
-    work, start_us = motion.work, motion.start_us
+    work = motion.work
     steps = work[leader]["steps"]
-    step_us = (motion.end_us - start_us) / steps
+    step_us = (motion.end_us - motion.start_us) / steps
+    start_us = motion.start_us
     for step in range(steps):
         last = step == steps - 1
-        end_us = motion.end_us if last else start_us + (step + 1) * step_us
+        end_us = motion.end_us if last else motion.start_us + (step + 1) * step_us
         k = leader
         while k >= 0:
             share = 1.0 if last else (step + 1) / steps
@@ -131,8 +132,9 @@ def _move_group_kernel(sensor: Sensor, motion: Motion, out: NDArray[np.int64], l
             k = work[k]["following"]
         k = leader
         while k >= 0:
-            _edge_pixels_kernel(sensor, motion, out, k, end_us, step_us)
+            _edge_pixels_kernel(sensor, motion, out, k, start_us, end_us)
             k = work[k]["following"]
+        start_us = end_us
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
