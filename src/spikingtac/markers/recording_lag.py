@@ -8,6 +8,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
 from spikingtac.markers.crossings import CrossingObserver, MarkerTrack
+from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded_tracker import CareConfig, GradedTracker
 from spikingtac.markers.lag import LagConfig, LagEstimate, estimate_lag
 from spikingtac.markers.photoreceptor import EdgeProfile
 from spikingtac.markers.tracker import MarkerTracker
@@ -45,6 +47,21 @@ def recording_lag(
         observer.absorb(packet)
     edge = EdgeProfile(contrast=calibration.contrast, edge_px=calibration.edge_px)
     return estimate_lag(observer.crossings, edge, config)
+
+
+def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
+    """Return the lag of a recording of slides, us, or None where it cannot be seen.
+
+    The recording is tracked by the disc fit, without any lag correction of its own.
+
+    Args:
+        source: The slides; read twice.
+        calibration: What the slides taught so far.
+    """
+    locator = DiscLocator(DiscLocatorConfig(), calibration)
+    tracker = GradedTracker(locator, CareConfig(lag_us=0.0), calibration)
+    estimate = recording_lag(source, tracker, calibration)
+    return estimate.lag_us if estimate.samples else None
 
 
 def _tracked(source: EventSource, tracker: MarkerTracker, calibration: Calibration) -> MarkerTrack:
