@@ -1,0 +1,138 @@
+"""Recordings in, displacements out: calibrate on one v2e recording, track another, against truth.
+
+v2e is an independent simulator, so that nothing here was made by the project's own twin. The bounds
+are what the project promises of such recordings, not what it happens to reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.config import load_config
+from spikingtac.events.filters import RandomDrop
+from spikingtac.events.open import open_events
+from spikingtac.events.windows import windows
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.calibrate import calibrate
+from spikingtac.pipeline import follow
+from spikingtac.registry import make_tracker
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.types import Calibration, EventPacket
+
+RATE_HZ = 1_000.0
+LOST_PX, LOST_FRAMES = 5.0, 50
+"""A marker counts as lost when it is off by more than 5 px for more than 50 ms."""
+
+
+@cache
+def calibration(folder: Path) -> Calibration:
+    return calibrate(open_events(folder / "bootstrap.raw"))
+
+
+def true_positions(truth: dict[str, np.ndarray], t_us: np.ndarray) -> np.ndarray:
+    at, known = truth["marker_t_us"], truth["marker_px"].astype(np.float64)
+    after = np.clip(np.searchsorted(at, t_us), 1, len(at) - 1)
+    share = np.clip((t_us - at[after - 1]) / (at[after] - at[after - 1]), 0.0, 1.0)[:, None, None]
+    return known[after - 1] * (1.0 - share) + known[after] * share
+
+
+class Outcome:
+    """How a preset did on mix.raw."""
+
+    def __init__(self, folder: Path, preset: str, packets: Iterable[EventPacket]) -> None:
+        tracker = make_tracker(load_config(preset).tracking, calibration(folder))
+        frames = list(follow(packets, tracker, RATE_HZ))
+        t_us = np.array([frame.t_us for frame in frames])
+        self.detected_px = np.array([frame.detected_px for frame in frames])
+        self.held = np.array([frame.held for frame in frames])
+        self.truth_px = true_positions(dict(np.load(folder / "mix.truth.npz")), t_us)
+        self.error_px = np.linalg.norm(self.detected_px - self.truth_px, axis=2)
+        self.mean_px = float(self.error_px.mean())
+        self.p95_px = float(np.percentile(self.error_px, 95))
+        print(f"{preset}: mean {self.mean_px:.3f} px, p95 {self.p95_px:.3f} px (v2e, simulated)")
+
+    def lost(self) -> int:
+        off = self.error_px > LOST_PX
+        run = np.zeros(off.shape[1], int)
+        longest = run.copy()
+        for row in off:
+            run = np.where(row, run + 1, 0)
+            longest = np.maximum(longest, run)
+        return int((longest > LOST_FRAMES).sum())
+
+    def swaps(self) -> int:
+        nearest = np.linalg.norm(self.detected_px[-1][:, None] - self.truth_px[-1][None], axis=2)
+        return int((nearest.argmin(axis=1) != np.arange(len(nearest))).sum())
+
+
+def test_calibration_from_an_empty_map(data_dir: Path) -> None:
+    folder = data_dir / "v2e"
+    truth = np.load(folder / "bootstrap.truth.npz")
+    found = calibration(folder)
+    error_px = np.linalg.norm(found.reference_px - truth["reference_px"], axis=1)
+    print(f"reference: mean {error_px.mean():.3f} px, worst {error_px.max():.3f} px (v2e)")
+    assert found.grid == (8, 8)
+    assert error_px.mean() < 0.10
+    assert error_px.max() < 0.30
+    assert np.abs(found.radius_px - truth["radius_px"]).mean() < 0.25
+    assert found.lag_us == pytest.approx(2_600.0, rel=0.25), "best constant lag on this sensor"
+
+
+@pytest.mark.parametrize(
+    ("preset", "mean_px", "p95_px"), [("default", 0.15, 0.35), ("fast", 0.20, 0.45)]
+)
+def test_mix_is_tracked(data_dir: Path, preset: str, mean_px: float, p95_px: float) -> None:
+    folder = data_dir / "v2e"
+    outcome = Outcome(folder, preset, open_events(folder / "mix.raw"))
+    assert outcome.mean_px < mean_px
+    assert outcome.p95_px < p95_px
+    assert outcome.lost() == 0
+    assert outcome.swaps() == 0
+    assert not outcome.held.any()
+
+
+def test_a_third_of_the_events_may_be_lost(data_dir: Path) -> None:
+    folder = data_dir / "v2e"
+    drop = RandomDrop(0.3, seed=11)
+    outcome = Outcome(folder, "default", map(drop, open_events(folder / "mix.raw")))
+    assert outcome.mean_px < 0.35
+    assert outcome.lost() == 0
+    assert outcome.swaps() == 0
+
+
+def test_the_papers_preset_runs_with_its_bias(data_dir: Path) -> None:
+    folder = data_dir / "v2e"
+    outcome = Outcome(folder, "paper", open_events(folder / "mix.raw"))
+    assert 0.7 < outcome.mean_px < 1.3, "the bias of the last-polarity map: neither gone nor grown"
+    assert outcome.lost() == 0
+
+
+def test_the_graded_map_finds_the_rotating_dot_in_every_window(data_dir: Path) -> None:
+    """A real sensor; nothing is known of it, so that the map begins empty with a nominal step."""
+    source = open_events(data_dir / "real" / "evt2_rotating_dot.raw")
+    width, height = source.size
+    state_map = GradedStateMap(np.zeros((height, width), np.float32), 0.3, 0.3, dark_markers=True)
+    detector = BlobDetector(source.size, BlobConfig(min_area_px=200.0, max_area_px=2_000.0))
+    centers = []
+    for index, window in enumerate(windows(source, 1_000)):
+        state_map.absorb(window)
+        if index < 5:
+            continue
+        blobs = detector.detect(state_map.values)
+        assert len(blobs) == 1, f"window {index}"
+        centers.append(blobs.center_px[0])
+    points = np.array(centers)
+    design = np.column_stack([2.0 * points, np.ones(len(points))])
+    solved, *_ = np.linalg.lstsq(design, (points**2).sum(axis=1), rcond=None)
+    orbit_px = np.sqrt(solved[2] + solved[:2] @ solved[:2])
+    rms_px = np.sqrt(np.mean((np.hypot(*(points - solved[:2]).T) - orbit_px) ** 2))
+    print(f"dot: centre {solved[:2].round(2)}, orbit {orbit_px:.2f} px, rms {rms_px:.2f} px (real)")
+    assert len(points) >= 44
+    assert np.hypot(*(solved[:2] - [314.3, 202.3])) < 1.0
+    assert orbit_px == pytest.approx(107.0, abs=1.0)
+    assert rms_px < 0.6
