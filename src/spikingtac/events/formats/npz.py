@@ -142,7 +142,7 @@ class ColumnFile:
 
     def set(self, name: str, values: NDArray[Any]) -> None:
         """Set a member that does not grow."""
-        self._fixed[name] = np.ascontiguousarray(values)
+        self._fixed[name] = np.asarray(values, order="C")
 
     def close(self) -> None:
         """Write the archive; further calls do nothing."""

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.config import PRESETS, Config, digest, load_config
+from spikingtac.errors import ConfigError
+from spikingtac.markers.blob_tracker import BlobTracker
+from spikingtac.markers.graded_tracker import GradedTracker
+from spikingtac.registry import make_tracker
+from spikingtac.types import Calibration
+
+CALIBRATION = Calibration(
+    reference_px=np.array([[30.0, 30.0]]), radius_px=np.array([6.0]), grid=(1, 1), size=(64, 64)
+)
+
+
+def test_presets_name_their_methods_and_rates() -> None:
+    said = {name: load_config(name).tracking for name in PRESETS}
+    assert {name: tracking.method for name, tracking in said.items()} == {
+        "default": "disc",
+        "fast": "centroid",
+        "paper": "blobs",
+    }
+    assert [tracking.rate_hz for tracking in said.values()] == [1_000.0, 10_000.0, 350.0]
+    assert [tracking.hysteresis for tracking in said.values()] == ["none", "none", "paper"]
+
+
+@pytest.mark.parametrize(
+    ("preset", "kind"),
+    [("default", GradedTracker), ("fast", GradedTracker), ("paper", BlobTracker)],
+)
+def test_every_preset_builds_its_tracker(preset: str, kind: type) -> None:
+    tracker = make_tracker(load_config(preset).tracking, CALIBRATION)
+    assert isinstance(tracker, kind)
+    frame = tracker.estimate(0)
+    np.testing.assert_allclose(frame.detected_px, CALIBRATION.reference_px, atol=0.1)
+
+
+def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[tracking]\nrate_hz = 500\n[tracking.disc]\niterations = 5\n")
+    config = load_config(path)
+    assert config.tracking.rate_hz == 500.0
+    assert config.tracking.disc.iterations == 5
+    path.write_text("[tracking]\nrate_hx = 500\n")
+    with pytest.raises(ConfigError, match="did you mean 'rate_hz'"):
+        load_config(path)
+    path.write_text("[tracking.disc]\niterations = 0\n")
+    with pytest.raises(ConfigError, match="iterations is 0"):
+        load_config(path)
+
+
+def test_unknown_names_get_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'default'"):
+        load_config("defualt")
+    with pytest.raises(ConfigError, match="did you mean 'disc'"):
+        make_tracker(Config().with_tracking(method="disk").tracking, CALIBRATION)
+    with pytest.raises(ConfigError, match="anchored"):
+        make_tracker(Config().with_tracking(hysteresis="anchor").tracking, CALIBRATION)
+
+
+def test_changes_of_none_change_nothing() -> None:
+    config = load_config("fast")
+    assert config.with_tracking(rate_hz=None, hysteresis=None) == config
+    assert config.with_tracking(rate_hz=2_000.0).tracking.rate_hz == 2_000.0
+
+
+def test_the_digest_tells_configurations_apart() -> None:
+    assert digest(load_config("default")) == digest(load_config("default"))
+    assert len({digest(load_config(name)) for name in PRESETS}) == 3

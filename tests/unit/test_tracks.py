@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.tracks import CSV_COLUMNS, FRAMES_PER_CHUNK, Tracks, create_tracks
+from spikingtac.types import MarkerFrame
+
+REFERENCE_PX = np.array([[10.0, 20.0], [30.0, 40.0]])
+
+
+def frame(t_us: int) -> MarkerFrame:
+    detected = REFERENCE_PX + t_us * 1e-3
+    return MarkerFrame(
+        t_us=t_us,
+        detected_px=detected,
+        position_px=detected - 0.5,
+        displacement_px=detected - 0.5 - REFERENCE_PX,
+        held=np.array([False, True]),
+        confidence=np.array([0.75, 0.0]),
+    )
+
+
+def written(path: Path, count: int) -> Path:
+    writer = create_tracks(path, REFERENCE_PX)
+    for k in range(count):
+        writer.write(frame(1_000 * k))
+    writer.close({"losses": {"gap": 2}})
+    return path
+
+
+@pytest.mark.parametrize("count", [0, 3, FRAMES_PER_CHUNK + 5])
+def test_npz_keeps_every_frame(tmp_path: Path, count: int) -> None:
+    tracks = Tracks.load(written(tmp_path / "t.npz", count))
+    assert tracks.t_us.dtype == np.int64
+    assert tracks.t_us.tolist() == [1_000 * k for k in range(count)]
+    for name, dtype in (
+        ("detected_px", np.float32),
+        ("held", np.bool_),
+        ("confidence", np.float32),
+    ):
+        array = getattr(tracks, name)
+        assert array.dtype == dtype
+        assert array.shape[:2] == (count, 2)
+    np.testing.assert_allclose(tracks.displacement_px, tracks.position_px - REFERENCE_PX, atol=1e-4)
+    assert tracks.meta == {"losses": {"gap": 2}}
+
+
+def test_equal_frames_give_equal_bytes(tmp_path: Path) -> None:
+    first, second = written(tmp_path / "a.npz", 20), written(tmp_path / "b.npz", 20)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_csv_is_the_same_in_long_form(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.csv", 3)
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert len(rows) == 6
+    assert float(rows[5]["position_x_px"]) == pytest.approx(30.0 + 2.0 - 0.5)
+    assert rows[5]["held"] == "1"
+    assert json.loads((tmp_path / "t.csv.json").read_text())["losses"] == {"gap": 2}
+
+
+def test_other_endings_and_missing_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"\.npz or \.csv"):
+        create_tracks(tmp_path / "t.mat", REFERENCE_PX)
+    with pytest.raises(ConfigError, match="does not exist"):
+        create_tracks(tmp_path / "no" / "t.npz", REFERENCE_PX)
+
+
+def test_a_foreign_file_is_no_tracks(tmp_path: Path) -> None:
+    path = tmp_path / "x.npz"
+    np.savez(path, t_us=np.arange(3))
+    with pytest.raises(RecordingError, match="holds no tracks"):
+        Tracks.load(path)
+    with pytest.raises(RecordingError, match="holds no tracks"):
+        Tracks.load(tmp_path / "missing.npz")
