@@ -1,0 +1,94 @@
+"""Bootstrap slides kept in memory: calibration reads them several times, also backwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import CalibrationError
+from spikingtac.events.source import EventSource
+from spikingtac.types import EventPacket
+
+LONGEST_US = int(np.iinfo(np.uint32).max)
+"""Longest recording whose times fit 32 bits: 71 minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slides:
+    """The events of a recording in 8 bytes each, white markers on dark ground.
+
+    Attributes:
+        code: ``uint32[n]``, ``2 * (y * width + x)`` plus 1 where the pixel became brighter (for
+            dark markers: darker, so that everything after works on white ones).
+        time_us: ``uint32[n]`` since ``t_start_us``.
+        size: ``(width, height)``, px.
+        t_start_us: Where the recording begins, us.
+        duration_us: Its length, us.
+    """
+
+    code: NDArray[np.uint32]
+    time_us: NDArray[np.uint32]
+    size: tuple[int, int]
+    t_start_us: int
+    duration_us: int
+
+    def __len__(self) -> int:
+        return len(self.code)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(height, width)`` of an image."""
+        return (self.size[1], self.size[0])
+
+    def index_at(self, times_us: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how many events came before each time since the start."""
+        return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
+
+    def inverted(self) -> Slides:
+        """Return the same slides with swapped polarities."""
+        return Slides(
+            self.code ^ np.uint32(1), self.time_us, self.size, self.t_start_us, self.duration_us
+        )
+
+
+def buffer_slides(source: EventSource, most_events: int) -> Slides:
+    """Read a source once, to its end.
+
+    Args:
+        source: A recording, or a sensor that ends.
+        most_events: Bound of the memory used: 8 bytes for each event.
+
+    Raises:
+        CalibrationError: The source holds no events, more than ``most_events``, or more than 71
+            minutes; says how to cut it.
+    """
+    codes: list[NDArray[np.uint32]] = []
+    times: list[NDArray[np.uint32]] = []
+    start_us = end_us = events = 0
+    for packet in source:
+        start_us = start_us if codes else packet.t_start_us
+        end_us = packet.t_end_us
+        events += len(packet)
+        if events > most_events or end_us - start_us > LONGEST_US:
+            raise CalibrationError(
+                f"the recording holds more than {most_events:,} events or 71 minutes; slides of "
+                "some ten seconds are enough, cut them out with: "
+                "spikingtac convert RECORDING OUT --from-us N --to-us N"
+            )
+        codes.append(_coded(packet))
+        times.append((packet.t - start_us).astype(np.uint32))
+    if not events:
+        raise CalibrationError(
+            "the recording holds no events, so no marker can be found; record the sensor while "
+            "something slides over all of its skin"
+        )
+    return Slides(
+        np.concatenate(codes), np.concatenate(times), source.size, start_us, end_us - start_us
+    )
+
+
+def _coded(packet: EventPacket) -> NDArray[np.uint32]:
+    pixel = packet.y.astype(np.uint32) * np.uint32(packet.size[0]) + packet.x
+    return pixel * np.uint32(2) + packet.p

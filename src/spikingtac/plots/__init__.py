@@ -1,0 +1,1 @@
+"""Pictures, drawn with Matplotlib; a leaf that nothing but the faces imports."""

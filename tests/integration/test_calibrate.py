@@ -1,0 +1,165 @@
+"""Calibration from an empty map: slides of many sensors, the verb, a foreign recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.errors import CalibrationError
+from spikingtac.events.source import PacketSource
+from spikingtac.markers.calibrate import CalibrationConfig, calibrate
+from spikingtac.types import Calibration, EventPacket
+from stand_ins.ideal_events import ideal_events
+
+REST_US, SLIDE_STEPS, STEP_US, AMPLITUDE_PX = 150_000, 24, 6_000, 16.0
+DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def markers(rows: int, columns: int, size: tuple[int, int], pitch_px: float) -> np.ndarray:
+    rng = np.random.default_rng(rows * columns)
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    spread = np.column_stack([column - (columns - 1) / 2, row - (rows - 1) / 2]) * pitch_px
+    return spread + np.array(size) / 2 + rng.normal(0, 0.8, (rows * columns, 2))
+
+
+def slides_of(
+    still_px: np.ndarray, radius_px: float, size: tuple[int, int], moved: np.ndarray | None = None
+) -> EventPacket:
+    """Events of four slides to and fro, with rests before, between and after."""
+    trip = AMPLITUDE_PX * np.sin(np.linspace(0, np.pi, SLIDE_STEPS)) ** 2
+    path = np.concatenate([trip[:, np.newaxis] * np.array(way) for way in DIRECTIONS])
+    share = np.ones(len(still_px)) if moved is None else moved
+    moving = still_px + path[:, np.newaxis] * share[:, np.newaxis]
+    events = ideal_events(moving, radius_px, size, STEP_US)
+    # The camera says nothing at rest: the rests are put in by moving the slides apart in time.
+    rests = 1 + events.t // (SLIDE_STEPS * STEP_US)
+    end_us = events.t_end_us + (len(DIRECTIONS) + 1) * REST_US
+    return EventPacket(events.x, events.y, events.p, events.t + rests * REST_US, 0, end_us, size)
+
+
+def with_noise(events: EventPacket, rate_hz: float) -> EventPacket:
+    rng = np.random.default_rng(1)
+    width, height = events.size
+    count = rng.poisson(rate_hz * width * height * events.t_end_us / 1e6)
+    t = np.concatenate([events.t, rng.integers(0, events.t_end_us, count)])
+    order = np.argsort(t, kind="stable")
+    x = np.concatenate([events.x, rng.integers(0, width, count).astype(np.uint16)])[order]
+    y = np.concatenate([events.y, rng.integers(0, height, count).astype(np.uint16)])[order]
+    p = np.concatenate([events.p, rng.random(count) < 0.5])[order]
+    return EventPacket(x, y, p, t[order], 0, events.t_end_us, events.size)
+
+
+def errors_px(calibration: Calibration, truth_px: np.ndarray) -> np.ndarray:
+    return np.hypot(*(calibration.reference_px - truth_px).T)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "pitch_px", "radius_px", "noise_hz"),
+    [
+        ((4, 5), (220, 180), 37.0, 7.0, 0.0),
+        ((7, 10), (250, 180), 20.0, 4.0, 0.3),
+        ((1, 4), (200, 80), 40.0, 8.0, 0.0),
+        ((3, 3), (180, 180), 45.0, 10.0, 1.0),
+    ],
+)
+def test_grids_of_many_sizes(
+    shape: tuple[int, int],
+    size: tuple[int, int],
+    pitch_px: float,
+    radius_px: float,
+    noise_hz: float,
+) -> None:
+    truth_px = markers(*shape, size, pitch_px)
+    events = with_noise(slides_of(truth_px, radius_px, size), noise_hz)
+    calibration = calibrate(PacketSource([events], size), CalibrationConfig(pitch_mm=2.0))
+    assert calibration.grid == shape
+    assert errors_px(calibration, truth_px).mean() < 0.10
+    assert errors_px(calibration, truth_px).max() < 0.3
+    assert calibration.px_per_mm == pytest.approx(pitch_px / 2.0, rel=0.03)
+    # The stand-in's edge is a ramp, not a logistic, which shifts the radius.
+    assert np.abs(calibration.radius_px - radius_px).max() < 0.4
+    assert calibration.step_on == pytest.approx(0.25 / np.log(6), rel=0.12)
+
+
+def test_dark_markers() -> None:
+    size = (200, 160)
+    truth_px = markers(3, 4, size, 40.0)
+    white = slides_of(truth_px, 7.0, size)
+    dark = EventPacket(white.x, white.y, ~white.p, white.t, 0, white.t_end_us, size)
+    calibration = calibrate(PacketSource([dark], size), CalibrationConfig(polarity="dark"))
+    assert (calibration.grid, calibration.polarity) == ((3, 4), "dark")
+    assert errors_px(calibration, truth_px).mean() < 0.10
+
+
+def test_packets_do_not_matter() -> None:
+    size = (120, 80)
+    events = slides_of(markers(2, 3, size, 36.0), 6.0, size)
+    cut = [0, 1, 777, len(events) // 2, len(events)]
+    edges = [0, *(int(events.t[index]) for index in cut[1:-1]), events.t_end_us]
+    parts = [events.part(*cut[i : i + 2], edges[i], edges[i + 1]) for i in range(len(cut) - 1)]
+    whole = calibrate(PacketSource([events], size))
+    again = calibrate(PacketSource(parts, size))
+    np.testing.assert_array_equal(whole.reference_px, again.reference_px)
+
+
+def test_a_missing_marker_is_named_and_may_be_allowed() -> None:
+    size = (220, 180)
+    truth_px = markers(4, 5, size, 37.0)
+    share = np.ones(20)
+    share[7] = 0.0  # it never moves: no event shows it
+    events = slides_of(truth_px, 7.0, size, share)
+    with pytest.raises(CalibrationError, match=r"1 of 20 .* row 2, column 3 .*--allow-missing 1"):
+        calibrate(PacketSource([events], size))
+    allowed = calibrate(PacketSource([events], size), CalibrationConfig(allow_missing=1))
+    assert allowed.provenance["missing"] == [7]
+    assert errors_px(allowed, truth_px)[7] < 3.0
+    assert np.delete(errors_px(allowed, truth_px), 7).mean() < 0.10
+
+
+def test_a_recording_without_slides_says_so() -> None:
+    quiet = with_noise(EventPacket.empty(0, 500_000, (64, 64)), 1.0)
+    with pytest.raises(CalibrationError, match=r"no marker appeared .*--polarity dark"):
+        calibrate(PacketSource([quiet], (64, 64)))
+    with pytest.raises(CalibrationError, match="holds no events"):
+        calibrate(PacketSource([EventPacket.empty(0, 1000, (64, 64))], (64, 64)))
+
+
+def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    size = (120, 80)
+    truth_px = markers(2, 3, size, 36.0)
+    events = slides_of(truth_px, 6.0, size)
+    columns = {"t": events.t, "x": events.x, "y": events.y, "p": events.p}
+    np.savez(tmp_path / "slides.npz", size=np.array(size), **columns)
+    output, picture = tmp_path / "c.json", tmp_path / "c.png"
+    words = ["calibrate", str(tmp_path / "slides.npz"), "-o", str(output), "--pitch-mm", "2.4"]
+    assert main([*words, "--json", "--plot", str(picture)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["grid"], said["markers"]) == ([2, 3], 6)
+    assert picture.stat().st_size > 1000
+    assert errors_px(Calibration.load(output), truth_px).mean() < 0.10
+    assert main(words) == 0
+    assert "unloaded rests" in capsys.readouterr().out
+    assert main([*words, "--grid", "2*3"]) == 2
+    assert "8x8 or 7x10" in capsys.readouterr().err
+    assert main([*words, "--grid", "3x3"]) == 1
+    assert "3 of 9 markers" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("method", "mean_px", "worst_px"), [("rest-mean", 0.10, 0.30), ("bounding-box", 0.15, 0.35)]
+)
+def test_a_foreign_recording(data_dir: Path, method: str, mean_px: float, worst_px: float) -> None:
+    from spikingtac.events.open import open_events
+
+    truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
+    source = open_events(data_dir / "v2e" / "bootstrap.raw")
+    calibration = calibrate(source, CalibrationConfig(method=method))  # type: ignore[arg-type]
+    assert calibration.grid == (8, 8)
+    error_px = errors_px(calibration, truth["reference_px"])
+    assert error_px.mean() <= mean_px
+    assert error_px.max() <= worst_px
+    assert np.abs(calibration.radius_px - truth["radius_px"]).mean() < 0.2
