@@ -110,7 +110,8 @@ def time_high_kernel(
             state[EPOCH] = state[NOW] - (value << low_bits)
             state[RESET] += 1
     if step > 1:
-        state[UNCONFIRMED] = position
+        if step << low_bits >= RESET_US:
+            state[UNCONFIRMED] = position
         _leap_kernel(state, step, low_bits)
     state[BASE] = state[EPOCH] + (value << low_bits)
     if state[BASE] > state[NOW]:

@@ -14,9 +14,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.events.formats.clock import (
+    BACKWARDS,
+    BASE,
     HEIGHT,
     HIGH,
     MISSING,
+    NOW,
     OUTSIDE,
     PADDINGS,
     TRIGGERS,
@@ -84,24 +87,30 @@ def decode_kernel(
 ) -> Any:
     """Decode words into the columns; return the number of events."""
     width, height = state[WIDTH], state[HEIGHT]
-    n = 0
+    n, base, now = 0, state[BASE], state[NOW]
     for i in range(len(words)):
         word = np.int64(words[i])
         kind = word >> 28
         if kind <= EVENT_ON:
             column, row = (word >> 11) & 0x7FF, word & 0x7FF
-            if state[HIGH] < 0:
-                state[MISSING] += 1
-            elif column < width and row < height:
-                now = time_low_kernel(state, (word >> 22) & 0x3F)
+            if now >= 0 and column < width and row < height:
+                wire = base + ((word >> 22) & 0x3F)
+                if wire >= now:
+                    now = wire
+                else:
+                    state[BACKWARDS] += 1
                 x[n], y[n], p[n], t[n] = column, row, kind, now
                 n += 1
             else:
-                state[OUTSIDE] += 1
-        elif kind == TIME_HIGH:
-            time_high_kernel(state, word & 0xFFFFFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+                state[OUTSIDE if now >= 0 else MISSING] += 1
         else:
-            rare_kernel(word, PADDING, triggers, state)
+            state[NOW] = now
+            if kind == TIME_HIGH:
+                time_high_kernel(state, word & 0xFFFFFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+            else:
+                rare_kernel(word, PADDING, triggers, state)
+            base, now = state[BASE], state[NOW]
+    state[NOW] = now
     return n
 
 
