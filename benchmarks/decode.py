@@ -58,15 +58,8 @@ def library_reader(path: Path) -> Callable[[], object] | None:
     return lambda: [len(batch) for batch in evt3.decode_file_batches(str(path))]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("recording", nargs="?", type=Path)
-    parser.add_argument("--events", type=int, default=5_000_000)
-    parser.add_argument("--rounds", type=int, default=5)
-    options = parser.parse_args()
-    packets = (
-        list(open_events(options.recording)) if options.recording else [synthetic(options.events)]
-    )
+def rates_mev_s(packets: list[EventPacket], rounds: int) -> dict[str, float]:
+    """Write and read the packets in every encoding; return median rates by task."""
     total = sum(len(packet) for packet in packets) / EVENTS_PER_MEV
     with tempfile.TemporaryDirectory() as folder:
         files = {name: Path(folder) / f"{name}.raw" for name in ENCODINGS}
@@ -79,15 +72,30 @@ def main() -> None:
         for task in work.values():  # compile, and fill the page cache
             task()
         times = {name: [] for name in work}
-        for _ in range(options.rounds):
+        for _ in range(rounds):
             for name, task in work.items():
                 times[name].append(seconds(task))
-    rates = {name: total / float(np.median(found)) for name, found in times.items()}
-    print(f"{total:.2f} million events, median of {options.rounds} rounds")
+    return {name: total / float(np.median(found)) for name, found in times.items()}
+
+
+def print_rates(rates: dict[str, float]) -> None:
     for name, rate in rates.items():
         print(f"{name:14} {rate:8.1f} Mev/s")
     if "library evt3" in rates:
         print(f"decode evt3 / library evt3: {rates['decode evt3'] / rates['library evt3']:.2f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording", nargs="?", type=Path)
+    parser.add_argument("--events", type=int, default=5_000_000)
+    parser.add_argument("--rounds", type=int, default=5)
+    options = parser.parse_args()
+    packets = (
+        list(open_events(options.recording)) if options.recording else [synthetic(options.events)]
+    )
+    print(f"{sum(map(len, packets)):,} events, median of {options.rounds} rounds")
+    print_rates(rates_mev_s(packets, options.rounds))
 
 
 if __name__ == "__main__":
