@@ -12,6 +12,7 @@ from spikingtac.schema import build, read_toml
 
 CAMERA_NAMES = ("clean", "typical", "noisy")
 """The pinned presets, stored as ``configs/cameras/<name>.toml``."""
+_STORED_NAMES = (*CAMERA_NAMES, "v2e")
 
 
 def _require(valid: bool, what: str) -> None:
@@ -203,17 +204,21 @@ class CameraConfig:
 
 
 def load_camera(name: str | Path) -> CameraConfig:
-    """Return a preset by name (:data:`CAMERA_NAMES`), or a camera from a TOML file.
+    """Return a camera by name, or from a TOML file.
+
+    Args:
+        name: A preset (:data:`CAMERA_NAMES`); ``v2e``, the emulator whose recordings the twin is
+            compared with; or a path.
 
     Raises:
         ConfigError: The name is unknown, or the file does not fit; names the valid values.
     """
-    if str(name) in CAMERA_NAMES:
+    if str(name) in _STORED_NAMES:
         path = importlib.resources.files("spikingtac") / "configs" / "cameras" / f"{name}.toml"
         return build(CameraConfig, read_toml(Path(str(path))), f"camera {name}")
     if not Path(name).is_file():
         raise ConfigError(
-            f"no camera {str(name)!r}{nearest(str(name), CAMERA_NAMES)} "
-            f"(valid: {', '.join(CAMERA_NAMES)}, or the path of a TOML file)"
+            f"no camera {str(name)!r}{nearest(str(name), _STORED_NAMES)} "
+            f"(valid: {', '.join(_STORED_NAMES)}, or the path of a TOML file)"
         )
     return build(CameraConfig, read_toml(name), str(name))

@@ -21,8 +21,8 @@ from spikingtac.sim.pixels import (
     cross_kernel,
     decay_kernel,
     quiet_kernel,
+    rate_kernel,
     relight_kernel,
-    time_constant_kernel,
 )
 from spikingtac.sim.random import normal_pair_kernel, pixel_counter_kernel
 from spikingtac.sim.sensor import Sensor
@@ -86,18 +86,18 @@ def pattern_kernel(pattern: NDArray[np.float32], x: float, y: float) -> float:
     x1, y1 = (x0 + 1) % columns, (y0 + 1) % rows
     upper = pattern[y0, x0] + part_x * (pattern[y0, x1] - pattern[y0, x0])
     lower = pattern[y1, x0] + part_x * (pattern[y1, x1] - pattern[y1, x0])
-    return upper + part_y * (lower - upper)
+    return float(upper + part_y * (lower - upper))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _noise_rise_kernel(px: Any, chip: Any, aux: Any, scenery: Scenery, step: Step) -> float:
     """Draw a pixel's next noise, which has the photoreceptor's pole; return its rise."""
-    keep = decay_kernel(chip, step.span_us / time_constant_kernel(chip, px["intensity"]))
+    keep = decay_kernel(chip, step.span_us * rate_kernel(chip, px["intensity"]))
     draw, _ = normal_pair_kernel(scenery.key, pixel_counter_kernel(px["index"], step.number))
     last = float(aux["noise"])
-    noise: float = last * keep + scenery.noise * math.sqrt(1.0 - keep * keep) * draw
-    aux["noise"] = noise
-    return noise - last
+    rise = last * (keep - 1.0) + scenery.noise * math.sqrt(1.0 - keep * keep) * draw
+    aux["noise"] = last + rise
+    return rise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -60,7 +60,7 @@ LOG_ENTRIES = 8192
 DECAY_ENTRIES = 2048
 CHIP_DTYPE = np.dtype(
     [
-        ("white_rate", "f8"),  # inverse time constant at intensity 1, 1/us
+        ("rate", "f8"),  # inverse time constant per unit of (intensity + dark), 1/us
         ("dark", "f8"),  # dark current as an intensity
         ("refractory_us", "f8"),
         ("latency_us", "f8"),  # at intensity 1
@@ -155,9 +155,9 @@ def quiet_kernel(px: Any, start_us: float, rise: float) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def time_constant_kernel(chip: Any, intensity: float) -> float:
-    """Return the photoreceptor's time constant at a light, us."""
-    return (1.0 + chip["dark"]) / (chip["white_rate"] * (intensity + chip["dark"]))
+def rate_kernel(chip: Any, intensity: float) -> float:
+    """Return the photoreceptor's inverse time constant at a light, 1/us."""
+    return chip["rate"] * (intensity + chip["dark"])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -202,12 +202,12 @@ def hold_kernel(px: Any, chip: Any, out: NDArray[np.int64], until_us: float) -> 
     target = float(px["target"])
     rest = target - px["level"]
     if abs(rest) > SETTLED:
-        time_us = time_constant_kernel(chip, px["intensity"])
-        step_us, share = time_us / SETTLING_STEPS, _SETTLING_SHARE
+        rate = rate_kernel(chip, px["intensity"])
+        step_us, share = 1.0 / (SETTLING_STEPS * rate), _SETTLING_SHARE
         while abs(rest) > SETTLED and seen_us < until_us:
             if seen_us + step_us > until_us:
                 step_us = until_us - seen_us
-                share = 1.0 - decay_kernel(chip, step_us / time_us)
+                share = 1.0 - decay_kernel(chip, step_us * rate)
             moved = rest * share
             rise = moved + px["leak"] * step_us
             if not quiet_kernel(px, seen_us, rise):
@@ -242,10 +242,10 @@ def relight_kernel(px: Any, chip: Any, intensity: float, until_us: float, span_u
     """
     target = log_kernel(chip, intensity)
     # The mean light's time constant makes the step accurate to second order.
-    time_us = time_constant_kernel(chip, 0.5 * (intensity + px["intensity"]))
+    time_constants = span_us * rate_kernel(chip, 0.5 * (intensity + px["intensity"]))
     level = float(px["level"])
-    lag = (target - px["target"]) / span_us * time_us
-    moved = target - lag + (level - px["target"] + lag) * decay_kernel(chip, span_us / time_us)
+    lag = (target - px["target"]) / time_constants
+    moved = target - lag + (level - px["target"] + lag) * decay_kernel(chip, time_constants)
     px["before"] = px["intensity"]
     px["intensity"] = intensity
     px["target"] = target

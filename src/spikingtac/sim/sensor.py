@@ -67,7 +67,7 @@ def make_sensor(
     _draw_mismatch(pixels, config.pixel, rng)
     brightest = _light_up(pixels, config, pattern)
     chip = np.zeros(1, CHIP_DTYPE)
-    chip["white_rate"] = rate_at_white(config.pixel)
+    chip["rate"] = rate_at_white(config.pixel) / (1.0 + config.pixel.dark)
     for name in ("dark", "refractory_us", "latency_us", "jitter_us", "leak_jitter"):
         chip[name] = getattr(config.pixel, name)
     chip["key"] = rng.integers(0, 1 << 63)

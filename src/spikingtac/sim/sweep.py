@@ -86,6 +86,7 @@ def _edge_pixels_kernel(
     outer = (radius + visited) ** 2
     whole = disc["cut"] >= radius
     inner = max(radius - visited, 0.0) ** 2 if whole else 0.0
+    shrink = 1.0 / scale
     alone = box["leader"] == k and box["following"] < 0
     for y in range(max(box["y_first"], 0), min(box["y_last"] + 1, pixels.shape[0])):
         dy = y - disc["y"]
@@ -97,7 +98,7 @@ def _edge_pixels_kernel(
             if square > outer or square < inner:
                 continue
             if alone and whole:
-                covered = edge_kernel(chip, (radius - math.sqrt(square)) / scale)
+                covered = edge_kernel(chip, (radius - math.sqrt(square)) * shrink)
             else:
                 covered = _group_coverage_kernel(now, work, k, chip, (float(x), float(y)))
             px = pixels[y, x]
