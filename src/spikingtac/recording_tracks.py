@@ -11,7 +11,7 @@ import numpy as np
 
 from spikingtac.config import Config
 from spikingtac.errors import CalibrationError
-from spikingtac.events.open import open_events
+from spikingtac.events.formats.file_source import FileSource
 from spikingtac.pipeline import follow
 from spikingtac.registry import make_tracker
 from spikingtac.schema import to_mapping
@@ -20,24 +20,19 @@ from spikingtac.types import Calibration, MarkerFrame
 
 
 def track_to_file(
-    recording: str | Path,
+    source: FileSource,
     output: str | Path,
     config: Config,
     calibration: Calibration,
-    *,
-    sensor: int = 0,
-    strict: bool = False,
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     """Track a recording at constant memory and write the tracks.
 
     Args:
-        recording: Event file or recording folder.
+        source: The recording, from :func:`spikingtac.open_events`.
         output: ``.npz`` or ``.csv`` file to write.
         config: The configuration.
         calibration: The sensor's calibration.
-        sensor: Which sensor of a folder.
-        strict: Refuse damage.
         advance: Told the share that is done, 0 to 1.
 
     Returns:
@@ -46,13 +41,7 @@ def track_to_file(
     Raises:
         CalibrationError: The recording's size is not the calibration's.
     """
-    source = open_events(recording, strict=strict, sensor=sensor)
-    if source.size != calibration.size:
-        raise CalibrationError(
-            f"the recording is {source.size[0]}x{source.size[1]}, the calibration is for "
-            f"{calibration.size[0]}x{calibration.size[1]}; calibrate this sensor: "
-            "spikingtac calibrate RECORDING -o calibration.json"
-        )
+    _check_sizes(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
@@ -61,21 +50,31 @@ def track_to_file(
         counts.add(frame)
         if counts.estimates % PROGRESS_EVERY == 0:
             advance(source.progress)
-    anomalies = dict(source.losses.kinds())
-    writer.close(
-        {
-            "config": to_mapping(config),
-            "input": Path(recording).name,
-            "input_sha256": _file_digest(Path(recording), sensor),
-            "package_version": _version(),
-            "losses": anomalies,
-        }
-    )
+    writer.close(_provenance(source, config))
     return {
         **counts.summary(),
         "rate_hz": config.tracking.rate_hz,
-        "anomalies": anomalies,
+        "anomalies": dict(source.losses.kinds()),
         "output": str(output),
+    }
+
+
+def _check_sizes(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
+    if recorded != calibrated:
+        raise CalibrationError(
+            f"the recording is {recorded[0]}x{recorded[1]}, the calibration is for "
+            f"{calibrated[0]}x{calibrated[1]}; calibrate this sensor: "
+            "spikingtac calibrate RECORDING -o calibration.json"
+        )
+
+
+def _provenance(source: FileSource, config: Config) -> dict[str, Any]:
+    return {
+        "config": to_mapping(config),
+        "input": source.path.name,
+        "input_sha256": _file_digest(source.path),
+        "package_version": _version(),
+        "losses": dict(source.losses.kinds()),
     }
 
 
@@ -108,11 +107,7 @@ class _Counts:
         }
 
 
-def _file_digest(path: Path, sensor: int) -> str:
-    if path.is_dir():
-        path = path / (f"events_{sensor}.raw" if sensor else "events.raw")
-    if not path.is_file():
-        return ""
+def _file_digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

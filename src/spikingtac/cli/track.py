@@ -40,6 +40,7 @@ class Args:
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
     from spikingtac.config import load_config
+    from spikingtac.events.open import open_events
     from spikingtac.recording_tracks import track_to_file
     from spikingtac.types import Calibration
 
@@ -47,15 +48,10 @@ def run(args: Args) -> int:
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
     )
+    source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
     with progress(f"tracking {args.recording.name}") as advance:
         summary = track_to_file(
-            args.recording,
-            args.output,
-            config,
-            calibration.with_polarity(args.polarity),
-            sensor=args.sensor,
-            strict=args.strict,
-            advance=advance,
+            source, args.output, config, calibration.with_polarity(args.polarity), advance
         )
     if args.json:
         emit_json(summary)

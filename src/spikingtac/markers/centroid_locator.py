@@ -103,7 +103,7 @@ def _row_sums_kernel(
         above = (above if above > zero else zero) * mask[j]
         total += above
         moment += above * np.float32(j)
-    return total, moment
+    return float(total), float(moment)
 
 
 @njit(cache=True, nogil=True)

@@ -11,6 +11,7 @@ wrong outline would not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -98,7 +99,7 @@ def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _polynomial_kernel(c: NDArray[np.float32], z: np.float32) -> np.float32:  # pragma: no cover
+def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 15 by Horner's rule, without a loop."""
     high = c[12] + z * (c[13] + z * (c[14] + z * c[15]))
     high = c[8] + z * (c[9] + z * (c[10] + z * (c[11] + z * high)))
@@ -114,7 +115,7 @@ def _normal_equations_kernel(
     state: NDArray[np.float32],
     coefficients: NDArray[np.float32],
     scale: tuple[np.float32, np.float32],
-) -> tuple[float, ...]:  # pragma: no cover - compiled
+) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Sum the robust normal equations of one marker; one straight loop, so that it vectorises.
 
     ``state`` is (x, y, r, b, c) relative to the window, ``scale`` (1 / reach, 1 / soft^2). Returns
@@ -156,7 +157,7 @@ def _normal_equations_kernel(
 
 @njit(cache=True, nogil=True)
 def _center_step_kernel(
-    curvature: tuple[float, float, float], gx: float, gy: float
+    curvature: tuple[Any, Any, Any], gx: Any, gy: Any
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing."""
     xx, xy, yy = curvature
@@ -168,6 +169,41 @@ def _center_step_kernel(
     if length > LARGEST_STEP_PX:
         return step_x * LARGEST_STEP_PX / length, step_y * LARGEST_STEP_PX / length
     return step_x, step_y
+
+
+@njit(cache=True, nogil=True)
+def _fit_one_kernel(
+    pixels: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    state: NDArray[np.float32],
+    curves: tuple[NDArray[np.float32], float, int],
+    prior: tuple[float, float, float],
+    outline_gain: float,
+) -> float:  # pragma: no cover - compiled
+    """Move one marker's centre to the best fit, and its outline a little; return the agreement.
+
+    ``pixels`` are levels, columns and rows, ``prior`` the expected x and y and their weight.
+    """
+    level, dx, dy = pixels
+    coefficients, reach_px, iterations = curves
+    scale = (np.float32(1.0 / reach_px), np.float32(1.0 / SOFT_LEVEL**2))
+    gr = gb = gc = rr = agreement = np.float32(0.0)
+    for _ in range(iterations):
+        xx, xy, yy, gx, gy, gr, gb, gc, rr, agreement = _normal_equations_kernel(
+            level, dx, dy, state, coefficients, scale
+        )
+        pull = prior[2] * 0.5 * (xx + yy)
+        gx += pull * (prior[0] - state[0])
+        gy += pull * (prior[1] - state[1])
+        step_x, step_y = _center_step_kernel((xx + pull, xy, yy + pull), gx, gy)
+        state[0] += step_x
+        state[1] += step_y
+        if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
+            break
+    gain = outline_gain / (rr + 1e-3)
+    state[2] += gain * gr
+    state[3] += 2.0 * gain * gb
+    state[4] += 2.0 * gain * gc
+    return float(agreement)
 
 
 @njit(cache=True, nogil=True)
@@ -195,12 +231,10 @@ def fit_discs_kernel(
         agreement: ``(m,)`` result: share of the edge that agrees with the fit, 0 to 1.
     """
     offset, dx, dy = window
-    coefficients, reach_px, iterations = curves
     row_px = padded.shape[1]
     flat = padded.ravel()
     level = np.empty(offset.size, np.float32)
     state = np.empty(5, np.float32)
-    scale = (np.float32(1.0 / reach_px), np.float32(1.0 / SOFT_LEVEL**2))
     for m in range(center_px.shape[0]):
         column = min(max(int(np.rint(center_px[m, 0])), 0), row_px - 2 * PAD_PX - 1)
         row = min(max(int(np.rint(center_px[m, 1])), 0), padded.shape[0] - 2 * PAD_PX - 1)
@@ -209,20 +243,7 @@ def fit_discs_kernel(
             level[j] = flat[base + offset[j]]
         state[0], state[1] = center_px[m, 0] - column, center_px[m, 1] - row
         state[2:] = outline_px[m]
-        for _ in range(iterations):
-            xx, xy, yy, gx, gy, gr, gb, gc, rr, agreement[m] = _normal_equations_kernel(
-                level, dx, dy, state, coefficients, scale
-            )
-            pull = prior[1] * 0.5 * (xx + yy)
-            gx += pull * (prior[0][m, 0] - column - state[0])
-            gy += pull * (prior[0][m, 1] - row - state[1])
-            step_x, step_y = _center_step_kernel((xx + pull, xy, yy + pull), gx, gy)
-            state[0] += step_x
-            state[1] += step_y
-            if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
-                break
+        expected = (prior[0][m, 0] - column, prior[0][m, 1] - row, prior[1])
+        agreement[m] = _fit_one_kernel((level, dx, dy), state, curves, expected, outline_gain)
         center_px[m, 0], center_px[m, 1] = column + state[0], row + state[1]
-        gain = outline_gain / (rr + 1e-3)
-        outline_px[m, 0] += gain * gr
-        outline_px[m, 1] += 2.0 * gain * gb
-        outline_px[m, 2] += 2.0 * gain * gc
+        outline_px[m] = state[2:]
