@@ -101,6 +101,11 @@ class BlobTracker:
         self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
         self._detected_px = calibration.reference_px.astype(np.float64)
 
+    @property
+    def state_map(self) -> StateMap:
+        """The map as it stands; to be read, for a display or a picture, and not changed."""
+        return self._map
+
     def absorb(self, packet: EventPacket) -> None:
         """Take in every event of the next stretch of time.
 

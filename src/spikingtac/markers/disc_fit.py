@@ -242,8 +242,10 @@ def fit_discs_kernel(
         for j in range(offset.size):
             level[j] = flat[base + offset[j]]
         state[0], state[1] = center_px[m, 0] - column, center_px[m, 1] - row
-        state[2:] = outline_px[m]
+        for k in range(3):  # a slice assignment would compile for seconds, and runs no faster
+            state[2 + k] = outline_px[m, k]
         expected = (prior[0][m, 0] - column, prior[0][m, 1] - row, prior[1])
         agreement[m] = _fit_one_kernel((level, dx, dy), state, curves, expected, outline_gain)
         center_px[m, 0], center_px[m, 1] = column + state[0], row + state[1]
-        outline_px[m] = state[2:]
+        for k in range(3):
+            outline_px[m, k] = state[2 + k]

@@ -124,6 +124,11 @@ class GradedTracker:
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()
 
+    @property
+    def state_map(self) -> GradedStateMap:
+        """The map as it stands; to be read, for a display or a picture, and not changed."""
+        return self._map
+
     def absorb(self, packet: EventPacket) -> None:
         """Take in every event of the next stretch of time.
 

@@ -181,5 +181,5 @@ class Session:
 
 def _map_of(tracker: MarkerTracker) -> NDArray[np.floating] | None:
     """Return the tracker's state map where it shows one."""
-    shown = getattr(tracker, "state_map", getattr(tracker, "_map", None))
+    shown = getattr(tracker, "state_map", None)
     return getattr(shown, "values", None)

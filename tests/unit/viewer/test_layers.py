@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
 
+from spikingtac.config import load_config
+from spikingtac.registry import make_tracker
 from spikingtac.types import EventPacket
 from spikingtac.viewer import layers
 from spikingtac.viewer.layers import AGE_BINS, OFF_CODE, activity, state_image, unpack, view_size
+from stand_ins.viewer import open_circling
 
 
 def packet(size: tuple[int, int], n: int, seed: int = 1, span_us: int = 7_000) -> EventPacket:
@@ -52,3 +55,14 @@ def test_state_map_levels() -> None:
 def test_large_sensors_are_thinned() -> None:
     assert view_size((1280, 720)) == (640, 360)
     assert len(state_image(np.zeros((720, 1280)))) == 640 * 360 // 2
+
+
+@pytest.mark.parametrize("preset", ["default", "fast", "paper"])
+def test_every_preset_shows_the_map_that_it_tracks_on(preset: str) -> None:
+    subject = open_circling(duration_us=10_000)
+    tracker = make_tracker(load_config(preset).tracking, subject.calibration)
+    painted = tracker.state_map.values.copy()
+    for packet in subject.source:
+        tracker.absorb(packet)
+    assert painted.shape == (320, 320)
+    assert (tracker.state_map.values != painted).any()
