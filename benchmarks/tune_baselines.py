@@ -1,0 +1,147 @@
+"""Tune the baselines on training scenes, so that none of them is crippled; write the record.
+
+The scenes are the twin's ``train-*`` ones, on other sensors and with other seeds than any scored
+trial; both camera presets count. Each method's parameters are searched on a small grid around what
+its source prints; the set with the least mean error against truth, lost markers included as they
+are, is taken. The chosen values are the defaults of the config classes; a test compares the two.
+
+    python benchmarks/tune_baselines.py FOLDER [METHOD ...]
+
+FOLDER keeps the recordings; the record goes to ``benchmarks/records/tune_baselines.json``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
+from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac.baselines.neutac import NeutacConfig, make_neutac
+from spikingtac.config import load_config
+from spikingtac.experiments.calibrations import calibration_of
+from spikingtac.experiments.methods import Method
+from spikingtac.experiments.metrics import point_scores
+from spikingtac.experiments.runner import predict
+from spikingtac.experiments.trials import Trial
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.registry import make_denoiser
+from spikingtac.types import Calibration
+
+RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
+SERIAL, SEED = 101, 1_001
+"""A sensor and a seed that no experiment uses."""
+
+SCENES = ("train-circles", "train-drag", "train-rubs", "train-torsion")
+CAMERAS = ("typical", "noisy")
+DURATION_S = 3.0
+
+SLICED_HZ = 250.0
+"""Rate at which a tracker with slices of its own is looked at."""
+
+GRIDS: dict[str, dict[str, list[Any]]] = {
+    "evetac": {
+        "reach_share": [1.4, 1.8, 2.2],
+        "gain": [0.001, 0.002, 0.003],
+        "gate": [4, 10],
+        "regularizer": [7.5e-5, 3e-4],
+    },
+    "evetac-strong": {
+        "reach_share": [1.4, 1.8, 2.2],
+        "gain": [0.00003, 0.0001, 0.0003],
+        "gate": [4, 10],
+        "regularizer": [7.5e-5 / 0.003],
+    },
+    "neutac": {
+        "decay_us": [3e5, 1e6, 3e6, 1e7, 3e7],
+        "level": [0.5, 0.52, 0.55],
+    },
+    "ekalibr": {
+        "window_us": [20_000, 40_000],
+        "dilate_px": [3, 5],
+        "radius_tolerance": [0.2, 0.35],
+    },
+}
+
+
+def build(name: str, values: dict[str, Any], calibration: Calibration) -> MarkerTracker:
+    """Return a tracker with the values of one point of a grid."""
+    if name.startswith("evetac"):
+        return EvetacTracker(EvetacConfig(**values), calibration)
+    if name == "ekalibr":
+        return EkalibrTracker(EkalibrConfig(**values), calibration)
+    denoiser = make_denoiser(load_config("paper").tracking.denoiser)
+    return make_neutac(NeutacConfig(**values), calibration, denoiser)
+
+
+def rate_hz(name: str) -> float:
+    """Return the method's own rate."""
+    rates = {"ekalibr": EkalibrConfig().rate_hz, "neutac": NeutacConfig().rate_hz}
+    return rates.get(name, SLICED_HZ)
+
+
+def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return every point of a method's grid with its scores, best first."""
+    names = list(GRIDS[name])
+    trials = [
+        Trial(
+            case=f"{camera}/{scene}",
+            scene=scene,
+            seed=SEED,
+            serial=SERIAL,
+            camera=camera,
+            duration_s=DURATION_S,
+        )
+        for camera in CAMERAS
+        for scene in SCENES
+    ]
+    loaded = [(calibration_of(trial, folder), *trial.open(folder, None)) for trial in trials]
+    loaded = [(calibration, list(events), truth) for calibration, events, truth in loaded]
+    points = []
+    for chosen in itertools.product(*GRIDS[name].values()):
+        values = dict(zip(names, chosen, strict=True))
+        method = Method(
+            name=name,
+            about="",
+            rate_hz=rate_hz(name),
+            build=lambda calibration, v=values: build(name, v, calibration),
+            settings=values,
+        )
+        scores = [
+            point_scores(predict(method, events, calibration, truth), truth)
+            for calibration, events, truth in loaded
+        ]
+        mean = {
+            key: round(float(np.mean([score[key] for score in scores])), 4)
+            for key in ("error_mean_px", "return_mean_px", "success_rate", "lost_markers")
+        }
+        points.append({"values": values, **mean})
+        tell(f"{name} {values} {mean}")
+    return sorted(points, key=lambda point: point["error_mean_px"])
+
+
+def main() -> None:
+    folder, names = Path(sys.argv[1]), sys.argv[2:] or list(GRIDS)
+    record = json.loads(RECORD.read_text()) if RECORD.is_file() else {}
+    record["about"] = {
+        "scenes": list(SCENES),
+        "cameras": list(CAMERAS),
+        "duration_s": DURATION_S,
+        "serial": SERIAL,
+        "seed": SEED,
+        "figures": "simulated; means over scenes and cameras; best first",
+    }
+    for name in names:
+        record[name] = tuned(name, folder, lambda text: sys.stderr.write(text + "\n"))
+        RECORD.parent.mkdir(exist_ok=True)
+        RECORD.write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

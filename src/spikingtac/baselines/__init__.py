@@ -1,0 +1,1 @@
+"""Other groups' trackers behind the package's own protocol, re-derived from formulas."""

@@ -1,0 +1,94 @@
+"""Arcs of one polarity, and which two of them belong to one marker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A cluster of active pixels of one polarity.
+
+    Attributes:
+        label: Its number in the label image.
+        center_px: ``(2,)`` mean place of its pixels, px.
+        flow_px_us: ``(2,)`` mean normal flow, px/us.
+    """
+
+    label: int
+    center_px: NDArray[np.float64]
+    flow_px_us: NDArray[np.float64]
+
+
+def find_arcs(
+    active: NDArray[np.bool_], flow: NDArray[np.float64], dilate_px: int, fewest_px: int
+) -> tuple[NDArray[np.int32], list[Arc]]:
+    """Cluster the active pixels that have a flow.
+
+    Args:
+        active: ``(height, width)`` pixels of one polarity.
+        flow: ``(2, height, width)`` normal flow, px/us, 0 where there is none.
+        dilate_px: Pixels so near belong together, px.
+        fewest_px: Smaller clusters are dropped.
+
+    Returns:
+        ``(height, width)`` label image (0 is none), and the arcs.
+    """
+    moving = active & ((flow[0] != 0.0) | (flow[1] != 0.0))
+    grown = ndimage.maximum_filter(moving, size=dilate_px)
+    label = np.zeros(grown.shape, np.int32)
+    ndimage.label(grown, np.ones((3, 3)), output=label)
+    count = int(label.max())
+    label = np.where(active, label, 0).astype(np.int32)
+    row, column = np.nonzero(moving & (label > 0))
+    number = label[row, column]
+    size = np.bincount(number, minlength=count + 1)
+    safe = np.maximum(size, 1)
+    # Of each arc: the mean of places and of flows.
+    values = (column, row, flow[0, row, column], flow[1, row, column])
+    x, y, u, v = (np.bincount(number, value, count + 1) / safe for value in values)
+    kept = np.flatnonzero(size >= fewest_px)
+    arcs = [Arc(int(k), np.array([x[k], y[k]]), np.array([u[k], v[k]])) for k in kept if k > 0]
+    return label, arcs
+
+
+def pair_arcs(
+    trailing: list[Arc], leading: list[Arc], angle_deg: float, reach_px: float
+) -> list[tuple[Arc, Arc]]:
+    """Return pairs that move the same way, one behind the other; each arc in one pair at most.
+
+    Args:
+        trailing: Arcs that darken: behind a bright marker.
+        leading: Arcs that brighten: before it.
+        angle_deg: Largest angle between the two flows, and from them to the line between the arcs.
+        reach_px: Largest distance of the two, px.
+    """
+    if not trailing or not leading:
+        return []
+    offset = _stack(leading, "center_px")[None] - _stack(trailing, "center_px")[:, None]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    behind, before = _unit(_stack(trailing, "flow_px_us")), _unit(_stack(leading, "flow_px_us"))
+    least = np.cos(np.radians(angle_deg))
+    agree = behind @ before.T >= least
+    way = _unit(behind[:, None] + before[None])
+    along = (way * offset).sum(axis=2) >= least * distance
+    cost = np.where(agree & along & (distance <= reach_px), distance, np.inf)
+    pairs = []
+    while np.isfinite(cost).any():
+        i, j = np.unravel_index(int(cost.argmin()), cost.shape)
+        pairs.append((trailing[int(i)], leading[int(j)]))
+        cost[i], cost[:, j] = np.inf, np.inf
+    return pairs
+
+
+def _stack(arcs: list[Arc], name: str) -> NDArray[np.float64]:
+    return np.array([getattr(arc, name) for arc in arcs])
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.maximum(length, np.finfo(np.float64).tiny)

@@ -1,0 +1,54 @@
+"""One calibration per sensor and camera, learnt from bootstrap slides, kept beside the results."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from spikingtac.config import digest, load_config
+from spikingtac.events.open import open_events
+from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.trials import V2E, Trial
+from spikingtac.markers.calibrate import calibrate
+from spikingtac.schema import to_mapping
+from spikingtac.types import Calibration
+
+CODE = ("markers", "state_map")
+"""Parts of the package that a calibration depends on."""
+
+
+def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
+    """Return the calibration of a trial's sensor, as a user would have made it.
+
+    The slides are filmed by the same camera preset on the same sensor, whole and without extra
+    loss: markers break and events get lost later. All methods are given the same calibration.
+
+    Args:
+        trial: Any trial of the sensor.
+        folder: The run's folder, where calibrations are kept.
+        data: Folder of foreign recordings.
+    """
+    slides = trial.bootstrap()
+    settings = load_config("default").calibration
+    key = digest(
+        {
+            "slides": slides.key(),
+            "settings": to_mapping(settings),
+            "code": code_digest(CODE),
+        }
+    )
+    path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"
+    if path.is_file():
+        return Calibration.load(path)
+    if trial.camera == V2E:
+        assert data is not None
+        source = open_events(data / V2E / "bootstrap.raw")
+    else:
+        source = open_events(slides.record(folder))
+    calibration = calibrate(source, settings)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    calibration.save(partial)
+    partial.replace(path)
+    # Read back, so that a run that goes on sees the same rounded numbers as one that began.
+    return Calibration.load(path)

@@ -1,0 +1,81 @@
+"""Where the markers really were: truth files and their reading at any time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import RecordingError
+
+REST_US = 1_000_000
+"""What counts as after the release where the truth names no contacts: the last second."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruth:
+    """The true course of the markers of one recording.
+
+    Attributes:
+        t_us: ``(n,)`` int64 times, us, increasing.
+        marker_px: ``(n, m, 2)`` optical centres, px; between the times they move linearly.
+        reference_px: ``(m, 2)`` where they rest, px.
+        radius_px: ``(m,)`` radii, px.
+        released_us: When the last contact ended, us.
+    """
+
+    t_us: NDArray[np.int64]
+    marker_px: NDArray[np.float64]
+    reference_px: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
+    released_us: int
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a ``truth.npz``.
+
+        Raises:
+            RecordingError: The file is missing, damaged, or lacks a column.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                columns = {name: archive[name] for name in archive.files}
+            return cls.of(columns)
+        except (OSError, ValueError, EOFError, KeyError) as error:
+            raise RecordingError(
+                f"{str(path)!r} holds no ground truth ({error}); "
+                "render the recording again with: spikingtac simulate SCENE -o FOLDER"
+            ) from error
+
+    @classmethod
+    def of(cls, columns: dict[str, NDArray[Any]]) -> Self:
+        """Build the truth from the columns of a ``truth.npz``."""
+        t_us = columns["marker_t_us"].astype(np.int64)
+        return cls(
+            t_us=t_us,
+            marker_px=columns["marker_px"].astype(np.float64),
+            reference_px=columns["reference_px"].astype(np.float64),
+            radius_px=columns["radius_px"].astype(np.float64),
+            released_us=_released_us(columns, int(t_us[-1])),
+        )
+
+    def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return ``(k, m, 2)`` the true positions at any times, px; the ends are held."""
+        after = np.clip(np.searchsorted(self.t_us, t_us), 1, len(self.t_us) - 1)
+        span_us = self.t_us[after] - self.t_us[after - 1]
+        share = np.clip((t_us - self.t_us[after - 1]) / span_us, 0.0, 1.0)[:, None, None]
+        return self.marker_px[after - 1] * (1.0 - share) + self.marker_px[after] * share
+
+
+def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
+    touched = columns.get("in_contact")
+    if touched is None and "force_n" in columns:
+        touched = np.abs(columns["force_n"]).max(axis=1) > 0.0
+    if touched is None or not touched.any():
+        return last_us - REST_US
+    last = int(np.flatnonzero(touched)[-1])
+    times_us = columns["contact_t_us"]
+    return int(times_us[min(last + 1, len(times_us) - 1)])

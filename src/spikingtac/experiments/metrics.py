@@ -1,0 +1,142 @@
+"""Metrics of point tracking: name, unit, definition, and the function that computes it.
+
+The paper's three compare the end of a recording with its beginning (section V-A); they reward a
+method that says "nothing moved". Those against ground truth do not, and stand beside them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.experiments.ground_truth import GroundTruth
+from spikingtac.experiments.prediction import Prediction
+from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
+
+SUCCESS_PX = 5.0
+"""Largest return distance of a success (§V-A), and smallest error of a lost marker."""
+
+LOST_US = 50_000
+"""Shortest time for which a marker must be away to count as lost (50 ms: ours)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One number that a trial yields.
+
+    Attributes:
+        name: As in ``report.json``, unit in its name.
+        unit: ``px``, ``markers`` or ``1`` (a fraction).
+        definition: What exactly is measured.
+        over_trials: How the trials of a case are joined.
+    """
+
+    name: str
+    unit: str
+    definition: str
+    over_trials: Literal["mean", "sum"] = "mean"
+
+
+POINT_METRICS: tuple[Metric, ...] = (
+    Metric("success_rate", "1", "share of trials whose markers all end within 5 px of rest"),
+    Metric("return_mean_px", "px", "last estimate: mean distance of position_px to the reference"),
+    Metric("return_std_px", "px", "standard deviation over the markers of the same distances"),
+    Metric("error_mean_px", "px", "mean distance of detected_px to the truth, all markers, times"),
+    Metric("error_p95_px", "px", "95th percentile of the same distances, mean over the trials"),
+    Metric("error_final_px", "px", "last estimate: mean distance of detected_px to the truth"),
+    Metric(
+        "return_error_mean_px", "px", "mean distance of detected_px to the truth after the release"
+    ),
+    Metric("zeroed_return_mean_px", "px", "return_mean_px under the anchored law"),
+    Metric("zeroed_return_std_px", "px", "return_std_px under the anchored law"),
+    Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
+    Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
+)
+"""The metrics of the experiment, in the order of its tables."""
+
+
+def point_scores(
+    prediction: Prediction,
+    truth: GroundTruth,
+    damaged: tuple[int, ...] = (),
+    law: AnchoredLawConfig | None = None,
+) -> dict[str, float]:
+    """Return every metric of one trial.
+
+    Args:
+        prediction: What the method said.
+        truth: What was true.
+        damaged: Markers that are broken or missing: nothing is asked of them.
+        law: Of the zeroed output; None is the default.
+
+    Returns:
+        Values by the names of :data:`POINT_METRICS`.
+    """
+    whole = np.setdiff1d(np.arange(len(prediction.reference_px)), damaged)
+    reference_px = prediction.reference_px[whole]
+    detected_px = prediction.detected_px[:, whole].astype(np.float64)
+    true_px = truth.at(prediction.t_us)
+    error_px = np.linalg.norm(detected_px - true_px[:, whole], axis=2)
+    given_px = _distance_px(prediction.position_px[-1, whole], reference_px)
+    zeroed = AnchoredLaw(law).update(detected_px[-1], reference_px)
+    zeroed_px = _distance_px(zeroed, reference_px)
+    released = error_px[prediction.t_us > truth.released_us]
+    away = longest_stay_us(error_px > SUCCESS_PX, prediction.t_us)
+    elsewhere = longest_stay_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
+    return {
+        "success_rate": float(given_px.max() <= SUCCESS_PX),
+        "return_mean_px": float(given_px.mean()),
+        "return_std_px": float(given_px.std()),
+        "error_mean_px": float(error_px.mean()),
+        "error_p95_px": float(np.percentile(error_px, 95)),
+        "error_final_px": float(error_px[-1].mean()),
+        "return_error_mean_px": float((released if len(released) else error_px[-1:]).mean()),
+        "zeroed_return_mean_px": float(zeroed_px.mean()),
+        "zeroed_return_std_px": float(zeroed_px.std()),
+        "lost_markers": float((away > LOST_US).sum()),
+        "id_swaps": float((elsewhere > LOST_US).sum()),
+    }
+
+
+def longest_stay_us(away: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each marker the longest time for which it was away without a break, us.
+
+    Args:
+        away: ``(n, m)`` state at each time.
+        t_us: ``(n,)`` times, us; a state lasts until the next one.
+    """
+    ends_us = np.append(t_us[1:], t_us[-1:])
+    longest = np.zeros(away.shape[1], np.int64)
+    for marker in np.flatnonzero(away.any(axis=0)):
+        change = np.diff(away[:, marker].astype(np.int8), prepend=0, append=0)
+        first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+        longest[marker] = (ends_us[last] - t_us[first]).max()
+    return longest
+
+
+def nearest_another(
+    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], own: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return ``(n, k)`` where an estimate is nearer to another marker's true place than to its own.
+
+    Args:
+        detected_px: ``(n, k, 2)`` estimates, px.
+        true_px: ``(n, m, 2)`` true places of all markers, px.
+        own: ``(k,)`` which marker each estimate is of.
+    """
+    error_px = np.linalg.norm(detected_px - true_px[:, own], axis=2)
+    out = np.zeros(error_px.shape, np.bool_)
+    # Nearer to another one means at least half of the spacing off: few rows need the full search.
+    for time, column in zip(*np.nonzero(error_px > SUCCESS_PX), strict=True):
+        distance_px = np.linalg.norm(true_px[time] - detected_px[time, column], axis=1)
+        out[time, column] = distance_px.argmin() != own[column]
+    return out
+
+
+def _distance_px(
+    position_px: NDArray[np.float32] | NDArray[np.float64], reference_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.linalg.norm(position_px.astype(np.float64) - reference_px, axis=1)

@@ -1,0 +1,194 @@
+"""Section V-A: point tracking on ten contact trajectories, beside the baselines and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.experiments import RunOptions
+from spikingtac.experiments.ablation import ABLATION_SCENES, ablation_methods, ablation_trials
+from spikingtac.experiments.cases import (
+    ALL,
+    CAMERAS,
+    FIFTY,
+    LOOPS,
+    foreign_trials,
+    main_trials,
+    seeds_of,
+)
+from spikingtac.experiments.figures import deviation_figure, key_point_figure
+from spikingtac.experiments.findings import findings
+from spikingtac.experiments.fingerprint import provenance
+from spikingtac.experiments.methods import TRUTH, main_methods
+from spikingtac.experiments.metrics import POINT_METRICS
+from spikingtac.experiments.published import POINT_TRACKING
+from spikingtac.experiments.report import Report, Table
+from spikingtac.experiments.rows import Row, rows_of
+from spikingtac.experiments.run_folder import claim
+from spikingtac.experiments.runner import Work, cpu_count, run_all
+from spikingtac.experiments.trials import V2E, Trial
+from spikingtac.sim.catalog import TRAJECTORIES
+
+NAME = "point-tracking"
+FULL_SEEDS = 5
+"""Seeds of a full run."""
+
+PAPER_COLUMNS = (
+    "success_rate",
+    "return_mean_px",
+    "return_std_px",
+    "zeroed_return_mean_px",
+    "zeroed_return_std_px",
+)
+TRUTH_COLUMNS = (
+    "error_mean_px",
+    "error_p95_px",
+    "error_final_px",
+    "return_error_mean_px",
+    "lost_markers",
+    "id_swaps",
+)
+FIGURE_METHODS = ("default", "paper", "evetac", "neutac")
+KEY_POINT_SCENE = "spoon-rubs"
+"""Trajectory of the first figure: repeated contact."""
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary."""
+    table = ablation_methods if options.ablations else main_methods
+    names = _chosen((*table(), TRUTH), options.methods)
+    count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
+    seeds = seeds_of(options.seed, count)
+    settings = {
+        "experiment": NAME,
+        "ablations": options.ablations,
+        "quick": options.quick,
+        "first_seed": options.seed,
+        "seeds": count,
+        "methods": list(names),
+    }
+    claim(options.output, settings, options.resume)
+    trials = _trials(options, seeds)
+    works = [
+        Work(
+            trial=trial,
+            methods=tuple(names),
+            table=table,
+            folder=options.output,
+            data=options.data,
+        )
+        for trial in trials
+    ]
+    records = run_all(works, options.workers or cpu_count(), options.advance)
+    report = _report(records, options, settings, names)
+    report.write(options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "trials": len(trials),
+        "rows": len(report.rows),
+        "findings": list(report.findings),
+    }
+
+
+def command(options: RunOptions) -> str:
+    """Return the command line that makes the run again."""
+    words = ["spikingtac experiment", NAME, f"-o {options.output.name}"]
+    words += ["--quick"] if options.quick else []
+    words += ["--ablations"] if options.ablations else []
+    words += [f"--seed {options.seed}"] if options.seed else []
+    words += [f"--seeds {options.seeds}"] if options.seeds else []
+    words += [f"--methods {' '.join(options.methods)}"] if options.methods else []
+    return " ".join(words)
+
+
+def _trials(options: RunOptions, seeds: range) -> list[Trial]:
+    if options.ablations:
+        scenes = ABLATION_SCENES[:1] if options.quick else ABLATION_SCENES
+        return ablation_trials(seeds, scenes)
+    return [*foreign_trials(options.data), *main_trials(seeds, options.quick)]
+
+
+def _chosen(known: Sequence[str], wanted: tuple[str, ...]) -> list[str]:
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(
+                f"unknown method {name!r}{nearest(name, known)} (valid: {', '.join(known)})"
+            )
+    return [name for name in known if not wanted or name in wanted]
+
+
+def _report(
+    records: list[dict[str, Any]],
+    options: RunOptions,
+    settings: dict[str, Any],
+    names: Sequence[str],
+) -> Report:
+    rows = rows_of(records, POINT_METRICS, POINT_TRACKING, paper_case=ALL)
+    table = ablation_methods() if options.ablations else main_methods()
+    return Report(
+        experiment=NAME,
+        title="Point tracking" + (": ablations" if options.ablations else ""),
+        provenance=provenance(command(options), settings)
+        | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
+        rows=rows,
+        findings=[] if options.ablations else findings(rows),
+        tables=_tables(rows, names),
+        figures=[] if options.ablations else _figures(rows, records, options.output),
+        methods={name: table[name].about for name in names if name in table}
+        | {TRUTH: "knows the truth: what its markers are off at the end is the gel's residual"},
+    )
+
+
+def _digests(records: list[dict[str, Any]]) -> dict[str, str]:
+    return {record["trial"]["case"]: record["key"] for record in records}
+
+
+def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
+    seen = list(dict.fromkeys(row.case for row in rows))
+    first = [prefix + ALL for prefix in CAMERAS]
+    order = [*first, f"{V2E}/mix", LOOPS, FIFTY]
+    cases = [case for case in order if case in seen] + [case for case in seen if case not in order]
+    tables = []
+    for case in cases:
+        stem = case.replace("/", "-")
+        for kind, columns in (("paper", PAPER_COLUMNS), ("truth", TRUTH_COLUMNS)):
+            about = "the paper's metrics" if kind == "paper" else "against the truth"
+            tables.append(
+                Table(
+                    name=f"{stem}-{kind}",
+                    title=f"{case}: {about}",
+                    case=case,
+                    metrics=columns,
+                    methods=tuple(names),
+                )
+            )
+    return tables
+
+
+def _figures(
+    rows: Sequence[Row], records: list[dict[str, Any]], folder: Path
+) -> list[tuple[str, str]]:
+    one = [record for record in records if record["trial"]["case"] == KEY_POINT_SCENE]
+    seed = min((record["trial"]["seed"] for record in one), default=0)
+    one = [record for record in one if record["trial"]["seed"] == seed]
+    drawn = [name for name in (*FIGURE_METHODS, "ekalibr", "fast", TRUTH)]
+    figures = [
+        (
+            f"Stability of a single key point under repeated contact ({KEY_POINT_SCENE}, "
+            "simulated): displacement of the marker that moves most, as given out by each method.",
+            key_point_figure(one, folder, FIGURE_METHODS),
+        ),
+        (
+            "Deviation from rest at the end of each of the ten sequences (simulated; the paper's "
+            "metric). The row 'truth' is the gel's own residual.",
+            deviation_figure(rows, TRAJECTORIES, drawn, "return_mean_px"),
+        ),
+        (
+            "Error against the truth over each of the ten sequences (simulated).",
+            deviation_figure(rows, TRAJECTORIES, drawn[:-1], "error_mean_px"),
+        ),
+    ]
+    return [(caption, svg) for caption, svg in figures if svg]

@@ -1,0 +1,105 @@
+"""What a method said about one trial, as it is kept on disk between tracking and scoring."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.types import MarkerFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Estimates of one method on one recording.
+
+    Attributes:
+        t_us: ``(n,)`` int64 times, us.
+        detected_px: ``(n, m, 2)`` float32, the truthful estimate, px.
+        position_px: ``(n, m, 2)`` float32, after the method's own law, px.
+        held: ``(n, m)`` True where a marker was sustained or predicted.
+        reference_px: ``(m, 2)`` the rest positions that the method was given, px.
+    """
+
+    t_us: NDArray[np.int64]
+    detected_px: NDArray[np.float32]
+    position_px: NDArray[np.float32]
+    held: NDArray[np.bool_]
+    reference_px: NDArray[np.float64]
+
+    @classmethod
+    def collect(
+        cls, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64], every: int
+    ) -> Self:
+        """Keep every ``every``-th frame of a tracked stream, and its last one.
+
+        Args:
+            frames: The estimates in order of time.
+            reference_px: ``(m, 2)`` rest positions, px.
+            every: 1 keeps all.
+        """
+        kept: list[MarkerFrame] = []
+        last: MarkerFrame | None = None
+        for number, frame in enumerate(frames):
+            last = frame
+            if number % every == 0:
+                kept.append(frame)
+        if last is not None and kept[-1] is not last:
+            kept.append(last)
+        count = len(reference_px)
+        return cls(
+            t_us=np.array([frame.t_us for frame in kept], np.int64),
+            detected_px=_stacked([frame.detected_px for frame in kept], count),
+            position_px=_stacked([frame.position_px for frame in kept], count),
+            held=np.array([frame.held for frame in kept], np.bool_).reshape(-1, count),
+            reference_px=reference_px,
+        )
+
+    def save(self, path: Path, key: str) -> None:
+        """Write the arrays at once, so that an interrupt leaves either all or nothing.
+
+        Args:
+            path: ``.npz`` file.
+            key: Digest of everything that the prediction depends on.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(f".{os.getpid()}.partial")
+        same = np.array_equal(self.detected_px, self.position_px)
+        with partial.open("wb") as file:
+            np.savez(
+                file,
+                key=np.array(key),
+                t_us=self.t_us,
+                detected_px=self.detected_px,
+                position_px=np.empty(0, np.float32) if same else self.position_px,
+                held=np.packbits(self.held),
+                reference_px=self.reference_px,
+            )
+        partial.replace(path)
+
+    @classmethod
+    def load(cls, path: Path, key: str | None = None) -> Self | None:
+        """Read a prediction; None where there is none that fits the key."""
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                if key is not None and str(archive["key"]) != key:
+                    return None
+                values = {name: archive[name] for name in archive.files}
+        except (OSError, ValueError, EOFError, KeyError):
+            return None
+        detected_px = values["detected_px"]
+        shape = detected_px.shape[:2]
+        held = np.unpackbits(values["held"], count=shape[0] * shape[1]).astype(np.bool_)
+        position_px = values["position_px"] if values["position_px"].size else detected_px
+        return cls(
+            values["t_us"], detected_px, position_px, held.reshape(shape), values["reference_px"]
+        )
+
+
+def _stacked(arrays: list[NDArray[np.float64]], markers: int) -> NDArray[np.float32]:
+    return np.array(arrays, np.float32).reshape(-1, markers, 2)

@@ -1,0 +1,184 @@
+"""One suite for every marker tracker: the presets, and the baselines behind the same protocol."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spikingtac.experiments.methods import main_methods
+from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from stand_ins.ideal_events import ideal_events
+
+SIZE = (130, 130)
+RADIUS_PX = 7.0
+PERIOD_US = 10_000
+GRID = np.array(
+    [[28.0 + 37.0 * column, 28.0 + 37.0 * row] for row in range(3) for column in range(3)]
+)
+LAST_US = 300_000
+
+METHODS = tuple(main_methods())
+
+ORDER_PX = {"default": 0.1, "fast": 0.1}
+"""The map's leak visits the markers in turn, so that their order decides who comes first."""
+
+
+def calibration(order: np.ndarray | None = None) -> Calibration:
+    reference = GRID if order is None else GRID[order]
+    return Calibration(
+        reference_px=reference,
+        radius_px=np.full(len(reference), RADIUS_PX),
+        grid=(3, 3),
+        size=SIZE,
+        contrast=6.0,
+        step_on=0.13,
+        step_off=0.13,
+    )
+
+
+def path() -> np.ndarray:
+    """Return a swing of 6 px to the right and back within 0.2 s, then 0.1 s of rest."""
+    phase = np.clip(np.arange(301) / 200.0, 0.0, 1.0)
+    shift = 6.0 * np.sin(np.pi * phase)
+    course = np.tile(GRID, (len(phase), 1, 1))
+    course[:, :, 0] += shift[:, None]
+    return course
+
+
+@cache
+def events() -> EventPacket:
+    packet = ideal_events(path(), RADIUS_PX, SIZE)
+    # An ideal camera fires a whole image at once; a real one spreads it over the millisecond.
+    spread = packet.t - 1_000 + np.arange(len(packet)) * 997 % 1_000
+    order = np.argsort(spread, kind="stable")
+    columns = (packet.x[order], packet.y[order], packet.p[order], spread[order])
+    return EventPacket(*columns, 0, LAST_US + 1_000, SIZE)
+
+
+def between(packet: EventPacket, start_us: int, end_us: int) -> EventPacket:
+    first, last = np.searchsorted(packet.t, (start_us, end_us))
+    return packet.part(int(first), int(last), start_us, end_us)
+
+
+def pieces(packet: EventPacket, rng: np.random.Generator | None) -> Iterator[EventPacket]:
+    if rng is None:
+        yield packet
+        return
+    cuts = np.sort(rng.integers(packet.t_start_us, packet.t_end_us + 1, 5))
+    edges = [packet.t_start_us, *cuts.tolist(), packet.t_end_us]
+    for start_us, end_us in itertools.pairwise(edges):
+        yield between(packet, start_us, end_us)
+
+
+def frames(
+    tracker, packet: EventPacket, rng: np.random.Generator | None = None
+) -> list[MarkerFrame]:
+    out = []
+    for end_us in range(PERIOD_US, LAST_US + 1, PERIOD_US):
+        for piece in pieces(between(packet, end_us - PERIOD_US, end_us), rng):
+            tracker.absorb(piece)
+        out.append(tracker.estimate(end_us))
+    return out
+
+
+def detected(run: list[MarkerFrame]) -> np.ndarray:
+    return np.array([frame.detected_px for frame in run])
+
+
+@cache
+def reference_run(name: str) -> list[MarkerFrame]:
+    return frames(main_methods()[name].build(calibration()), events())
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_shapes_and_types(name: str) -> None:
+    for frame in reference_run(name):
+        assert frame.detected_px.shape == frame.position_px.shape == (9, 2)
+        assert frame.held.shape == frame.confidence.shape == (9,)
+        assert frame.held.dtype == np.bool_
+        assert np.isfinite(frame.detected_px).all()
+        assert ((frame.confidence >= 0.0) & (frame.confidence <= 1.0)).all()
+        np.testing.assert_allclose(frame.displacement_px, frame.position_px - GRID, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_it_follows(name: str) -> None:
+    """Wide enough for every method's bias, narrow enough that staying put fails."""
+    truth = path()[PERIOD_US // 1_000 :: PERIOD_US // 1_000]
+    error = np.linalg.norm(detected(reference_run(name)) - truth, axis=2)
+    staying = np.linalg.norm(GRID - truth, axis=2)
+    assert error.mean() < 0.8 * staying.mean()
+    assert error[-1].max() < 3.0
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
+    rng = np.random.default_rng(11)
+    run = frames(main_methods()[name].build(calibration()), events(), rng)
+    for frame, expected in zip(run, reference_run(name), strict=True):
+        np.testing.assert_array_equal(frame.detected_px, expected.detected_px)
+        np.testing.assert_array_equal(frame.position_px, expected.position_px)
+        np.testing.assert_array_equal(frame.held, expected.held)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_markers_may_come_in_any_order(name: str) -> None:
+    order = np.random.default_rng(12).permutation(9)
+    run = frames(main_methods()[name].build(calibration(order)), events())
+    expected = detected(reference_run(name))[:, order]
+    np.testing.assert_allclose(detected(run), expected, atol=ORDER_PX.get(name, 1e-3), rtol=0.0)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_reset_forgets_everything(name: str) -> None:
+    tracker = main_methods()[name].build(calibration())
+    frames(tracker, events())
+    tracker.reset()
+    np.testing.assert_array_equal(
+        detected(frames(tracker, events())), detected(reference_run(name))
+    )
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_nothing_happens_without_events(name: str) -> None:
+    run = frames(main_methods()[name].build(calibration()), EventPacket.empty(0, LAST_US, SIZE))
+    assert np.linalg.norm(detected(run) - GRID, axis=2).max() < 0.3
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
+    tracker = main_methods()[name].build(calibration())
+    packet = events()
+    tracker.absorb(between(packet, 0, PERIOD_US))
+    frame = tracker.estimate(PERIOD_US)
+    kept = frame.detected_px.copy(), frame.held.copy()
+    frame.position_px[:] = np.nan
+    tracker.absorb(between(packet, PERIOD_US, 2 * PERIOD_US))
+    later = tracker.estimate(2 * PERIOD_US)
+    np.testing.assert_array_equal(frame.detected_px, kept[0])
+    np.testing.assert_array_equal(frame.held, kept[1])
+    assert np.isfinite(later.position_px).all()
+
+
+@pytest.mark.parametrize("name", ["evetac", "evetac-strong", "neutac", "neutac-binary", "ekalibr"])
+def test_dark_markers_are_white_ones_with_swapped_polarity(name: str) -> None:
+    packet = events()
+    inverted = replace(packet, p=~packet.p)
+    dark = main_methods()[name].build(replace(calibration(), polarity="dark"))
+    np.testing.assert_array_equal(detected(frames(dark, inverted)), detected(reference_run(name)))
+
+
+@pytest.mark.parametrize("name", ["neutac", "ekalibr"])
+def test_a_marker_that_is_not_seen_is_held(name: str) -> None:
+    packet = events()
+    away = np.hypot(packet.x - GRID[4, 0], packet.y - GRID[4, 1]) > 18.0
+    run = frames(main_methods()[name].build(calibration()), packet.select(away))
+    if name == "ekalibr":
+        assert all(frame.held[4] for frame in run)
+        np.testing.assert_array_equal(run[-1].detected_px[4], GRID[4])
+    assert not all(frame.held[0] for frame in run)

@@ -1,0 +1,150 @@
+"""The baselines' kernels against plain Python, on random and on edge arrays."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from spikingtac.baselines.arc_kernels import NEVER, moving_circle_kernel, normal_flow_kernel
+from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
+from spikingtac.baselines.evetac import neighbours
+from spikingtac.baselines.slices import SliceBuffer
+from spikingtac.baselines.time_surface import TimeSurface
+from spikingtac.types import EventPacket
+
+
+def plain_attraction(events, center, inner, outer, turn):
+    pull, support = np.zeros_like(center), np.zeros(len(center), np.int64)
+    for x, y in events:
+        for m, (cx, cy) in enumerate(center):
+            d = np.array([math.trunc(x - cx), math.trunc(y - cy)], float)
+            rho = max(math.hypot(*d), 1.0)
+            if inner < rho <= outer:
+                pull[m] += 2.0 * (d - turn * d / rho)
+                support[m] += np.count_nonzero(d)
+    return pull, support
+
+
+@pytest.mark.parametrize("count", [0, 1, 400])
+def test_attraction(count: int) -> None:
+    rng = np.random.default_rng(count)
+    events = rng.integers(0, 60, (count, 2)).astype(np.uint16)
+    center = rng.uniform(0, 60, (5, 2))
+    pull, support = np.empty((5, 2)), np.empty(5, np.int64)
+    columns = np.ascontiguousarray(events[:, 0]), np.ascontiguousarray(events[:, 1])
+    attraction_kernel(*columns, center, 3.0, 14.0, 17.5, pull, support)
+    expected = plain_attraction(events.astype(float), center, 3.0, 14.0, 17.5)
+    np.testing.assert_allclose(pull, expected[0], atol=1e-9)
+    np.testing.assert_array_equal(support, expected[1])
+
+
+def test_attraction_moves_the_dot_towards_the_events() -> None:
+    x, y = np.array([40], np.uint16), np.array([30], np.uint16)
+    pull, support = np.empty((1, 2)), np.empty(1, np.int64)
+    attraction_kernel(x, y, np.array([[30.0, 30.0]]), 0.0, 15.0, 18.0, pull, support)
+    assert -pull[0, 0] == pytest.approx(2.0 * (18.0 - 10.0))
+    assert pull[0, 1] == 0.0
+    assert support[0] == 1
+
+
+def test_regularizer() -> None:
+    rng = np.random.default_rng(2)
+    rest = np.array([[37.0 * i, 37.0 * j] for i in range(3) for j in range(3)])
+    index, distance = neighbours(rest, 60.0)
+    center = rest + rng.normal(0.0, 2.0, rest.shape)
+    tension = np.empty((9, 2))
+    regularizer_kernel(center, index, distance, tension)
+    for i in range(9):
+        near = index[i][index[i] >= 0]
+        total = np.zeros(2)
+        for j, d in zip(near, distance[i], strict=False):
+            offset = center[j] - center[i]
+            total += 4.0 * offset * (offset @ offset - d * d)
+        np.testing.assert_allclose(tension[i], 8.0 / len(near) * total, rtol=1e-9)
+    regularizer_kernel(rest, index, distance, tension)
+    np.testing.assert_allclose(tension, 0.0, atol=1e-6)
+
+
+def test_a_lone_dot_has_no_tension() -> None:
+    index, distance = neighbours(np.array([[5.0, 5.0]]), 60.0)
+    tension = np.empty((1, 2))
+    regularizer_kernel(np.array([[9.0, 9.0]]), index, distance, tension)
+    np.testing.assert_array_equal(tension, 0.0)
+
+
+@pytest.mark.parametrize("velocity", [(0.002, 0.0), (0.0, -0.001), (0.001, 0.001)])
+def test_normal_flow_of_a_straight_edge(velocity: tuple[float, float]) -> None:
+    """An edge that passes at v fires at t = n . x / |v| and its normal flow is v."""
+    v = np.array(velocity)
+    y, x = np.mgrid[:12, :12]
+    times = ((x * v[0] + y * v[1]) / (v @ v)).round().astype(np.int64)
+    flow = np.empty((2, 12, 12))
+    normal_flow_kernel(times, int(times.min()), 2, 2_000.0, 0.6, flow)
+    expected = np.broadcast_to(v[:, None, None], (2, 10, 10))
+    np.testing.assert_allclose(flow[:, 1:-1, 1:-1], expected, rtol=0.01, atol=1e-5)
+    assert not flow[:, 0].any()
+
+
+def test_normal_flow_needs_enough_neighbours_and_leaves_outliers_out() -> None:
+    times = np.full((5, 5), NEVER)
+    times[2, 2] = times[2, 3] = 1_000
+    flow = np.empty((2, 5, 5))
+    normal_flow_kernel(times, 0, 2, 2_000.0, 0.6, flow)
+    assert not flow.any()
+    x = np.tile(np.arange(5), (5, 1))
+    ramp = (1_000 * x + 20_000).astype(np.int64)
+    ramp[1, 1] += 9_000
+    normal_flow_kernel(ramp, 0, 2, 3_500.0, 0.6, flow)
+    assert flow[:, 2, 2] == pytest.approx([0.001, 0.0], abs=1e-4)
+
+
+def test_moving_circle_is_recovered() -> None:
+    rng = np.random.default_rng(4)
+    s = rng.uniform(-1.0, 0.0, 500)
+    angle = rng.choice([0.0, np.pi], 500) + rng.uniform(-1.2, 1.2, 500)
+    truth = np.array([40.0, 50.0, 6.0, -2.0, 7.0, 0.3])
+    radius = truth[4] + truth[5] * s
+    points = np.column_stack(
+        [
+            truth[0] + truth[2] * s + radius * np.cos(angle),
+            truth[1] + truth[3] * s + radius * np.sin(angle),
+            s,
+        ]
+    )
+    start = truth + np.array([1.0, -1.0, 2.0, 1.0, -0.5, -0.3])
+    fit, residual = moving_circle_kernel(points, start, 12)
+    np.testing.assert_allclose(fit[:2], truth[:2], atol=0.05)
+    np.testing.assert_allclose(fit[4], truth[4], atol=0.05)
+    assert residual < 0.05
+
+
+def test_time_surface_against_its_formula() -> None:
+    rng = np.random.default_rng(8)
+    t = np.sort(rng.integers(0, 50_000, 300))
+    x, y = rng.integers(0, 8, (2, 300)).astype(np.uint16)
+    p = rng.random(300) < 0.5
+    start = (rng.random((8, 8)) < 0.3).astype(np.float32)
+    surface = TimeSurface(start, 20_000.0)
+    surface.absorb(EventPacket(x, y, p, t, 0, 60_000, (8, 8)))
+    expected = np.where(start > 0.5, 1.0, -1.0) * math.exp(-60_000 / 20_000)
+    for i in range(300):
+        expected[y[i], x[i]] = (1.0 if p[i] else -1.0) * math.exp(-(60_000 - t[i]) / 20_000)
+    np.testing.assert_allclose(surface.values, 0.5 + 0.5 * expected, atol=1e-5)
+
+
+def test_slices_are_the_same_however_the_stream_is_cut() -> None:
+    rng = np.random.default_rng(9)
+    t = np.sort(rng.integers(0, 20_000, 200))
+    zeros = np.zeros(200, np.uint16)
+    whole = EventPacket(zeros, zeros, zeros > 0, t, 0, 25_000, (4, 4))
+    expected = [part.t.tolist() for part in SliceBuffer(1_000).take(whole)]
+    assert expected == [t[t // 1_000 == k].tolist() for k in np.unique(t // 1_000)]
+    buffer, got = SliceBuffer(1_000), []
+    edges = [0, *np.sort(rng.integers(0, 25_000, 30)).tolist(), 25_000]
+    for start, end in itertools.pairwise(edges):
+        first, last = np.searchsorted(t, (start, end))
+        got += [part.t.tolist() for part in buffer.take(whole.part(first, last, start, end))]
+    assert got == expected
