@@ -1,0 +1,302 @@
+"""The event camera's kernels against plain programs that follow the same physics another way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from spikingtac.sim.camera_config import BackgroundConfig, CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.coverage import coverage_kernel, discs_of, paint_kernel
+from spikingtac.sim.noise import make_noise, noise_kernel, start_noise
+from spikingtac.sim.pixels import (
+    KEY_SHIFT,
+    carry_kernel,
+    cross_kernel,
+    decay_kernel,
+    foresee_kernel,
+    hold_kernel,
+    log_kernel,
+    quiet_kernel,
+    relight_kernel,
+)
+from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel
+from spikingtac.sim.sensor import Sensor, make_sensor, settle_sensor
+from spikingtac.sim.skin import MarkerImage
+
+NO_PATTERN = np.zeros((1, 1), np.float32)
+TICK_US = 0.5
+
+
+@dataclass
+class PlainPixel:
+    """One pixel in small equal ticks: nothing is skipped, interpolated or solved in closed form."""
+
+    pixel: PixelConfig
+    leak_per_us: float
+    level: float
+    since_us: float = -math.inf
+    events: list[tuple[float, bool]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.reference = self.level
+        self.blind = False
+
+    def tick(self, now_us: float, intensity: float) -> None:
+        target = math.log(intensity)
+        if self.pixel.bandwidth_hz is None:
+            self.level = target
+        else:
+            rate = 2e-6 * math.pi * self.pixel.bandwidth_hz * intensity
+            self.level += (target - self.level) * (1 - math.exp(-TICK_US * rate))
+        self.reference -= self.leak_per_us * TICK_US
+        if self.blind:
+            if now_us - self.since_us < self.pixel.refractory_us:
+                return
+            self.blind, self.reference = False, self.level
+        while True:
+            gap = self.level - self.reference
+            if -self.pixel.threshold_off < gap < self.pixel.threshold_on:
+                return
+            on = gap > 0
+            self.events.append((now_us, on))
+            self.since_us = now_us
+            if self.pixel.refractory_us > 0:
+                self.blind = True
+                return
+            self.reference += self.pixel.threshold_on if on else -self.pixel.threshold_off
+
+
+def one_pixel(pixel: PixelConfig, intensity: float) -> Sensor:
+    """Return a sensor of one pixel that rests at an intensity."""
+    light = LightConfig(contrast=1.0 / intensity)
+    config = CameraConfig(size=(1, 1), light=light, pixel=pixel)
+    sensor = make_sensor(config, NO_PATTERN, np.random.default_rng(0))
+    settle_sensor(sensor, np.zeros((1, 1), np.float32), 0.0, "fresh", np.random.default_rng(0))
+    return sensor
+
+
+def walk(sensor: Sensor, times_us, intensities) -> list[tuple[float, bool]]:
+    """Show intensities that change evenly between the times; equal ones are left unvisited."""
+    px, chip, out = sensor.pixels[0, 0], sensor.chip[0], np.zeros(4096, np.int64)
+    last_us = 0.0
+    for t_us, intensity in zip(times_us, intensities, strict=True):
+        if abs(intensity - px["intensity"]) > 1e-6:
+            if not carry_kernel(px, last_us):
+                hold_kernel(px, chip, out, last_us)
+            rise = relight_kernel(px, chip, intensity, t_us, t_us - last_us)
+            if not quiet_kernel(px, last_us, rise):
+                cross_kernel(px, chip, out, last_us, t_us - last_us, rise)
+        last_us = t_us
+    hold_kernel(px, chip, out, last_us)
+    keys = out[1 : 1 + out[0]]
+    return [(int(key) >> KEY_SHIFT, bool(key & 1)) for key in keys]
+
+
+def plain(pixel: PixelConfig, leak_per_us: float, times_us, intensities, start: float):
+    """Run the plain pixel through the same light."""
+    one = PlainPixel(pixel, leak_per_us, math.log(start))
+    nodes_us, nodes = np.concatenate([[0.0], times_us]), np.concatenate([[start], intensities])
+    for tick in range(1, round(times_us[-1] / TICK_US) + 1):
+        now_us = tick * TICK_US
+        at = min(np.searchsorted(nodes_us, now_us), len(nodes) - 1)
+        share = (now_us - nodes_us[at - 1]) / (nodes_us[at] - nodes_us[at - 1])
+        # The kernels let the log of the light move evenly in a step.
+        log = math.log(nodes[at - 1]) * (1 - share) + math.log(nodes[at]) * share
+        one.tick(now_us, math.exp(log))
+    return one.events
+
+
+def scribble(seed: int) -> tuple[np.ndarray, list[float]]:
+    """Return light that swings and trembles, with a long rest that is carried in closed form."""
+    rng, intensities, tremble = np.random.default_rng(seed), [], 0.0
+    for k in range(1500):
+        if 500 < k < 900:
+            intensities.append(intensities[-1])
+            continue
+        tremble = 0.9 * tremble + rng.normal(0, 0.01)
+        intensities.append(math.exp(min(-1.2 + 1.1 * math.sin(k / 50) + tremble, 0.0)))
+    return np.arange(1, 1501) * 30.0, intensities
+
+
+@pytest.mark.parametrize("bandwidth_hz", [None, 2000.0, 300.0])
+@pytest.mark.parametrize("refractory_us", [0.0, 120.0])
+@pytest.mark.parametrize("leak_hz", [0.0, 60.0])
+def test_a_pixel_fires_as_the_plain_one_does(bandwidth_hz, refractory_us, leak_hz):
+    pixel = PixelConfig(
+        threshold_on=0.25,
+        threshold_off=0.21,
+        bandwidth_hz=bandwidth_hz,
+        refractory_us=refractory_us,
+        leak_hz=leak_hz,
+        leak_spread=0.0,
+        leak_jitter=0.0,
+    )
+    times_us, intensities = scribble(seed=3)
+    sensor = one_pixel(pixel, 0.3)
+    # The table is linear in between: start both from what the sensor saw at rest.
+    start = float(sensor.pixels[0, 0]["intensity"])
+    leak_per_us = float(sensor.pixels[0, 0]["mean_leak"])
+    ours = walk(sensor, times_us, intensities)
+    theirs = plain(pixel, leak_per_us, times_us, intensities, start)
+    assert len(theirs) >= 20
+    assert [on for _, on in ours] == [on for _, on in theirs]
+    off_us = np.array([mine[0] - other[0] for mine, other in zip(ours, theirs, strict=True)])
+    # The largest are crossings in the flat tail of a slow pixel that settles at rest.
+    assert np.abs(off_us).max() < 60.0
+    assert np.quantile(np.abs(off_us), 0.8) < 10.0
+    assert np.median(np.abs(off_us)) < 5.0
+
+
+def test_a_resting_pixel_is_due_when_its_leak_says():
+    sensor = one_pixel(PixelConfig(leak_hz=10.0, leak_spread=0.0, leak_jitter=0.0), 0.3)
+    px, out = sensor.pixels[0, 0], np.zeros(16, np.int64)
+    assert foresee_kernel(px)
+    assert px["due_us"] == pytest.approx(100_000.0, rel=1e-5)
+    hold_kernel(px, sensor.chip[0], out, 350_000.0)
+    assert (out[1 : 1 + out[0]] >> KEY_SHIFT) == pytest.approx([1e5, 2e5, 3e5], abs=2)
+    foresee_kernel(px)
+    assert px["due_us"] == pytest.approx(400_000.0, rel=1e-5)
+
+
+def test_an_unsettled_pixel_is_never_due():
+    sensor = one_pixel(PixelConfig(leak_hz=10.0, bandwidth_hz=10.0), 0.3)
+    px = sensor.pixels[0, 0]
+    relight_kernel(px, sensor.chip[0], 0.4, 100.0, 100.0)
+    assert not foresee_kernel(px)
+    assert px["due_us"] > 1e17
+
+
+def test_tables_follow_the_functions():
+    sensor = one_pixel(PixelConfig(), 0.2)
+    chip = sensor.chip[0]
+    for intensity in (0.05, 0.1, 0.3, 0.77, 1.0):
+        assert log_kernel(chip, intensity) == pytest.approx(math.log(intensity), abs=1e-5)
+    for x in (0.0, 0.01, 0.7, 3.0, 15.0, 40.0):
+        assert decay_kernel(chip, x) == pytest.approx(math.exp(-x), abs=1e-5)
+
+
+def random_image(markers: int, seed: int) -> MarkerImage:
+    rng = np.random.default_rng(seed)
+    shape = np.eye(2) + rng.normal(0, 0.08, (markers, 2, 2))
+    angle = rng.uniform(0, 2 * np.pi, markers)
+    chord = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-3, 3, markers)], axis=1)
+    chord[::2, 2] = np.inf
+    radius = rng.uniform(4, 7, markers)
+    radius[-1] = 0.0
+    return MarkerImage(0, rng.uniform(-3, 66, (markers, 2)), shape, radius, chord)
+
+
+def plain_coverage(image: MarkerImage, k: int, x: float, y: float, width_px: float) -> float:
+    """Edge of a blurred disc by the definition, its tails uncut."""
+    if image.radius_px[k] == 0:
+        return 0.0
+    place = image.shape[k] @ (np.array([x, y]) - image.center_px[k])
+    scale = math.sqrt(abs(np.linalg.det(image.shape[k])))
+    covered = ndtr((image.radius_px[k] - np.linalg.norm(place)) / scale / width_px)
+    if image.chord is not None and np.isfinite(image.chord[k, 2]):
+        left = image.chord[k, 2] - image.chord[k, :2] @ place
+        covered *= ndtr(left / scale / width_px)
+    return float(covered)
+
+
+def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
+    image = random_image(5, seed=1)
+    discs = discs_of(image)
+    light = LightConfig(blur_px=0.5)
+    config = CameraConfig(size=(64, 64), light=light)
+    chip = make_sensor(config, NO_PATTERN, np.random.default_rng(0)).chip[0]
+    width_px = math.sqrt(0.25 + 1 / 12)
+    expected = np.zeros((64, 64))
+    for y in range(64):
+        for x in range(64):
+            each = [plain_coverage(image, k, x, y, width_px) for k in range(5)]
+            expected[y, x] = max(each)
+            got = [coverage_kernel(disc, chip, float(x), float(y)) for disc in discs]
+            np.testing.assert_allclose(got, each, atol=1.2e-3)  # the cut tails: 5e-4 each
+    boxes = np.zeros(5, WORK_DTYPE)
+    for disc, box in zip(discs, boxes, strict=True):
+        box_kernel(disc, disc, float(chip["reach_px"]) + 1.0, box)
+    painted = np.empty((64, 64), np.float32)
+    paint_kernel(discs, boxes, chip, painted)
+    np.testing.assert_allclose(painted, expected, atol=1.2e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_plan_groups_markers_as_a_graph_search_does(seed):
+    rng = np.random.default_rng(seed)
+    before, after = (discs_of(random_image(12, seed)) for _ in range(2))
+    moving = rng.random(12) < 0.4
+    after["x"][moving] += rng.uniform(-3, 3, moving.sum())
+    work = np.empty(12, WORK_DTYPE)
+    plan_kernel(before, after, work, 2.0, 4000.0, (0.1, 20.0, 1000.0, 0.001))
+    boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in work]
+    expected = plain_groups(boxes, moving)
+    assert work["leader"].tolist() == expected
+    for first in set(expected) - {-1}:
+        chain, k = [], first
+        while k >= 0:
+            chain.append(k)
+            k = int(work["following"][k])
+        assert chain == [k for k in range(12) if expected[k] == first]
+        way_px = max(abs(float(after["x"][k] - before["x"][k])) for k in chain)
+        assert work["steps"][first] == max(4, math.ceil(way_px / 0.1 - 1e-9))
+
+
+def plain_groups(boxes, moving) -> list[int]:
+    """Return each marker's lowest companion through overlapping boxes, -1 where nothing moves."""
+    leader = [-1] * len(boxes)
+    for start in range(len(boxes)):
+        group, edge = {start}, [start]
+        while edge:
+            here = edge.pop()
+            for other in set(range(len(boxes))) - group:
+                if boxes_meet(boxes[here], boxes[other]):
+                    group.add(other)
+                    edge.append(other)
+        if any(moving[member] for member in group):
+            leader[start] = min(group)
+    return leader
+
+
+def boxes_meet(one, two) -> bool:
+    (al, ar, at, ab), (bl, br, bt, bb) = one, two
+    empty = ar < al or br < bl
+    return not empty and al <= br and bl <= ar and at <= bb and bt <= ab
+
+
+def test_the_background_is_poisson_in_time_and_even_in_space():
+    config = BackgroundConfig(rate_hz=2.0)
+    source = make_noise(config, 4096, np.random.default_rng(1))
+    start_noise(source, 0.0)
+    out = np.zeros(1 << 18, np.int64)
+    assert noise_kernel(source, 20e6, out)
+    keys = out[1 : 1 + out[0]]
+    times_us, pixel, on = keys >> KEY_SHIFT, (keys & 0xFFFFFF) >> 1, keys & 1
+    assert len(keys) / 4096 / 20 == pytest.approx(2.0, rel=0.02)
+    counts = np.histogram(times_us, 2000, (0, 20e6))[0]
+    assert counts.var() / counts.mean() == pytest.approx(1.0, abs=0.12)
+    per_pixel = np.bincount(pixel, minlength=4096)
+    assert per_pixel.var() / per_pixel.mean() == pytest.approx(1.0, abs=0.08)
+    assert on.mean() == pytest.approx(0.5, abs=0.01)
+    for i in (0, 17, 4095):
+        one = on[pixel == i]
+        assert (np.diff(one) != 0).all()  # polarities alternate
+
+
+def test_a_full_outbox_stops_the_background_and_loses_nothing():
+    def collect(room: int) -> np.ndarray:
+        source = make_noise(BackgroundConfig(rate_hz=50.0), 100, np.random.default_rng(2))
+        start_noise(source, 0.0)
+        parts, out = [], np.zeros(room, np.int64)
+        while True:
+            done = noise_kernel(source, 1e6, out)
+            parts.append(out[1 : 1 + out[0]].copy())
+            out[0] = 0
+            if done:
+                return np.concatenate(parts)
+
+    np.testing.assert_array_equal(collect(7), collect(1 << 16))
