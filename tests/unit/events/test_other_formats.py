@@ -272,3 +272,18 @@ def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
     for column in "txy":
         np.testing.assert_array_equal(theirs[column], getattr(packet, column))
     np.testing.assert_array_equal(theirs["on"], packet.p)
+
+
+@pytest.mark.parametrize(
+    "text", ["1e17,1,2,1\n2.5,3,4,0\n", "-1e300 1 2 1\n9e15 3 4 0\n", "1.5 1 2 1\n"]
+)
+def test_absurd_times_are_no_crash(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    found = [row[0] for row in rows(open_events(tmp_path / "a.csv"))]
+    assert found == sorted(found)
+    assert found
+    times = np.array([1e300, np.nan, -np.inf, 5.0])
+    column = np.zeros(4, np.uint16)
+    np.savez(tmp_path / "a.npz", t=times, x=column, y=column, p=column, size=[4, 4])
+    found = [row[0] for row in rows(open_events(tmp_path / "a.npz"))]
+    assert found == sorted(found)

@@ -90,8 +90,7 @@ class CsvSource(FileSource):
             rows = _rows(lines, len(self._order))
             self.losses.add("bad_record", len(lines) - len(rows))
             values = {name: rows[:, place] for place, name in enumerate(self._order)}
-            t = np.rint(values["t"] * self._scale).astype(np.int64)
-            yield values["x"], values["y"], values["p"], t
+            yield values["x"], values["y"], values["p"], values["t"] * self._scale
 
 
 class CsvWriter:

@@ -81,7 +81,8 @@ class Hdf5Source(FileSource):
                     self.losses.add("bad_record")
                     continue
                 self.progress = rows.stop / total
-                yield x, y, p, _microseconds(t) + offset
+                t = _microseconds(t)
+                yield x, y, p, t + offset if offset else t
 
     def _read(self, file: Any, rows: slice) -> Rows:
         places = [self._layout[name] for name in ("x", "y", "p", "t")]
@@ -224,7 +225,6 @@ def _size_of(file: Any) -> tuple[int, int] | None:
     return None
 
 
-def _microseconds(t: NDArray[Any]) -> NDArray[np.int64]:
-    if t.dtype.kind == "f":
-        return np.rint(np.nan_to_num(t) * US_PER_S).astype(np.int64)
-    return t.astype(np.int64)
+def _microseconds(t: NDArray[Any]) -> NDArray[Any]:
+    """Return whole numbers as they are, and seconds as microseconds."""
+    return np.nan_to_num(t.astype(np.float64)) * US_PER_S if t.dtype.kind == "f" else t

@@ -12,7 +12,7 @@ from spikingtac.events.formats.codec import RESET_US
 from spikingtac.types import EventPacket, LossCounters
 
 TIME_LIMIT_US = 1 << 60
-"""Times beyond are not believed: 36,000 years."""
+"""Times and shifts beyond are not believed: 36,000 years, and room for the sum of both."""
 
 RESTARTS_PER_CHUNK = 64
 """Restarts that are re-based in one chunk; more of them are noise, and held."""
@@ -108,7 +108,9 @@ class ColumnCheck:
         if not inside.all():
             self._losses.add("out_of_range", int(len(inside) - np.count_nonzero(inside)))
             x, y, p, t = x[inside], y[inside], p[inside], t[inside]
-        time = self._monotonic(np.asarray(t).astype(np.int64))
+        if t.dtype.kind == "f":
+            t = np.rint(np.clip(np.nan_to_num(t), -TIME_LIMIT_US, TIME_LIMIT_US))
+        time = self._monotonic(t.astype(np.int64))
         on = p if p.dtype == np.bool_ else p > 0
         return x.astype(np.uint16), y.astype(np.uint16), on, time
 
@@ -123,6 +125,8 @@ class ColumnCheck:
             before = int(t[:index].max(initial=last))
             if t[index] <= before - RESET_US:
                 shift = before - int(t[index])
+                if self._offset_us + shift > TIME_LIMIT_US:
+                    break
                 t[index:] += shift
                 self._offset_us += shift
                 self._losses.add("time_reset")
