@@ -117,6 +117,17 @@ def test_hdf5_without_events(tmp_path: Path) -> None:
         open_events(tmp_path / "a.h5")
 
 
+def test_hdf5_that_claims_too_much_does_not_hang(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    kind = np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        table = file.create_dataset("CD/events", (1 << 50,), kind, chunks=(1_024,))
+        table[:3] = np.zeros(3, kind)
+    source = open_events(tmp_path / "a.h5", size=(4, 4))
+    assert rows(source) == []
+    assert dict(source.losses) == {"bad_record": 1}
+
+
 def test_dat_files(tmp_path: Path) -> None:
     period = 1 << 32
     times = [period - 5, period + 3, period + 4]

@@ -22,6 +22,9 @@ CHUNK_ROWS = 1 << 17
 STORED_ROWS = 1 << 14
 """Rows that are compressed together."""
 
+COMPRESSION_LIMIT = 2_000
+"""Most that compression is believed to gain; deflate cannot exceed 1,032."""
+
 DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError)
 """What h5py raises on damaged files."""
 
@@ -67,7 +70,9 @@ class Hdf5Source(FileSource):
     def _columns(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
             try:
-                total = min(len(file[place.partition("?")[0]]) for place in self._layout.values())
+                total = min(
+                    _length(file[place.partition("?")[0]]) for place in self._layout.values()
+                )
                 offset = int(file["t_offset"][()]) if "t_offset" in file else 0
             except DAMAGE:
                 self.losses.add("bad_record")
@@ -200,6 +205,18 @@ def _layout_of(file: Any, path: Path) -> dict[str, str]:
         f"{str(path)!r} holds no events where they are looked for: a table in "
         f"{', '.join(_TABLES)}, or the columns x, y, p and t in {', '.join(_GROUPS)}"
     )
+
+
+def _length(dataset: Any) -> int:
+    """Return a dataset's rows.
+
+    Raises:
+        ValueError: It claims more than its bytes can hold, and reading it would not end.
+    """
+    claimed = len(dataset) * dataset.dtype.itemsize
+    if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), STORED_ROWS):
+        raise ValueError(f"{dataset.name} claims {claimed} bytes")
+    return len(dataset)
 
 
 def _matched(names: Any) -> dict[str, str] | None:
