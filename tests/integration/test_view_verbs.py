@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from spikingtac.events.create import create_events
+from spikingtac.tracks import Tracks
 from spikingtac.types import Calibration
 from stand_ins.viewer import CirclingDots, open_circling
 
@@ -46,6 +47,36 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Pat
     assert 0 < summary["error_mean_px"] < 2
     assert "ssh -N -L" in done.stderr
     assert picture.read_bytes()[1:4] == b"PNG"
+    tracks = Tracks.load(tmp_path / "demo.tracks.npz")
+    assert summary["tracks"] == str(tmp_path / "demo.tracks.npz")
+    assert len(tracks.t_us) > 100
+    assert set(np.diff(tracks.t_us)) == {1_000}
+    assert tracks.meta["scene"] == "demo"
+    assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
+
+
+def test_demo_replaces_its_own_files_and_nobody_elses(tmp_path: Path) -> None:
+    picture, tracks = tmp_path / "mine.png", tmp_path / "mine.tracks.npz"
+    tracks.write_bytes(b"years of work")
+    demo = "demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture)
+    refused = spikingtac(*demo)
+    assert refused.returncode == 2
+    assert "mine.tracks.npz" in refused.stderr
+    assert tracks.read_bytes() == b"years of work"
+    tracks.unlink()
+    assert spikingtac(*demo).returncode == 0
+    written = tracks.stat().st_mtime_ns
+    assert spikingtac(*demo).returncode == 0
+    assert tracks.stat().st_mtime_ns > written
+    picture.write_bytes(b"a picture of somebody else")
+    assert spikingtac(*demo).returncode == 2
+
+
+@pytest.mark.parametrize("name", ["x.jpg", "nowhere/x.png"])
+def test_a_picture_that_cannot_be_written_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    done = spikingtac("demo", "--headless", "--port", "0", "-o", str(tmp_path / name))
+    assert done.returncode == 2
+    assert "open http" not in done.stderr
 
 
 def test_view_of_a_folder(recording: Path) -> None:

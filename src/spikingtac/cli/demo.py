@@ -35,15 +35,18 @@ class Args:
     """Serve without a browser, end by itself, print the summary."""
     seconds: float | None = None
     """How long to run; without end unless given (10 with --headless)."""
-    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File for a picture of what was seen: .png, .svg or .pdf."""
+    picture: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo.png")
+    """File for a picture of what was seen (.png, .svg, .pdf); the tracks go beside it."""
     json: bool = False
     """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
     """Simulate, track, serve; print what was seen once it ends."""
+    from spikingtac.viewer.outputs import tracks_beside
+
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    report(SCENE, show_source(arguments, args, repeat=True), as_json=args.json)
+    tracks = tracks_beside(args.picture)
+    report(SCENE, show_source(arguments, args, repeat=True, tracks=tracks), as_json=args.json)
     return 0

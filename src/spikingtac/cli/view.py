@@ -76,7 +76,9 @@ def _exported(arguments: dict[str, Any], path: Path, seconds: float | None) -> d
     return {"export": str(path), "written": written}
 
 
-def show_source(arguments: dict[str, Any], args: Any, *, repeat: bool) -> dict[str, Any]:
+def show_source(
+    arguments: dict[str, Any], args: Any, *, repeat: bool, tracks: Path | None = None
+) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
     from spikingtac.viewer.opening import open_subject
     from spikingtac.viewer.show import Showing, show
@@ -88,6 +90,7 @@ def show_source(arguments: dict[str, Any], args: Any, *, repeat: bool) -> dict[s
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
         repeat=repeat,
         picture=args.picture,
+        tracks=tracks,
     )
     return show(open_subject, arguments, showing, remark)
 

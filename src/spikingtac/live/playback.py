@@ -66,13 +66,26 @@ class Playback:
         make_watch: Callable[[], ContactWatch | None] = lambda: None,
         *,
         rate_hz: float,
+        on_frame: Callable[[MarkerFrame], None] = lambda _: None,
     ) -> None:
+        """Prepare to track; nothing is computed yet.
+
+        Args:
+            store: The events.
+            make_tracker: Builds the tracker, anew at each :meth:`retune`.
+            make_watch: Builds the contact detector, or returns None.
+            rate_hz: Estimates per second of data time.
+            on_frame: Is given every estimate; those of repeated stretches again.
+
+        Raises:
+            ValueError: The rate is not positive.
+        """
         if rate_hz <= 0:
             raise ValueError(f"rate_hz is {rate_hz}, it must be positive")
         self.store = store
         self.contacts: dict[int, Contact] = {}
         self.steps = 0
-        self._rate_hz = rate_hz
+        self._rate_hz, self._on_frame = rate_hz, on_frame
         self._make_tracker, self._make_watch = make_tracker, make_watch
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._checkpoint_us = CHECKPOINT_US
@@ -134,6 +147,8 @@ class Playback:
         if edge_us == estimate_us:
             self._step += 1
             self.steps += 1
+            if self.frame is not None:
+                self._on_frame(self.frame)
         self._keep()
         return True
 

@@ -16,6 +16,9 @@ ON_COLOR, OFF_COLOR = "#6fb3e0", "#d98a5b"
 ARROW_COLOR, TRUTH_COLOR, CONTACT_COLOR = "#e9b44c", "#6cc28a", "#ffd479"
 GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
+PICTURE_ENDINGS = (".png", ".svg", ".pdf")
+CREATOR = "spikingtac summary"
+"""Written into the picture, so that it is known for one of ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +81,7 @@ def save_summary(
     draw_sensor(sensor, picture, arrow_scale)
     _draw_course(above, below, course, picture.t_s)
     figure.suptitle(title, color=TEXT, fontsize=11)
-    figure.savefig(path, facecolor=PANEL)
+    figure.savefig(path, facecolor=PANEL, metadata={"Creator": CREATOR})
 
 
 def draw_sensor(axes: Axes, picture: Picture, arrow_scale: float = 2.0) -> None:

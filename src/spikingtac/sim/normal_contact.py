@@ -95,7 +95,8 @@ def pressure_kernel(
         Number of iterations done.
     """
     zero = np.float32(0.0)
-    pressure[:] = np.maximum(pressure, zero)
+    for i in range(len(pressure)):  # a slice assignment would compile for seconds
+        pressure[i] = max(pressure[i], zero)
     direction = np.zeros(len(pressure), np.float32)
     error = product_kernel(compliance, pressure) - indentation
     previous = np.float32(1.0)

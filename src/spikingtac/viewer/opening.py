@@ -18,6 +18,7 @@ from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.registry import make_tracker
 from spikingtac.types import Calibration, EventPacket
 from spikingtac.viewer.first_windows import FirstWindowsWatch
+from spikingtac.viewer.rehearse import touch_once
 from spikingtac.viewer.subject import SampledTruth, Subject
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
@@ -88,6 +89,7 @@ def _open_recording(path: Path, calibration: str | None) -> Subject:
         make_tracker=_unchosen,
         truth=_truth(truth_path),
         simulated=manifest.get("source") == "twin",
+        provenance={"input": path.name},
     )
 
 
@@ -118,6 +120,8 @@ def _open_scene(name: str, seed: int, camera: str | None) -> Subject:
         truth=truth,
         simulated=True,
         ends=False,
+        prepare=partial(touch_once, scene, seed),
+        provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
     )
 
 

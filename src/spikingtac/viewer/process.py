@@ -6,16 +6,21 @@ share one interpreter lock), so the loop shares no process with the server.
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import queue
 import signal
 from collections.abc import Callable
 from multiprocessing.synchronize import Event
 from multiprocessing.util import Finalize
+from pathlib import Path
 from typing import Any
 
 from spikingtac.live.ring import SharedRing
+from spikingtac.viewer.keeper import Keeper, KeepsNothing, KeepsTracks
+from spikingtac.viewer.rehearse import rehearse
 from spikingtac.viewer.session import Session
+from spikingtac.viewer.snapshot import starting
 from spikingtac.viewer.subject import Subject
 
 FRAME_BYTES = 2 << 20
@@ -36,13 +41,21 @@ class SessionProcess:
         dropped_commands: Commands that found the queue full.
     """
 
-    def __init__(self, opener: Opener, arguments: dict[str, Any], *, repeat: bool = False) -> None:
+    def __init__(
+        self,
+        opener: Opener,
+        arguments: dict[str, Any],
+        *,
+        repeat: bool = False,
+        tracks: Path | None = None,
+    ) -> None:
         """Start.
 
         Args:
             opener: A function of a module that returns the subject.
             arguments: Its keyword arguments; they travel to the other process.
             repeat: Begin again at the end.
+            tracks: File for every estimate, complete once :meth:`close` has returned True.
         """
         context = multiprocessing.get_context("spawn")
         self.dropped_commands = 0
@@ -53,7 +66,8 @@ class SessionProcess:
         self._stopped = context.Event()
         names = self._frames.name, self._greetings.name
         channels = names, self._commands, self._failures, self._stopped
-        self._process = context.Process(target=_run, args=(opener, arguments, repeat, channels))
+        work = opener, arguments, {"repeat": repeat, "tracks": tracks}
+        self._process = context.Process(target=_run, args=(*work, channels))
         self._process.start()
         # Not a daemon, since a daemon may start no process for a simulated sensor; so it is told
         # to end before the interpreter waits for it.
@@ -91,8 +105,8 @@ class SessionProcess:
         """The process's id."""
         return self._process.pid
 
-    def close(self) -> None:
-        """Stop the process and let go of the shared memory."""
+    def close(self) -> bool:
+        """Stop the process and let go of the shared memory; True where it ended in good order."""
         self._stopped.set()
         self._process.join(SHUTDOWN_S)
         if self._process.is_alive():
@@ -103,23 +117,35 @@ class SessionProcess:
             channel.close()
         self._frames.close()
         self._greetings.close()
+        return self._process.exitcode == 0
 
 
-def _run(opener: Opener, arguments: dict[str, Any], repeat: bool, channels: Any) -> None:
+def _run(opener: Opener, arguments: dict[str, Any], options: dict[str, Any], channels: Any) -> None:
     # Ctrl-C reaches the whole terminal group; the parent decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     (frames_name, greetings_name), commands, failures, stopped = channels
     frames = SharedRing.attach(frames_name, FRAME_BYTES)
     greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
     try:
-        session = Session(opener(**arguments), frames, greetings, repeat=repeat)
+        subject = opener(**arguments)
+        greetings.publish(json.dumps(starting(subject)).encode())
+        rehearse(subject)
+        keeper = _keeper(options["tracks"], subject)
+        session = Session(subject, frames, greetings, repeat=options["repeat"], keeper=keeper)
         _serve(session, commands, stopped)
         session.close()
     except Exception as error:  # handed to the parent, which reports it
         failures.put(_portable(error))
+        raise SystemExit(1) from error
     finally:
         frames.close()
         greetings.close()
+
+
+def _keeper(tracks: Path | None, subject: Subject) -> Keeper:
+    if tracks is None:
+        return KeepsNothing()
+    return KeepsTracks(tracks, subject.calibration.reference_px)
 
 
 def _serve(session: Session, commands: Any, stopped: Event) -> None:

@@ -21,7 +21,7 @@ class Record:
     def __init__(self) -> None:
         self._number = 0
         self._rows: list[tuple[float, float, NDArray[np.float64]]] = []
-        self._errors_px: list[float] = []
+        self._errors_px: list[NDArray[np.floating]] = []
         self._largest_px = -1.0
         self._best: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._last: dict[str, Any] = {}
@@ -40,7 +40,7 @@ class Record:
         t_s = (meta["t_us"] - meta["t_start_us"]) / 1e6
         self._rows.append((t_s, meta["events_per_s"] / 1e3, moved_px))
         if "truth_px" in arrays:
-            self._errors_px += np.hypot(*(arrays["detected_px"] - arrays["truth_px"]).T).tolist()
+            self._errors_px.append(np.hypot(*(arrays["detected_px"] - arrays["truth_px"]).T))
         self._lost = max(self._lost, int(arrays["held"].sum()))
         if moved_px.max() > self._largest_px:
             self._largest_px, self._best = float(moved_px.max()), (meta, arrays)
@@ -52,7 +52,7 @@ class Record:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the session so far."""
-        last, errors_px = self._last, np.array(self._errors_px)
+        last, errors_px = self._last, np.array(self._errors_px).ravel()
         played_s = (last.get("t_us", 0) - last.get("t_start_us", 0)) / 1e6
         document = {
             "played_s": round(played_s, 3),

@@ -16,6 +16,8 @@ from spikingtac.live.loop_timer import LoopTimer
 from spikingtac.live.playback import Playback
 from spikingtac.live.ring import Publisher
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.schema import to_mapping
+from spikingtac.viewer.keeper import Keeper, KeepsNothing
 from spikingtac.viewer.snapshot import greeting, images, moving
 from spikingtac.viewer.subject import Subject
 from spikingtac.viewer.tuning import with_value
@@ -45,7 +47,13 @@ class Session:
     """
 
     def __init__(
-        self, subject: Subject, frames: Publisher, greetings: Publisher, *, repeat: bool = False
+        self,
+        subject: Subject,
+        frames: Publisher,
+        greetings: Publisher,
+        *,
+        repeat: bool = False,
+        keeper: Keeper | None = None,
     ) -> None:
         """Open a subject.
 
@@ -54,19 +62,27 @@ class Session:
             frames: Takes the frame messages.
             greetings: Takes the greeting, as JSON.
             repeat: Begin again at the end instead of pausing there.
+            keeper: Takes every estimate; None keeps nothing.
         """
+        self._keeper = keeper or KeepsNothing()
         store = EventStore(subject.source)
         if subject.ends:
             store.extend_to_end()
         self._subject, self._config = subject, subject.config
         self._frames, self._greetings, self._repeat = frames, greetings, repeat
-        self.playback = Playback(store, self._tracker, subject.make_watch, rate_hz=subject.rate_hz)
+        self.playback = Playback(
+            store,
+            self._tracker,
+            subject.make_watch,
+            rate_hz=subject.rate_hz,
+            on_frame=self._keeper.take,
+        )
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = DEFAULT_EXPOSURE_US, False
         self._head_us = float(store.t_start_us)
         self._timer = LoopTimer(period_s=1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
-        self._notice = ""
+        self._notice, self._retuned = "", False
         self._greeted_s = 0.0
 
     def command(self, name: str, value: Any) -> None:
@@ -99,7 +115,16 @@ class Session:
         self._timer.wait()
 
     def close(self) -> None:
-        """Remove the stored events, and end a source that runs by itself."""
+        """Complete what was kept, remove the stored events, end a source that runs by itself."""
+        self._keeper.close(
+            {
+                **self._subject.provenance,
+                "config": {"tracking": to_mapping(self._config)},
+                "losses": dict(self._subject.source.losses),
+                "simulated": self._subject.simulated,
+                "retuned": self._retuned,
+            }
+        )
         self.playback.store.close()
         end = getattr(self._subject.source, "close", None)
         if end is not None:
@@ -136,7 +161,7 @@ class Session:
             self._notice = str(error)
 
     def _retune(self, config: Any) -> None:
-        self._config, self._notice = config, ""
+        self._config, self._notice, self._retuned = config, "", True
         self.playback.aim(self.playback.position_us)
         self.playback.retune(self._tracker)
         self._greeted_s = 0.0

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import DeviceError
+from spikingtac.viewer.outputs import check_picture, check_tracks
 from spikingtac.viewer.process import Opener, SessionProcess
 from spikingtac.viewer.record import Record
 from spikingtac.viewer.security import Gate
@@ -34,6 +35,7 @@ class Showing:
         seconds: End after so long, or None for never.
         repeat: Begin again at the end.
         picture: File for the summary picture, or None.
+        tracks: File for every estimate, or None.
     """
 
     host: str = "127.0.0.1"
@@ -42,6 +44,7 @@ class Showing:
     seconds: float | None = None
     repeat: bool = False
     picture: Path | None = None
+    tracks: Path | None = None
 
 
 def show(
@@ -56,33 +59,93 @@ def show(
         say: Takes the lines for the user.
 
     Raises:
-        SpikingTacError: The subject cannot be opened, or the port is taken.
+        SpikingTacError: The subject cannot be opened, a file cannot be written where it was asked
+            for, or the port is taken.
     """
-    gate = Gate.for_host(showing.host)
-    session = SessionProcess(opener, arguments, repeat=showing.repeat)
+    if showing.picture is not None:
+        check_picture(showing.picture)
+    if showing.tracks is not None:
+        check_tracks(showing.tracks)
+    session = SessionProcess(opener, arguments, repeat=showing.repeat, tracks=showing.tracks)
+    ended_well = False
     try:
-        hello = _first_greeting(session)
-        record, reference_px = Record(), np.array(hello["reference_px"])
-        until_s = time.monotonic() + (showing.seconds or float("inf"))
-
-        def alive() -> bool:
-            record.take(session.frame(record.number), reference_px)
-            return session.alive and time.monotonic() < until_s
-
-        def ready(port: int) -> None:
-            for line in addresses(showing.host, port, gate.token):
-                say(line)
-            if showing.browser:
-                webbrowser.open(_url("127.0.0.1", port, gate.token))
-
-        serve(make_app(session, session.command, gate), showing.host, showing.port, ready, alive)
-        _raise_failure(session)
-        summary = record.summary()
-        if showing.picture is not None and record.save_picture(showing.picture, hello):
-            summary["picture"] = str(showing.picture)
-        return summary
+        summary = _served(session, showing, say)
     finally:
-        session.close()
+        ended_well = session.close()
+    if showing.tracks is not None and ended_well:
+        summary["tracks"] = str(showing.tracks)
+    return summary
+
+
+def _served(
+    session: SessionProcess, showing: Showing, say: Callable[[str], None]
+) -> dict[str, Any]:
+    gate, watch = Gate.for_host(showing.host), _Watch(session, showing.seconds)
+
+    def ready(port: int) -> None:
+        for line in addresses(showing.host, port, gate.token):
+            say(line)
+        if showing.browser:
+            webbrowser.open(_url("127.0.0.1", port, gate.token))
+
+    watch.await_subject()
+    app = make_app(session, session.command, gate)
+    serve(app, showing.host, showing.port, ready, watch.look)
+    _raise_failure(session)
+    summary = watch.record.summary()
+    if showing.picture is not None and watch.save_picture(showing.picture):
+        summary["picture"] = str(showing.picture)
+    return summary
+
+
+class _Watch:
+    """Follows a session from beside the server: keeps the record and says when to end."""
+
+    def __init__(self, session: SessionProcess, seconds: float | None) -> None:
+        self.record = Record()
+        self._session, self._seconds = session, seconds or float("inf")
+        self._hello: dict[str, Any] | None = None
+        self._until_s = time.monotonic() + OPENING_S
+
+    def await_subject(self) -> None:
+        """Wait until the subject is open, so that a page is never shown for what is not there."""
+        while self._session.greeting(0) is None:
+            _raise_failure(self._session)
+            self._expect_life()
+            time.sleep(WAIT_S)
+
+    def look(self) -> bool:
+        """Take the latest frame; False once the session or its time has ended."""
+        if self._hello is None and not self._greeted():
+            self._expect_life()
+            return True
+        frame = self._session.frame(self.record.number)
+        if frame is not None:
+            # The time that was asked for is time to look, not to compile.
+            if not self.record.number:
+                self._until_s = time.monotonic() + self._seconds
+            self.record.take(frame, self._reference_px)
+        return self._session.alive and time.monotonic() < self._until_s
+
+    def save_picture(self, path: Path) -> bool:
+        """Write the summary picture; False where no frame was seen."""
+        return self._hello is not None and self.record.save_picture(path, self._hello)
+
+    def _greeted(self) -> bool:
+        greeting = self._session.greeting(0)
+        document = {"starting": ""} if greeting is None else json.loads(greeting[1])
+        if "starting" in document:
+            return False
+        self._hello, self._reference_px = document, np.array(document["reference_px"])
+        return True
+
+    def _expect_life(self) -> None:
+        if self._session.alive and time.monotonic() < self._until_s:
+            return
+        _raise_failure(self._session)
+        raise DeviceError(
+            "the session did not start; see `spikingtac doctor`, and try again with --debug"
+        )
 
 
 def addresses(host: str, port: int, token: str) -> list[str]:
@@ -98,21 +161,6 @@ def addresses(host: str, port: int, token: str) -> list[str]:
 def _url(host: str, port: int, token: str) -> str:
     shown = f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
-
-
-def _first_greeting(session: SessionProcess) -> dict[str, Any]:
-    until_s = time.monotonic() + OPENING_S
-    while time.monotonic() < until_s:
-        greeting = session.greeting(0)
-        if greeting is not None:
-            return json.loads(greeting[1])
-        _raise_failure(session)
-        if not session.alive:
-            break
-        time.sleep(WAIT_S)
-    raise DeviceError(
-        "the session did not start; see `spikingtac doctor`, and try again with --debug"
-    )
 
 
 def _raise_failure(session: SessionProcess) -> None:

@@ -26,6 +26,15 @@ FULL = 255
 """Confidence 1 as a byte."""
 
 
+def starting(subject: Subject) -> dict[str, Any]:
+    """Return what a page is told while the session still gets ready."""
+    return {
+        "label": subject.label,
+        "simulated": subject.simulated,
+        "starting": "getting ready; the first start on a machine compiles for some seconds",
+    }
+
+
 def greeting(subject: Subject, playback: Playback, config: Any) -> dict[str, Any]:
     """Return what a page needs to know before the first frame."""
     store, calibration = playback.store, subject.calibration

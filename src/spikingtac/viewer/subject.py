@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -43,6 +43,8 @@ class Subject:
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
+        prepare: Compiles what the source will need soon, while it still compiles what it needs now.
+        provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
     """
 
     label: str
@@ -55,6 +57,8 @@ class Subject:
     rate_hz: float = 1_000.0
     simulated: bool = False
     ends: bool = True
+    prepare: Callable[[], None] = field(default=lambda: None)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
 class SampledTruth:

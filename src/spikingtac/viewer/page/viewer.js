@@ -36,6 +36,15 @@ function connect() {
 }
 
 function greet(document_) {
+  $("label").textContent = document_.label;
+  document.title = `${document_.label} · spikingtac`;
+  $("origin").hidden = !document_.simulated;
+  if (document_.starting) {
+    setState("STARTING");
+    $("notice").textContent = document_.starting;
+    $("notice").hidden = false;
+    return;
+  }
   const names = (from) => from.controls.map((control) => control.name).join();
   const first = !hello || names(hello) !== names(document_);
   hello = metrics.hello = document_;
@@ -43,9 +52,6 @@ function greet(document_) {
   if (first) buildControls($("controls"), hello.controls, (name, value) => send({ set: [name, value] }));
   else refreshControls($("controls"), hello.controls);
   $("tuning").hidden = hello.controls.length === 0;
-  $("label").textContent = hello.label;
-  document.title = `${hello.label} · spikingtac`;
-  $("origin").hidden = !hello.simulated;
   $("truth-option").hidden = !hello.truth;
 }
 
