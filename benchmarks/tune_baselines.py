@@ -47,19 +47,19 @@ SLICED_HZ = 250.0
 
 GRIDS: dict[str, dict[str, list[Any]]] = {
     "evetac": {
-        "reach_share": [1.4, 1.8, 2.2],
+        "reach_share": [1.8, 2.2, 2.6, 3.0],
         "gain": [0.001, 0.002, 0.003],
         "gate": [4, 10],
-        "regularizer": [7.5e-5, 3e-4],
+        "regularizer": [7.5e-5],
     },
     "evetac-strong": {
-        "reach_share": [1.4, 1.8, 2.2],
+        "reach_share": [2.2, 2.6],
         "gain": [0.00003, 0.0001, 0.0003],
         "gate": [4, 10],
         "regularizer": [7.5e-5 / 0.003],
     },
     "neutac": {
-        "decay_us": [3e5, 1e6, 3e6, 1e7, 3e7],
+        "decay_us": [1e6, 3e6, 1e7, 3e7],
         "level": [0.5, 0.52, 0.55],
     },
     "ekalibr": {
@@ -119,7 +119,7 @@ def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str
         ]
         mean = {
             key: round(float(np.mean([score[key] for score in scores])), 4)
-            for key in ("error_mean_px", "return_mean_px", "success_rate", "lost_markers")
+            for key in ("error_mean_px", "error_p95_px", "lost_markers")
         }
         points.append({"values": values, **mean})
         tell(f"{name} {values} {mean}")

@@ -21,6 +21,7 @@ of 333 apart; both are run.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,6 @@ class EvetacConfig:
     Attributes:
         gain: Step per unit of attraction (original: 0.003).
         regularizer: Weight of the regulariser inside of the gain (original: 7.5e-5).
-        strong_regularizer: The same for older variants of the original, which apply 7.5e-5 outside
-            of the gain: 7.5e-5 / 0.003.
         reach_share: Outer radius of the ring over the disc's radius (original: 1 / 0.3 to 1 / 0.5).
         turn_share: R over the outer radius (original: 1.25).
         gate: Fewest non-zero components of the attraction per slice (original: 10, about 5 events).
@@ -66,13 +65,21 @@ class EvetacConfig:
 
     gain: float = 0.002
     regularizer: float = 7.5e-5
-    strong_regularizer: float = 7.5e-5 / 0.003
     reach_share: float = 2.2
     turn_share: float = 1.25
     gate: int = 4
     cap_share: float = 1.0
     slice_us: int = 1_000
     support_us: int = 100_000
+
+    @classmethod
+    def strong(cls) -> Self:
+        """Return the older variants of the original, which apply 7.5e-5 outside of the gain.
+
+        At the original's gain of 0.003 such a regulariser overshoots in every slice; its gain was
+        tuned apart.
+        """
+        return cls(gain=1e-4, regularizer=7.5e-5 / 0.003)
 
     def __post_init__(self) -> None:
         for name in ("gain", "reach_share", "turn_share", "cap_share", "slice_us", "support_us"):

@@ -40,7 +40,7 @@ class NeutacConfig:
 
     rate_hz: float = 300.0
     surface: Literal["time", "binary"] = "time"
-    decay_us: float = 1_000_000.0
+    decay_us: float = 30_000_000.0
     level: float = 0.5
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
@@ -107,13 +107,12 @@ def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
 
 def main_methods() -> dict[str, Method]:
     """Return the methods of the main table, in its order (``truth`` is added by the runner)."""
-    strong = replace(EvetacConfig(), regularizer=EvetacConfig().strong_regularizer)
     methods = (
         preset("default", about="graded map, disc fit, no law"),
         preset("fast", about="graded map, centroids, 10 kHz"),
         preset("paper", about="binary map, blobs, k-d tree, hold, published law, 350 Hz"),
         _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
-        _evetac("evetac-strong", "attraction law, strong regulariser", strong),
+        _evetac("evetac-strong", "attraction law, strong regulariser", EvetacConfig.strong()),
         _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
         _neutac("neutac-binary", "binary map, detection, no law", NeutacConfig(surface="binary")),
         _ekalibr("ekalibr", "arcs paired, circle that moves in time", EkalibrConfig()),

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.errors import RecordingError
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.prediction import Prediction
 from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
@@ -74,7 +75,12 @@ def point_scores(
 
     Returns:
         Values by the names of :data:`POINT_METRICS`.
+
+    Raises:
+        RecordingError: The recording holds no events, so that nothing was estimated.
     """
+    if not len(prediction.t_us):
+        raise RecordingError("the recording holds no events, so no method said anything about it")
     whole = np.setdiff1d(np.arange(len(prediction.reference_px)), damaged)
     reference_px = prediction.reference_px[whole]
     detected_px = prediction.detected_px[:, whole].astype(np.float64)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from spikingtac.errors import RecordingError
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.metrics import (
     POINT_METRICS,
@@ -103,6 +104,13 @@ def test_only_what_comes_after_the_release_counts_as_return_error() -> None:
     off = moving()
     off[TIMES_US <= 600_000] += 3.0
     assert point_scores(said(off), truth(moving()))["return_error_mean_px"] < 1e-5
+
+
+def test_no_estimates_are_no_score() -> None:
+    none = np.empty((0, 4, 2), np.float32)
+    nothing = Prediction(TIMES_US[:0], none, none, np.empty((0, 4), np.bool_), REST)
+    with pytest.raises(RecordingError, match="no events"):
+        point_scores(nothing, truth())
 
 
 def test_longest_stay_against_a_plain_loop() -> None:

@@ -1,0 +1,55 @@
+"""``spikingtac bench``: rates and latencies of this machine, beside tuned peers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from spikingtac.cli.experiment import foreign_recordings
+from spikingtac.cli.output import emit_json, progress, remark
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Measure how fast this machine tracks, beside tuned peers on the same stream."""
+
+    name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")] = "throughput"
+    """throughput."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
+    """Folder to write; new or empty, or begun with the same settings (--resume)."""
+    quick: bool = False
+    """Shorter streams and 5 s of pacing instead of 30 s."""
+    seed: int = 0
+    """Of the stream."""
+    resume: bool = False
+    """Write the report of a folder again."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Run it, and say what came out."""
+    from spikingtac.experiments import BENCHES, RunOptions, runner_of
+
+    function = runner_of(BENCHES, args.name, "bench")
+    with progress(args.name) as advance:
+        summary = function(
+            RunOptions(
+                output=args.output,
+                quick=args.quick,
+                seed=args.seed,
+                resume=args.resume,
+                data=foreign_recordings(),
+                advance=advance,
+            )
+        )
+    if args.json:
+        emit_json(summary)
+        return 0
+    for text in summary["findings"]:
+        remark(text)
+    remark(f"report: {args.output / 'report.html'}")
+    return 0

@@ -1,0 +1,90 @@
+"""The stream of the throughput bench: the whole skin shaken in a circle until 2 Mev/s come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spikingtac.experiments.ground_truth import GroundTruth
+from spikingtac.experiments.trials import Trial
+from spikingtac.sim import catalog
+from spikingtac.sim.camera import EventCamera
+from spikingtac.sim.optics import Optics
+from spikingtac.sim.skin import MarkerImage
+from spikingtac.sim.truth import image_radius_px
+from spikingtac.types import EventPacket
+
+TARGET_HZ = 2.0e6
+"""Events per second: a busy tactile recording (performance.md of the project's notes)."""
+
+CIRCLE_MM = 0.33
+"""Radius of the circle, mm: about 5 px."""
+
+FIRST_GUESS_HZ = 4.0
+"""Turns per second of the first try; the rate of events grows with it."""
+
+IMAGE_US = 1_000
+"""Time between two images; the camera moves the markers linearly in between."""
+
+TRY_US = 500_000
+"""Length of the first try."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchStream:
+    """Events and truth of whole turns, so that the stream can be repeated without a jump.
+
+    Attributes:
+        events: All events, from time 0 on.
+        truth: Where the markers were.
+        rate_hz: Events per second.
+        trial: Names sensor and camera, for the calibration.
+    """
+
+    events: EventPacket
+    truth: GroundTruth
+    rate_hz: float
+    trial: Trial
+
+
+def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
+    """Return the stream of one camera preset.
+
+    Args:
+        camera: ``typical`` or ``noisy``.
+        seed: Of the camera's noise.
+        turns: How often the skin goes round.
+    """
+    trial = Trial(case=camera, scene="quiet", seed=seed, camera=camera)
+    tried = _shaken(trial, FIRST_GUESS_HZ, TRY_US)
+    turns_hz = FIRST_GUESS_HZ * TARGET_HZ / tried.rate_hz
+    turn_us = IMAGE_US * round(1e6 / turns_hz / IMAGE_US)
+    return _shaken(trial, 1e6 / turn_us, turns * turn_us)
+
+
+def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:
+    scene = catalog.load(trial.scene).with_camera(trial.camera).with_serial(trial.serial)
+    optics = Optics(scene.optics, seed=scene.skin.serial)
+    camera = EventCamera(scene.camera.resolve(scene.size), trial.seed, serial=scene.skin.serial)
+    rest = scene.skin.at_rest()
+
+    def image(t_us: int) -> MarkerImage:
+        angle = 2.0 * np.pi * turns_hz * t_us * 1e-6
+        # Leaves the rest smoothly: the circle passes through it.
+        shift_mm = CIRCLE_MM * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
+        return optics.project(replace(rest, t_us=t_us, marker_mm=rest.marker_mm + shift_mm))
+
+    times_us = np.arange(0, duration_us + 1, IMAGE_US)
+    images = [image(int(t_us)) for t_us in times_us]
+    camera.settle(images[0], scene.history.references)
+    packets = [camera.advance([one]) for one in images[1:]]
+    whole = EventPacket.concatenate(packets)
+    truth = GroundTruth(
+        times_us.astype(np.int64),
+        np.array([one.center_px for one in images]),
+        images[0].center_px,
+        image_radius_px(images[0]),
+        int(times_us[-1]),
+    )
+    return BenchStream(whole, truth, len(whole) / (duration_us * 1e-6), trial)

@@ -1,0 +1,36 @@
+"""The baselines run with the best values of their tuning, on scenes that nothing scores."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from spikingtac.baselines.evetac import EvetacConfig
+from spikingtac.baselines.neutac import NeutacConfig
+from spikingtac.experiments.cases import main_trials, seeds_of
+
+RECORD = Path(__file__).resolve().parents[3] / "benchmarks" / "records" / "tune_baselines.json"
+CONFIGS = {
+    "evetac": EvetacConfig(),
+    "evetac-strong": EvetacConfig.strong(),
+    "neutac": NeutacConfig(),
+}
+
+
+@pytest.fixture(scope="module")
+def record() -> dict:
+    return json.loads(RECORD.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_the_defaults_are_the_best_of_the_record(record: dict, name: str) -> None:
+    points = record[name]
+    best = min(points, key=lambda point: point["error_mean_px"])
+    config = CONFIGS[name]
+    assert {key: getattr(config, key) for key in best["values"]} == pytest.approx(best["values"])
+
+
+def test_tuning_and_scoring_share_no_scene_and_no_sensor(record: dict) -> None:
+    scored = main_trials(seeds_of(0, 5), quick=False)
+    assert not {trial.scene for trial in scored} & set(record["about"]["scenes"])
+    assert record["about"]["serial"] not in {trial.serial for trial in scored}
