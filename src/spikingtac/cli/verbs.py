@@ -13,6 +13,8 @@ VERBS: dict[str, str] = {
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
     "view": "look at a recording or a scene in the browser: replay, tune, measure",
+    "experiment": "re-run one of the paper's experiments: every method, every case, one report",
+    "bench": "measure how fast this machine tracks, beside tuned peers on the same stream",
     "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
 }
 """Verb -> one line; the module is ``spikingtac.cli.<verb>`` with ``Args`` and ``run(args)``."""
