@@ -56,8 +56,8 @@ PIXEL_DTYPE = np.dtype(
 """What a pixel is and remembers: one record, so that one visit touches one place in memory."""
 
 EDGE_ENTRIES = 512
-LOG_ENTRIES = 8192
-DECAY_ENTRIES = 2048
+LOG_ENTRIES = 2048
+DECAY_ENTRIES = 1024
 CHIP_DTYPE = np.dtype(
     [
         ("rate", "f8"),  # inverse time constant per unit of (intensity + dark), 1/us

@@ -68,44 +68,6 @@ def columns(packet: EventPacket) -> bytes:
     return b"".join(column.tobytes() for column in (packet.t, packet.x, packet.y, packet.p))
 
 
-def events_per_px(name: str, contrast: float, speed_px_s: float) -> float:
-    travel_px = 56.0
-    events = film(camera(name, contrast), strokes(speed_px_s, travel_px))
-    return len(events) / len(CENTERS) / travel_px
-
-
-@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
-@pytest.mark.parametrize("contrast", [4.0, 6.0, 8.0, 12.5])
-def test_a_px_of_slow_motion_makes_the_events_that_the_contrast_pays_for(name, contrast):
-    crossings = math.log(contrast) / 0.25
-    per_crossing = 2 * 2 * RADIUS_PX
-    measured = events_per_px(name, contrast, 40.0)
-    assert 0.95 * per_crossing * (crossings - 1) < measured
-    assert measured < 1.05 * per_crossing * (crossings - 0.5)
-
-
-def test_events_fall_with_speed_as_bandwidth_and_dead_time_demand():
-    clean = [events_per_px("clean", 6.0, speed) for speed in (40.0, 3000.0)]
-    assert clean[1] == pytest.approx(clean[0], rel=0.05)
-    typical, noisy = (
-        [events_per_px(name, 6.0, speed) for speed in (40.0, 1000.0, 3000.0)]
-        for name in ("typical", "noisy")
-    )
-    assert typical[0] > 1.1 * typical[1] > 1.1**2 * typical[2]
-    assert noisy[1] < 0.95 * typical[1]
-    assert noisy[2] < 0.8 * typical[2]
-    fast = strokes(1000.0, 56.0)
-    dead = len(film(camera(refractory_us=500.0), fast))
-    alive = len(film(camera(refractory_us=0.0), fast))
-    assert dead < 0.9 * alive
-
-
-def test_both_polarities_balance_over_to_and_fro():
-    for name in ("clean", "typical", "noisy"):
-        on_share = film(camera(name), strokes(40.0, 56.0)).p.mean()
-        assert abs(on_share - 0.5) < 0.03
-
-
 def test_events_sit_on_the_edges_and_lead_with_on_for_a_white_marker():
     images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(31)]
     events = film(camera(), images, "fresh")
