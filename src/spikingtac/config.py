@@ -31,7 +31,7 @@ class TrackingConfig:
         method: ``disc``, ``centroid`` or ``blobs``.
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
-        denoiser: For ``blobs``: ``none``, ``median3`` or ``box7``.
+        denoiser: For ``blobs``: ``none``, ``median3``, ``box7``, ``network`` or ``network-int8``.
         disc: For ``disc``.
         centroid: For ``centroid``.
         blobs: For ``blobs``.

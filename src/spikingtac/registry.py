@@ -39,8 +39,22 @@ def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> 
 TRACKERS: dict[str, Builder] = {"disc": _disc, "centroid": _centroid, "blobs": _blobs}
 """``tracking.method`` -> builder."""
 
-DENOISERS: dict[str, Callable[[], Denoiser]] = dict(CLASSICAL_DENOISERS)
-"""``tracking.denoiser`` -> class."""
+
+def _network(name: str) -> Callable[[], Denoiser]:
+    def build() -> Denoiser:
+        from spikingtac.denoise.infer import shipped_denoiser  # with ONNX Runtime behind it
+
+        return shipped_denoiser(name)
+
+    return build
+
+
+DENOISERS: dict[str, Callable[[], Denoiser]] = {
+    **CLASSICAL_DENOISERS,
+    **{name: _network(name) for name in ("network", "network-int8", "supervised")},
+}
+"""``tracking.denoiser`` -> builder. ``supervised`` has seen the simulator's noise-free maps:
+an upper bound for experiments, used by no preset."""
 
 
 def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTracker:

@@ -61,8 +61,6 @@ def run(args: Args) -> int:
 
 
 def _print(summary: dict[str, Any], args: Args) -> None:
-    if args.preset == "paper":
-        remark("note: the paper's network is replaced by a 7x7 box filter in this version")
     for kind, count in summary["anomalies"].items():
         remark(f"note: {kind} {count} times in the recording")
     for marker in summary["never_observed"]:

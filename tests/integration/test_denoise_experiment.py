@@ -1,0 +1,57 @@
+import pytest
+
+from spikingtac.experiments.denoise import findings
+from spikingtac.experiments.denoise_cases import (
+    METHODS,
+    UNITS,
+    DenoiseConfig,
+    report_rows,
+    score_all,
+)
+from spikingtac.experiments.denoise_recordings import noise_free, render
+from spikingtac.experiments.denoise_scoring import ACTIVITY
+from spikingtac.sim import catalog
+
+SEED, DURATION_S = 1001, 1.2
+
+
+@pytest.fixture(scope="module")
+def rows():
+    config = DenoiseConfig(
+        noise_hz=(1.0,), drop=(0.5,), duration_s=DURATION_S, every_us=100_000, first_us=600_000
+    )
+    return report_rows([score_all(render("finger-torsion", SEED, DURATION_S), config, SEED)])
+
+
+def test_every_method_case_and_metric_is_there(rows):
+    methods = {prefix + name for prefix in ("", ACTIVITY) for name in METHODS}
+    assert {row.method for row in rows} == methods
+    cases = {row.case for row in rows}
+    for kind in ("binary", "graded"):
+        assert {f"{kind}@1.0-0.5", f"slow/{kind}@1.0-0.5", f"heldout/{kind}@1.0-0.5"} <= cases
+    for row in rows:
+        assert row.unit == UNITS[row.metric]
+        assert row.source == "twin"
+        assert row.n > 0 or row.value is None
+
+
+def test_the_filter_and_the_network_find_every_marker(rows):
+    table = {(row.method, row.case, row.metric): row.value for row in rows}
+    assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "recall"] == 1.0
+    noisy = table[f"{ACTIVITY}none", "binary@1.0-0.5", "excess_mean_px"]
+    assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "excess_mean_px"] < noisy
+
+
+def test_the_findings_name_both_sides(rows):
+    said = findings(rows)
+    assert any(text.startswith("binary@1.0-0.5") and "best classical" in text for text in said)
+    assert any(text.startswith("heldout/binary@1.0-0.5") for text in said)
+
+
+def test_the_noise_free_camera_is_the_typical_one_but_for_its_noise():
+    scene = catalog.load("quiet")
+    typical, clean = scene.camera.resolve(scene.size), noise_free(scene).camera.resolve(scene.size)
+    assert clean.background.rate_hz == clean.background.hot_fraction == clean.pixel.leak_hz == 0.0
+    assert clean.pixel.mismatch == typical.pixel.mismatch
+    assert clean.pixel.bandwidth_hz == typical.pixel.bandwidth_hz
+    assert clean.light == typical.light

@@ -1,0 +1,144 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.denoise.infer import NetworkDenoiser
+from spikingtac.events.recording import RecordingWriter
+from stand_ins.denoiser_training import SIZE, moving_disc
+
+TINY = """
+seed = 3
+rounds = {rounds}
+steps = 3
+batch = 4
+crop_px = 32
+threads = 1
+[network]
+widths = [4, 4]
+[pairs]
+moments = 3
+"""
+
+
+def write_recordings(folder: Path) -> list[str]:
+    names = []
+    for seed in range(2):
+        with RecordingWriter(folder / f"disc-{seed}", SIZE) as writer:
+            writer.write(moving_disc(seed).events)
+        names.append(str(folder / f"disc-{seed}"))
+    return names
+
+
+def spikingtac(*arguments: object, code: str = "") -> subprocess.CompletedProcess[str]:
+    call = f"{code}\nfrom spikingtac.cli.main import main; import sys; sys.exit(main(sys.argv[1:]))"
+    return subprocess.run(
+        [sys.executable, "-c", call, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+
+
+def weights_of(path: Path) -> dict[str, np.ndarray]:
+    from safetensors.numpy import load_file
+
+    return load_file(path / "weights.safetensors")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A run of the command over recordings that hold no truth."""
+    pytest.importorskip("torch")
+    folder = tmp_path_factory.mktemp("train")
+    recordings = write_recordings(folder)
+    assert not list(folder.rglob("truth.npz"))
+    (folder / "tiny.toml").write_text(TINY.format(rounds=4))
+    done = spikingtac(
+        "train", *recordings, "--config", folder / "tiny.toml", "-o", folder / "run",
+        "--bootstrap", recordings[0], "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder, recordings, json.loads(done.stdout)
+
+
+def test_the_command_writes_networks_that_run(trained):
+    folder, _, summary = trained
+    assert summary["rounds"] == 4
+    noisy = (np.random.default_rng(0).random((48, 64)) < 0.2).astype(np.float32)
+    for key in ("onnx", "int8"):
+        cleaned = NetworkDenoiser(summary[key]).clean(noisy)
+        assert cleaned.shape == noisy.shape
+        assert cleaned.std() > 0
+    lines = (folder / "run" / "log.jsonl").read_text().splitlines()
+    assert [json.loads(line)["round"] for line in lines] == [1, 2, 3, 4]
+    assert json.loads(lines[-1])["loss"] == pytest.approx(summary["loss"])
+
+
+def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_them(trained):
+    torch = pytest.importorskip("torch")
+    from spikingtac.denoise import train as training
+    from spikingtac.denoise.dataset import load_clip, map_after
+    from spikingtac.experiments.training_session import load_training_config
+
+    folder, recordings, _ = trained
+    config = load_training_config(str(folder / "tiny.toml"))
+    start = map_after(load_clip(recordings[0]))
+    clips = [load_clip(path, start) for path in recordings]
+
+    class InterruptError(Exception):
+        pass
+
+    def stop_half_way(share: float) -> None:
+        if share >= 0.5:
+            raise InterruptError
+
+    threads = torch.get_num_threads()
+    try:
+        with pytest.raises(InterruptError):
+            training.train(clips, [], config, folder / "again", stop_half_way)
+        assert len((folder / "again" / "log.jsonl").read_text().splitlines()) == 2
+        training.train(clips, [], config, folder / "again")
+    finally:
+        torch.set_num_threads(threads)
+    one, other = weights_of(folder / "run"), weights_of(folder / "again")
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        assert np.allclose(value, other[name], atol=1e-6), name
+
+
+def test_another_configuration_is_not_mixed_in(trained):
+    folder, recordings, _ = trained
+    (folder / "other.toml").write_text(TINY.format(rounds=5))
+    done = spikingtac("train", *recordings, "--config", folder / "other.toml", "-o", folder / "run")
+    assert done.returncode == 2
+    assert "other settings" in done.stderr
+
+
+def test_without_torch_the_extra_is_named(tmp_path):
+    block = """
+import sys
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'torch':
+            raise ModuleNotFoundError("No module named 'torch'", name='torch')
+sys.meta_path.insert(0, Hidden())
+"""
+    done = spikingtac("train", "-o", tmp_path, code=block)
+    assert done.returncode == 3
+    assert "pip install 'spikingtac[train]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [("leen", "did you mean 'lean'"), ("missing.toml", "cannot read 'missing.toml'")],
+)
+def test_an_unknown_configuration_is_named(tmp_path, config, message):
+    pytest.importorskip("torch")
+    done = spikingtac("train", "--config", config, "-o", tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr

@@ -1,0 +1,78 @@
+"""Tiny clips and weights for tests of training and export: a disc that moves, no simulator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from spikingtac.denoise.dataset import Clip
+from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.types import EventPacket
+
+SIZE = (64, 48)
+RADIUS_PX = 7.0
+SPAN_US = 400_000
+MOVES = 40
+
+
+def moving_disc(seed: int = 0) -> Clip:
+    """A disc that moves along a random line; each pixel fires three times when it changes."""
+    random = np.random.default_rng(seed)
+    center, step = random.uniform(20, 28, 2), random.uniform(-0.3, 0.3, 2)
+    shape = (SIZE, np.array([center]), np.array([RADIUS_PX]))
+    before = paint_binary_discs(*shape)
+    start, rows = before.copy(), []
+    for move in range(1, MOVES + 1):
+        after = paint_binary_discs(SIZE, np.array([center + move * step]), np.array([RADIUS_PX]))
+        y, x = np.nonzero(after != before)
+        for repeat in range(3):
+            t = np.full(len(x), move * SPAN_US // (MOVES + 1) + 100 * repeat)
+            rows.append(np.stack([t, x, y, after[y, x] > 0.5]))
+        before = after
+    t, x, y, p = np.concatenate(rows, axis=1).astype(np.int64)
+    events = EventPacket(
+        x.astype(np.uint16), y.astype(np.uint16), p.astype(bool), t, 0, SPAN_US, SIZE
+    )
+    return Clip(f"disc-{seed}", events, start)
+
+
+def lean_tensors(seed: int = 0, fold: int = 8, widths: tuple[int, int] = (8, 8)) -> dict:
+    """Random tensors of the lean network, made without torch."""
+    random = np.random.default_rng(seed)
+    fine, coarse = widths
+    shapes = {
+        "stem.0": (fine, fold**2),
+        "down.0": (coarse, fine),
+        "middle.0": (coarse, coarse),
+        "up.0": (fine, fine + coarse),
+        "head": (fold**2, fine),
+    }
+    tensors = {
+        "trust.weight": np.zeros((1, fine, 1, 1), np.float32),
+        "trust.bias": np.full(1, 6.0, np.float32),
+    }
+    for name, (outputs, inputs) in shapes.items():
+        scale = 0.3 / np.sqrt(inputs)
+        kernel = scale * random.standard_normal((outputs, inputs, 3, 3))
+        tensors[f"{name}.weight"] = kernel.astype(np.float32)
+        tensors[f"{name}.bias"] = (0.1 * random.standard_normal(outputs)).astype(np.float32)
+    return tensors
+
+
+def write_weights(path: Path, tensors: dict, network: dict | None = None) -> Path:
+    from safetensors.numpy import save_file
+
+    about = network or {"kind": "lean", "fold": 8, "widths": [8, 8], "base": 64}
+    save_file(tensors, path, {"format": "spikingtac-denoiser-1", "network": json.dumps(about)})
+    return path
+
+
+def noisy_maps(count: int = 4) -> list[np.ndarray]:
+    random = np.random.default_rng(3)
+    clean = moving_disc().start
+    return [
+        np.where(random.random(clean.shape) < 0.1, 1 - clean, clean).astype(np.float32)
+        for _ in range(count)
+    ]

@@ -1,0 +1,143 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from spikingtac.denoise.export import export_network, read_weights
+from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
+from spikingtac.errors import ConfigError
+from spikingtac.registry import make_denoiser
+from spikingtac.state_map.paint import paint_binary_discs
+from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export")
+    weights = write_weights(folder / "weights.safetensors", lean_tensors())
+    return export_network(weights, folder, noisy_maps())
+
+
+def test_int8_is_close_to_float(exported):
+    plain, int8 = (NetworkDenoiser(path) for path in exported)
+    for state_map in noisy_maps(8):
+        one, other = plain.clean(state_map).copy(), int8.clean(state_map)
+        assert one.std() > 0.01
+        assert np.abs(one - other).mean() < 0.01
+
+
+def test_buffers_are_reused_and_follow_the_size(exported):
+    denoiser = NetworkDenoiser(exported[0])
+    small, large = np.zeros((20, 30), np.float32), np.ones((65, 33), np.float32)
+    first = denoiser.clean(small)
+    assert first.shape == (20, 30)
+    assert denoiser.clean(small) is first
+    kept = first.copy()
+    assert denoiser.clean(large).shape == (65, 33)
+    assert np.array_equal(denoiser.clean(small), kept)
+
+
+def test_a_map_of_no_two_sides_is_refused(exported):
+    with pytest.raises(ConfigError, match=r"\(height, width\).*\(3, 4, 5\)"):
+        NetworkDenoiser(exported[0]).clean(np.zeros((3, 4, 5), np.float32))
+
+
+@pytest.mark.parametrize("content", [b"", b"not a network", b"\x08\x09" * 500])
+def test_what_is_no_network_is_refused(tmp_path, content):
+    path = tmp_path / "network.onnx"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"no network that ONNX Runtime can read|another origin"):
+        NetworkDenoiser(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="cannot read the network"):
+        NetworkDenoiser(tmp_path / "none.onnx")
+
+
+def test_one_flipped_bit_is_found(exported, tmp_path):
+    source = exported[1]
+    content = bytearray(source.read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / source.name).write_bytes(content)
+    (tmp_path / MANIFEST).write_bytes((source.parent / MANIFEST).read_bytes())
+    with pytest.raises(ConfigError, match="is damaged: its sha256 is"):
+        NetworkDenoiser(tmp_path / source.name)
+
+
+def test_a_damaged_list_of_digests_is_refused(exported, tmp_path):
+    source = exported[1]
+    (tmp_path / source.name).write_bytes(source.read_bytes())
+    (tmp_path / MANIFEST).write_text(json.dumps(["no", "digests"]))
+    with pytest.raises(ConfigError, match="no list of weights"):
+        NetworkDenoiser(tmp_path / source.name)
+
+
+def test_a_foreign_network_is_refused(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    value = onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [1])
+    result = onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    node = onnx.helper.make_node("Identity", ["x"], ["y"])
+    graph = onnx.helper.make_graph([node], "foreign", [value], [result])
+    opset = [onnx.helper.make_opsetid("", 17)]
+    model = onnx.helper.make_model(graph, ir_version=9, opset_imports=opset)
+    path = tmp_path / "foreign.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ConfigError, match=r"another origin.*\['x', 'y'\]"):
+        NetworkDenoiser(path)
+
+
+def test_weights_that_lack_a_tensor_are_refused(tmp_path):
+    tensors = lean_tensors()
+    del tensors["middle.0.bias"]
+    weights = write_weights(tmp_path / "weights.safetensors", tensors)
+    with pytest.raises(ConfigError, match=r"lack the tensor 'middle.0.bias'"):
+        export_network(weights, tmp_path, noisy_maps())
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * 100])
+def test_damaged_weights_are_refused(tmp_path, content):
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="no readable safetensors file"):
+        read_weights(path)
+
+
+def test_foreign_weights_are_refused(tmp_path):
+    from safetensors.numpy import save_file
+
+    save_file({"a": np.zeros(3, np.float32)}, tmp_path / "weights.safetensors")
+    with pytest.raises(ConfigError, match="no weights of this package's denoiser"):
+        read_weights(tmp_path / "weights.safetensors")
+
+
+@pytest.mark.parametrize("name", ["network", "network-int8"])
+def test_the_shipped_networks_clean_a_noisy_map(name):
+    random = np.random.default_rng(0)
+    grid = 33.0 + 37.0 * np.stack(np.meshgrid(np.arange(8), np.arange(8)), -1).reshape(-1, 2)
+    clean = paint_binary_discs((320, 320), grid, np.full(64, 7.0))
+    noisy = np.where(random.random(clean.shape) < 0.1, 1 - clean, clean).astype(np.float32)
+    cleaned = make_denoiser(name).clean(noisy)
+    assert cleaned.shape == clean.shape
+    assert 0.0 <= cleaned.min() <= cleaned.max() <= 1.0
+    wrong = ((cleaned >= 0.5) != (clean >= 0.5)).mean()
+    assert wrong < 0.02, "a tenth of the pixels was wrong before"
+
+
+def test_shipped_int8_agrees_with_float():
+    random = np.random.default_rng(1)
+    noisy = (random.random((320, 320)) < 0.1).astype(np.float32)
+    one = shipped_denoiser("network").clean(noisy)
+    other = shipped_denoiser("network-int8").clean(noisy)
+    assert np.abs(one - other).mean() < 0.01
+
+
+def test_onnxruntime_is_loaded_only_for_a_network():
+    code = (
+        "import spikingtac.registry, spikingtac.denoise.infer, sys;"
+        "print('onnxruntime' in sys.modules, 'torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
