@@ -149,4 +149,4 @@ def test_export_of_a_gif(recording: Path, tmp_path: Path) -> None:
 def test_an_unknown_export_is_refused_at_once(recording: Path, tmp_path: Path) -> None:
     done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.mp5"))
     assert done.returncode == 2
-    assert ".mcap, .gif" in done.stderr
+    assert ".mcap, .rrd, .gif" in done.stderr

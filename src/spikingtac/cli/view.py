@@ -43,7 +43,7 @@ class Args:
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a picture of what was seen: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead of showing: .mcap (ROS 2 schemas) or .gif; --seconds limits it."""
+    """Track into a file instead of showing: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
     json: bool = False
     """Print one JSON object at the end."""
 

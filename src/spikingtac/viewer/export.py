@@ -7,7 +7,7 @@ from pathlib import Path
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.viewer.subject import Subject
 
-ENDINGS = (".mcap", ".gif")
+ENDINGS = (".mcap", ".rrd", ".gif")
 
 
 def export(subject: Subject, path: str | Path, *, seconds: float | None = None) -> int:
@@ -15,7 +15,7 @@ def export(subject: Subject, path: str | Path, *, seconds: float | None = None) 
 
     Args:
         subject: From :func:`spikingtac.viewer.opening.open_subject`.
-        path: ``.mcap`` (ROS 2 schemas) or ``.gif``.
+        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun) or ``.gif``.
         seconds: Length of the stretch from its beginning; None is all of it.
 
     Raises:
@@ -28,6 +28,10 @@ def export(subject: Subject, path: str | Path, *, seconds: float | None = None) 
         from spikingtac.viewer.export_mcap import export_mcap
 
         return export_mcap(subject, target, seconds=seconds)
+    if target.suffix == ".rrd":
+        from spikingtac.viewer.export_rrd import export_rrd
+
+        return export_rrd(subject, target, seconds=seconds)
     from spikingtac.viewer.export_gif import export_gif
 
     return export_gif(subject, target, seconds=seconds)
