@@ -44,15 +44,13 @@ class Motion(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _group_coverage_kernel(
-    now: NDArray[Any], work: NDArray[Any], k: int, chip: Any, place: tuple[float, float]
-) -> float:
+def _group_coverage_kernel(motion: Motion, k: int, chip: Any, x: float, y: float) -> float:
     """Return the coverage by the marker of ``k``'s group that covers the pixel most."""
     covered = 0.0
-    member = work[k]["leader"]
+    member = motion.work[k]["leader"]
     while member >= 0:
-        covered = max(covered, coverage_kernel(now[member], chip, place[0], place[1]))
-        member = work[member]["following"]
+        covered = max(covered, coverage_kernel(motion.now[member], chip, x, y))
+        member = motion.work[member]["following"]
     return covered
 
 
@@ -79,8 +77,7 @@ def _edge_pixels_kernel(
     pixels, chip = sensor.pixels, sensor.chip[0]
     span_us = end_us - start_us
     waiting, count = sensor.agenda.waiting, sensor.agenda.listed
-    now, work = motion.now, motion.work
-    disc, box = now[k], work[k]
+    disc, box = motion.now[k], motion.work[k]
     radius, scale = disc["radius"], disc["scale"]
     visited = (chip["reach_px"] + box["margin_px"]) * scale
     outer = (radius + visited) ** 2
@@ -100,7 +97,7 @@ def _edge_pixels_kernel(
             if alone and whole:
                 covered = edge_kernel(chip, (radius - math.sqrt(square)) * shrink)
             else:
-                covered = _group_coverage_kernel(now, work, k, chip, (float(x), float(y)))
+                covered = _group_coverage_kernel(motion, k, chip, float(x), float(y))
             px = pixels[y, x]
             intensity = intensity_kernel(px, covered)
             if unchanged_kernel(px, intensity):

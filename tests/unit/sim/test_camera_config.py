@@ -42,7 +42,7 @@ def test_the_presets_hold_the_pinned_values(name):
 
 def test_an_unknown_name_gets_the_nearest_and_all_valid_ones():
     with pytest.raises(ConfigError, match=r"did you mean 'typical'.*clean, typical, noisy"):
-        load_camera("tipical")
+        load_camera("typikal")
 
 
 def test_a_file_is_read_strictly(tmp_path):
