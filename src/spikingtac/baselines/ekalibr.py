@@ -163,6 +163,7 @@ class EkalibrTracker:
         x, y, side, t = self._recent.columns()
         offset = int(labels[0].max()) + 1
         group = np.where(side > 0, offset + labels[1][y, x], labels[0][y, x])
+        group = group.astype(np.int16)  # so few that numpy sorts by digits
         order = np.argsort(group, kind="stable")
         points = np.column_stack([x, y, (t - t_us) / self._config.window_us])[order]
         arcs = np.arange(offset + int(labels[1].max()) + 2)

@@ -22,6 +22,9 @@ Before = Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]]
 OWN_CODE = ("markers", "state_map", "denoise", "events/filters.py", "events/filter_kernels.py")
 """Parts of the package that the project's own trackers are made of."""
 
+EVETAC_HZ = 500.0
+"""How often Evetac's dots are looked at; they move in slices of 1 ms whatever this is."""
+
 TRUTH = "truth"
 """The method that knows the truth: its return distance is the gel's own residual."""
 
@@ -75,7 +78,7 @@ def _evetac(name: str, about: str, config: EvetacConfig) -> Method:
     return Method(
         name=name,
         about=about,
-        rate_hz=1_000.0,
+        rate_hz=EVETAC_HZ,
         build=lambda calibration: EvetacTracker(config, calibration),
         settings=to_mapping(config),
         code=("baselines/evetac.py", "baselines/attraction.py", "markers/neighbours.py"),

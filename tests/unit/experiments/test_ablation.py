@@ -1,0 +1,52 @@
+"""Every variant differs from the default in what it says, builds, and estimates."""
+
+import numpy as np
+import pytest
+
+from spikingtac.experiments.ablation import ABLATION_SCENES, ablation_methods, ablation_trials
+from spikingtac.experiments.cases import seeds_of
+from spikingtac.types import Calibration, EventPacket
+
+SIZE = (130, 130)
+METHODS = ablation_methods()
+
+
+def calibration() -> Calibration:
+    grid = 28.0 + 37.0 * np.stack(np.meshgrid(range(3), range(3)), axis=-1).reshape(-1, 2)
+    return Calibration(
+        reference_px=grid.astype(float),
+        radius_px=np.full(9, 7.0),
+        grid=(3, 3),
+        size=SIZE,
+        contrast=6.0,
+        step_on=0.13,
+        step_off=0.13,
+    )
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_variant_runs(name: str) -> None:
+    method = METHODS[name]
+    packet = EventPacket.empty(0, 10_000, SIZE)
+    packets = [packet] if method.before is None else list(method.before([packet], calibration()))
+    tracker = method.build(calibration())
+    for one in packets:
+        tracker.absorb(one)
+    frame = tracker.estimate(10_000)
+    assert frame.detected_px.shape == (9, 2)
+    # A reference that is 1 px off pulls the estimate by that much, nothing else does.
+    off_px = np.linalg.norm(frame.detected_px - calibration().reference_px, axis=1)
+    assert off_px.max() < (1.5 if "1px" in name else 0.3)
+
+
+def test_no_two_variants_are_the_same() -> None:
+    keys = {name: method.key() for name, method in METHODS.items()}
+    assert len(set(keys.values())) == len(keys)
+
+
+def test_trials_cover_what_the_ablation_promises() -> None:
+    trials = ablation_trials(seeds_of(0, 1), ABLATION_SCENES)
+    prefixes = {trial.case.split("/")[0] for trial in trials if "/" in trial.case}
+    wanted = {"clean", "noisy", "loss10", "loss30", "loss50", "contrast-3", "contrast-12"}
+    assert wanted | {"cap-0.5", "cap-1", "blur-1", "blur-1.5"} <= prefixes
+    assert len({trial.key() for trial in trials}) == len(trials)
