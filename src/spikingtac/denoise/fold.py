@@ -75,9 +75,12 @@ def evidence_kernel(
 @njit(cache=True)
 def unfold_kernel(folded: NDArray[np.float32], state_map: NDArray[np.float32], fold: int) -> None:
     """Write ``(fold^2, rows, columns)`` back into a map ``(height, width)``; the padding is cut."""
+    # Channel by channel: a remainder and a quotient for each pixel take twenty times as long.
     height, width = state_map.shape
     for y in range(height):
         target = state_map[y]
         row, first = y // fold, (y % fold) * fold
-        for x in range(width):
-            target[x] = folded[first + x % fold, row, x // fold]
+        for offset in range(min(fold, width)):
+            source = folded[first + offset, row]
+            for column in range((width - offset + fold - 1) // fold):
+                target[column * fold + offset] = source[column]
