@@ -15,10 +15,11 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
@@ -39,7 +40,7 @@ def resident_mib(pid: int) -> dict[int, float]:
 
 def read_and_acknowledge(address: str, drawn: list[int]) -> None:
     """Be a good page until the server closes."""
-    with connect(address, max_size=None) as page:
+    with suppress(ConnectionClosed), connect(address, max_size=None) as page:
         for message in page:
             if isinstance(message, bytes):
                 drawn[0] += 1
@@ -48,11 +49,9 @@ def read_and_acknowledge(address: str, drawn: list[int]) -> None:
 
 def stalled(address: str, max_queue: int | None) -> ClientConnection:
     """Connect a page that acknowledges nothing, and answers no ping of the server's if blocked."""
-    page = connect(
+    return connect(
         address, max_size=None, max_queue=max_queue, ping_interval=None, close_timeout=0.1
     )
-    page.send('{"map": true}')
-    return page
 
 
 def soak(minutes: float, folder: str) -> dict[int, np.ndarray]:
@@ -74,8 +73,9 @@ def soak(minutes: float, folder: str) -> dict[int, np.ndarray]:
         while (since_min := (time.monotonic() - begun_s) / 60) < minutes:
             if 60 * since_min - stalled_at_s > RENEWED_S:
                 stalled_at_s = 60 * since_min
-                pages.enter_context(stalled(address, max_queue=1))  # its socket fills up
-                pages.enter_context(stalled(address, max_queue=None))
+                for queue in (1, None):  # the first lets its socket fill up
+                    page = pages.enter_context(stalled(address, queue))
+                    page.send('{"map": true}')
             for pid, mib in resident_mib(process.pid).items():
                 rows.setdefault(pid, []).append((since_min, mib))
             time.sleep(PERIOD_S)

@@ -106,7 +106,7 @@ class Playback:
         if kept:
             self._resume(kept[-1])
         else:
-            self._restart()
+            self._rewind()  # the later copies stay valid: the same events give the same states
 
     def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
         """Track again from the beginning with another tracker, up to the present aim."""
@@ -186,7 +186,10 @@ class Playback:
         self.position_us, self._step, self.frame = point.t_us, point.step, point.frame
 
     def _restart(self) -> None:
-        self._tracker, self._watch = self._make_tracker(), self._make_watch()
         self._checkpoints: list[_Checkpoint] = []
+        self._rewind()
+
+    def _rewind(self) -> None:
+        self._tracker, self._watch = self._make_tracker(), self._make_watch()
         self.position_us, self._step = self.store.t_start_us, 0
         self.frame: MarkerFrame | None = None
