@@ -23,7 +23,7 @@ import numpy as np
 
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac.baselines.neutac import NeutacConfig, make_neutac
+from spikingtac.baselines.neutac import NeutacConfig, NeutacTracker
 from spikingtac.config import load_config
 from spikingtac.experiments.calibrations import calibration_of
 from spikingtac.experiments.methods import Method
@@ -60,7 +60,7 @@ GRIDS: dict[str, dict[str, list[Any]]] = {
     },
     "neutac": {
         "decay_us": [1e6, 3e6, 1e7, 3e7],
-        "level": [0.5, 0.52, 0.55],
+        "level": [0.5, 0.52],
     },
     "ekalibr": {
         "window_us": [20_000, 40_000],
@@ -77,7 +77,7 @@ def build(name: str, values: dict[str, Any], calibration: Calibration) -> Marker
     if name == "ekalibr":
         return EkalibrTracker(EkalibrConfig(**values), calibration)
     denoiser = make_denoiser(load_config("paper").tracking.denoiser)
-    return make_neutac(NeutacConfig(**values), calibration, denoiser)
+    return NeutacTracker(NeutacConfig(**values), calibration, denoiser)
 
 
 def rate_hz(name: str) -> float:

@@ -59,18 +59,33 @@ def _beaten(table: Rows) -> Iterator[str]:
     cases = list(dict.fromkeys(case for _, case, _ in table))
     any_beaten = False
     for metric in COMPARED:
-        for case in cases:
-            own = table.get((OURS, case, metric))
-            for method in baselines:
-                other = table.get((method, case, metric))
-                if _value(other) < _value(own):
-                    any_beaten = True
-                    yield (
-                        f"{method} beats {OURS} on {case}: {metric} {_value(other):.3f} "
-                        f"against {_value(own):.3f}."
-                    )
+        for method in baselines:
+            won = [
+                case
+                for case in cases
+                if _at(table, method, case, metric) < _at(table, OURS, case, metric)
+            ]
+            if won:
+                any_beaten = True
+                yield _defeat(table, method, metric, won)
     if baselines and not any_beaten and (OURS, ALL, "error_mean_px") in table:
         yield f"No baseline beats {OURS} in any case in {', '.join(COMPARED)}."
+
+
+def _defeat(table: Rows, method: str, metric: str, won: list[str]) -> str:
+    first = ALL if ALL in won else won[0]
+    text = (
+        f"{method} beats {OURS} in {metric} on {', '.join(won)}: {first} "
+        f"{_at(table, method, first, metric):.3f} against {_at(table, OURS, first, metric):.3f}"
+    )
+    way, own_way = (_at(table, who, first, "error_mean_px") for who in (method, OURS))
+    if metric.startswith("return") and way > own_way:
+        text += f"; on the way it is {way:.3f} px off, {OURS} {own_way:.3f} px"
+    return text + "."
+
+
+def _at(table: Rows, method: str, case: str, metric: str) -> float:
+    return _value(table.get((method, case, metric)))
 
 
 def _value(row: Row | None) -> float:

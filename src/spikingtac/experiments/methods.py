@@ -8,7 +8,7 @@ from typing import Any
 
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac.baselines.neutac import NeutacConfig, make_neutac
+from spikingtac.baselines.neutac import NeutacConfig, NeutacTracker
 from spikingtac.config import Config, digest, load_config
 from spikingtac.experiments.fingerprint import code_digest
 from spikingtac.markers.tracker import MarkerTracker
@@ -91,7 +91,7 @@ def _neutac(name: str, about: str, config: NeutacConfig) -> Method:
         name=name,
         about=f"{about}, denoiser {denoiser}",
         rate_hz=config.rate_hz,
-        build=lambda calibration: make_neutac(config, calibration, make_denoiser(denoiser)),
+        build=lambda calibration: NeutacTracker(config, calibration, make_denoiser(denoiser)),
         settings={"denoiser": denoiser, **to_mapping(config)},
         code=("baselines/neutac.py", "baselines/time_surface.py", *OWN_CODE),
     )

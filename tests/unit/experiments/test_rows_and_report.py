@@ -98,7 +98,19 @@ def row(method: str, case: str, metric: str, value: float) -> Row:
 
 def test_a_baseline_that_wins_is_named() -> None:
     rows = [row("default", "all", "error_mean_px", 0.2), row("evetac", "all", "error_mean_px", 0.1)]
-    assert any("evetac beats default on all" in text for text in findings(rows))
+    told = [text for text in findings(rows) if "beats" in text]
+    assert told == ["evetac beats default in error_mean_px on all: all 0.100 against 0.200."]
+
+
+def test_a_win_at_rest_says_what_it_cost_on_the_way() -> None:
+    rows = [
+        row("default", "all", "return_mean_px", 0.2),
+        row("evetac", "all", "return_mean_px", 0.1),
+        row("default", "all", "error_mean_px", 0.1),
+        row("evetac", "all", "error_mean_px", 2.0),
+    ]
+    told = next(text for text in findings(rows) if "beats" in text)
+    assert "on the way it is 2.000 px off, default 0.100 px" in told
 
 
 def test_that_none_wins_is_said_only_if_baselines_ran() -> None:
