@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +25,7 @@ class GroundTruth:
         reference_px: ``(m, 2)`` where they rest, px.
         radius_px: ``(m,)`` radii, px.
         released_us: When the last contact ended, us.
+        free_us: ``(k, 2)`` from each release to the next touch (the last one to the end), us.
     """
 
     t_us: NDArray[np.int64]
@@ -32,6 +33,7 @@ class GroundTruth:
     reference_px: NDArray[np.float64]
     radius_px: NDArray[np.float64]
     released_us: int
+    free_us: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -60,6 +62,7 @@ class GroundTruth:
             reference_px=columns["reference_px"].astype(np.float64),
             radius_px=columns["radius_px"].astype(np.float64),
             released_us=_released_us(columns, int(t_us[-1])),
+            free_us=_free_us(columns, int(t_us[-1])),
         )
 
     def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -70,10 +73,31 @@ class GroundTruth:
         return self.marker_px[after - 1] * (1.0 - share) + self.marker_px[after] * share
 
 
+def _touched(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_] | None:
+    if "in_contact" in columns:
+        return columns["in_contact"].astype(np.bool_)
+    if "force_n" in columns:
+        return np.abs(columns["force_n"]).max(axis=1) > 0.0
+    return None
+
+
+def _free_us(columns: dict[str, NDArray[Any]], last_us: int) -> NDArray[np.int64]:
+    touched = _touched(columns)
+    if touched is None:
+        return np.empty((0, 2), np.int64)
+    change = np.diff(touched.astype(np.int8))
+    released, touches = np.flatnonzero(change < 0) + 1, np.flatnonzero(change > 0) + 1
+    times_us = columns["contact_t_us"]
+    ends_us = [times_us[touches[touches > index]][:1] for index in released]
+    spans = [
+        (int(times_us[index]), int(end[0]) if len(end) else last_us)
+        for index, end in zip(released, ends_us, strict=True)
+    ]
+    return np.array(spans, np.int64).reshape(-1, 2)
+
+
 def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
-    touched = columns.get("in_contact")
-    if touched is None and "force_n" in columns:
-        touched = np.abs(columns["force_n"]).max(axis=1) > 0.0
+    touched = _touched(columns)
     if touched is None or not touched.any():
         return last_us - REST_US
     last = int(np.flatnonzero(touched)[-1])

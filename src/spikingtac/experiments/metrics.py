@@ -24,6 +24,10 @@ LOST_US = 50_000
 """Shortest time for which a marker must be away to count as lost (50 ms: ours)."""
 
 
+SETTLED_US = 200_000
+"""Last stretch before the next touch, in which the skin has crept back most of its way (ours)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Metric:
     """One number that a trial yields.
@@ -53,6 +57,12 @@ POINT_METRICS: tuple[Metric, ...] = (
     ),
     Metric("zeroed_return_mean_px", "px", "return_mean_px under the anchored law"),
     Metric("zeroed_return_std_px", "px", "return_std_px under the anchored law"),
+    Metric(
+        "return_growth_px",
+        "px",
+        "mean error against the truth in the last 0.2 s before the next touch: last return minus "
+        "first",
+    ),
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
     Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
 )
@@ -74,7 +84,7 @@ def point_scores(
         law: Of the zeroed output; None is the default.
 
     Returns:
-        Values by the names of :data:`POINT_METRICS`.
+        Values by the names of :data:`POINT_METRICS`; those that the trial cannot tell are left out.
 
     Raises:
         RecordingError: The recording holds no events, so that nothing was estimated.
@@ -92,7 +102,7 @@ def point_scores(
     released = error_px[prediction.t_us > truth.released_us]
     away = longest_stay_us(error_px > SUCCESS_PX, prediction.t_us)
     elsewhere = longest_stay_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
-    return {
+    scores = {
         "success_rate": float(given_px.max() <= SUCCESS_PX),
         "return_mean_px": float(given_px.mean()),
         "return_std_px": float(given_px.std()),
@@ -105,6 +115,27 @@ def point_scores(
         "lost_markers": float((away > LOST_US).sum()),
         "id_swaps": float((elsewhere > LOST_US).sum()),
     }
+    growth_px = return_growth_px(error_px, prediction.t_us, truth.free_us)
+    return scores if growth_px is None else scores | {"return_growth_px": growth_px}
+
+
+def return_growth_px(
+    error_px: NDArray[np.float64], t_us: NDArray[np.int64], free_us: NDArray[np.int64]
+) -> float | None:
+    """Return by how much the last return's error exceeds the first one's, px.
+
+    Args:
+        error_px: ``(n, m)`` errors, px.
+        t_us: ``(n,)`` their times, us.
+        free_us: ``(k, 2)`` stretches between two contacts, us.
+
+    Returns:
+        None where there are fewer than two returns.
+    """
+    ends = [(max(start, end - SETTLED_US), end) for start, end in free_us.tolist()]
+    errors = [error_px[(t_us >= start) & (t_us < end)] for start, end in ends]
+    means = [float(error.mean()) for error in errors if len(error)]
+    return means[-1] - means[0] if len(means) > 1 else None
 
 
 def longest_stay_us(away: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -47,6 +47,7 @@ TRUTH_COLUMNS = (
     "error_p95_px",
     "error_final_px",
     "return_error_mean_px",
+    "return_growth_px",
     "lost_markers",
     "id_swaps",
 )
@@ -134,12 +135,20 @@ def _report(
         provenance=provenance(command(options), settings)
         | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
         rows=rows,
-        findings=[] if options.ablations else findings(rows),
+        findings=[] if options.ablations else [*findings(rows), *_skipped(options)],
         tables=_tables(rows, names),
         figures=[] if options.ablations else _figures(rows, records, options.output),
         methods={name: table[name].about for name in names if name in table}
         | {TRUTH: "knows the truth: what its markers are off at the end is the gel's residual"},
     )
+
+
+def _skipped(options: RunOptions) -> list[str]:
+    if foreign_trials(options.data):
+        return []
+    return [
+        f"{V2E}/mix was not run: the variable SPIKINGTAC_DATA names no folder with {V2E}/mix.raw."
+    ]
 
 
 def _digests(records: list[dict[str, Any]]) -> dict[str, str]:

@@ -69,8 +69,11 @@ def rows_of(
     rows = []
     for (case, method), group in grouped.items():
         for metric in metrics:
+            told = [record for record in group if metric.name in record["scores"]]
+            if not told:
+                continue
             printed = published.get((method, metric.name)) if case == paper_case else None
-            rows.append(_row(method, case, metric, group, printed))
+            rows.append(_row(method, case, metric, told, printed))
     return rows
 
 

@@ -8,6 +8,7 @@ from spikingtac.experiments.metrics import (
     longest_stay_us,
     nearest_another,
     point_scores,
+    return_growth_px,
 )
 from spikingtac.experiments.prediction import Prediction
 from spikingtac.markers.anchored_law import AnchoredLawConfig
@@ -37,7 +38,7 @@ def moving() -> np.ndarray:
 
 def test_the_truth_scores_perfectly() -> None:
     scores = point_scores(said(moving()), truth(moving()))
-    assert set(scores) == {metric.name for metric in POINT_METRICS}
+    assert set(scores) == {metric.name for metric in POINT_METRICS} - {"return_growth_px"}
     assert scores["success_rate"] == 1.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
     assert scores["lost_markers"] == scores["id_swaps"] == 0.0
@@ -160,3 +161,16 @@ def test_the_release_is_the_end_of_the_last_contact() -> None:
     }
     columns["force_n"][2:5, 2] = 1.0
     assert GroundTruth.of(columns).released_us == 5_000
+    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 9_000]]
+    columns["force_n"][7, 0] = -1.0
+    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 7_000], [8_000, 9_000]]
+
+
+def test_growth_compares_the_last_return_with_the_first() -> None:
+    free_us = np.array([[100_000, 400_000], [500_000, 600_000], [700_000, 1_000_000]])
+    error_px = np.full((len(TIMES_US), 4), 9.0)
+    error_px[(TIMES_US >= 200_000) & (TIMES_US < 400_000)] = 0.1
+    error_px[TIMES_US >= 800_000] = 0.3
+    growth = return_growth_px(error_px, TIMES_US, free_us)
+    assert growth == pytest.approx(0.2)
+    assert return_growth_px(error_px, TIMES_US, free_us[:1]) is None
