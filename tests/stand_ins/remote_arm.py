@@ -89,7 +89,8 @@ class RemoteArm:
         assert self._process.stdout is not None
         for line in self._process.stdout:  # ur_rtde prints there too
             if line.startswith(ANSWER):
-                kind, value = json.loads(line[len(ANSWER) :])
+                # ur_rtde may go on in the same line, from another thread.
+                (kind, value), _ = json.JSONDecoder().raw_decode(line[len(ANSWER) :])
                 if kind != "done":
                     raise getattr(errors, kind)(value)
                 return value

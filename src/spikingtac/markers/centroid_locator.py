@@ -49,6 +49,7 @@ class CentroidLocator:
         self.outline_px = round_outline(calibration.radius_px)
         self._window = round_window(float(calibration.radius_px.max()) + config.reach_px)
         self._mass = np.ones(len(calibration.radius_px))
+        self._agreement = np.ones(len(calibration.radius_px))
         painted = painted_graded_map(calibration, profile_of(calibration))
         self._centroids(painted, calibration.reference_px.copy())
         self._full_mass = np.maximum(self._mass, 1.0)
@@ -68,8 +69,8 @@ class CentroidLocator:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
         center_px = predicted_px.copy()
         self._centroids(state_map, center_px)
-        share = self._mass / self._full_mass
-        return center_px, np.minimum(share, 1.0 / np.maximum(share, 0.1))
+        _agreement_kernel(self._mass, self._full_mass, self._agreement)
+        return center_px, self._agreement
 
     def reset(self) -> None:
         """Do nothing: a centroid remembers nothing."""
@@ -104,6 +105,16 @@ def _row_sums_kernel(
         total += above
         moment += above * np.float32(j)
     return float(total), float(moment)
+
+
+@njit(cache=True, nogil=True)
+def _agreement_kernel(
+    mass: NDArray[np.float64], full: NDArray[np.float64], agreement: NDArray[np.float64]
+) -> None:  # pragma: no cover - compiled
+    """Set the ratio of each mass to that at rest, or its inverse where that is smaller."""
+    for m in range(mass.size):
+        share = mass[m] / full[m]
+        agreement[m] = min(share, 1.0 / max(share, 0.1))
 
 
 @njit(cache=True, nogil=True)

@@ -10,6 +10,7 @@ every pixel and a filtered velocity lags, so that the share is judged over many 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.state_map.graded import STEP_DEFAULT
@@ -67,13 +68,12 @@ class EventsKept:
         """
         if dt_s <= 0.0:
             return None
-        speed_px_s = np.sqrt((velocity_px_s**2).sum(axis=1))
-        mean_px_s = float(speed_px_s.mean())
+        mean_px_s, events_per_s = _motion_kernel(velocity_px_s, self._events_per_px)
         if mean_px_s < STILL_PX_S:
             self._learn_background(events / dt_s, dt_s)
         if mean_px_s <= MOVING_PX_S:
             return None
-        expected = float(self._events_per_px @ speed_px_s) * dt_s
+        expected = events_per_s * dt_s
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
         self._expected = kept * self._expected + expected
         self._arrived = kept * self._arrived + events - (self._background_per_s or 0.0) * dt_s
@@ -92,3 +92,16 @@ class EventsKept:
             self._background_per_s = rate_per_s
         gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
         self._background_per_s += gain * (rate_per_s - self._background_per_s)
+
+
+@njit(cache=True, nogil=True)
+def _motion_kernel(
+    velocity_px_s: NDArray[np.float64], events_per_px: NDArray[np.float64]
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the mean speed, px/s, and the events that the motion asks for, 1/s."""
+    total = events = 0.0
+    for m in range(velocity_px_s.shape[0]):
+        speed = np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1])
+        total += speed
+        events += events_per_px[m] * speed
+    return total / velocity_px_s.shape[0], events
