@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from spikingtac.cli.output import emit_json, emit_table, progress, remark
+from spikingtac.errors import ConfigError
 
 HEADLESS_S = 10.0
 """How long --headless runs where --seconds is not given."""
@@ -43,7 +44,7 @@ class Args:
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a picture of what was seen: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead of showing: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
+    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -83,6 +84,8 @@ def show_source(
     from spikingtac.viewer.opening import open_subject
     from spikingtac.viewer.show import Showing, show
 
+    if args.seconds is not None and not args.seconds > 0.0:
+        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
     showing = Showing(
         host=args.host,
         port=args.port,
