@@ -32,7 +32,7 @@ class GradedStateMap:
 
     Attributes:
         padded: ``(height + 2 PAD_PX, width + 2 PAD_PX)`` float32 levels with the margin at
-            OUTSIDE_LEVEL; fits read it and :meth:`pull` moves it.
+            OUTSIDE_LEVEL; fits read it, the leak moves it.
     """
 
     def __init__(
@@ -107,12 +107,6 @@ class GradedStateMap:
             (self._step_off, self._used_off),
         ):
             np.divide(1.0, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
-
-    def pull(self, rows: NDArray[np.int64], columns: NDArray[np.int64], by: float) -> None:
-        """Lower (negative ``by``) or raise single pixels; for tests and re-acquisition."""
-        moved = np.clip(self._memory[rows, columns] + by, 0.0, 1.0)
-        self._level[rows, columns] += moved - self._memory[rows, columns]
-        self._memory[rows, columns] = moved
 
     @property
     def memory(self) -> NDArray[np.float32]:
