@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 from spikingtac.types import Contact, EventPacket
+
+Window: TypeAlias = EventPacket | tuple[EventPacket, ...]
+"""The events of one period: of one sensor, or one packet per sensor, in the sensors' order."""
 
 
 @runtime_checkable
 class ContactDetector(Protocol):
-    """Decides on contact from regular windows; it never waits for an image or a network."""
+    """Decides on contact from regular windows; it never waits for an image or a network.
 
-    def update(self, window: EventPacket) -> Contact | None:
+    Attributes:
+        in_contact: True from a contact until its end.
+    """
+
+    in_contact: bool
+
+    def update(self, window: Window) -> Contact | None:
         """Take the next window and return a contact where one begins.
 
         Args:
@@ -22,3 +31,13 @@ class ContactDetector(Protocol):
     def reset(self) -> None:
         """Forget the past windows, not the calibration."""
         ...
+
+
+def packets_of(window: Window) -> tuple[EventPacket, ...]:
+    """Return the packets of a window, one per sensor."""
+    return window if isinstance(window, tuple) else (window,)
+
+
+def count_of(window: Window) -> int:
+    """Return how many events a window holds, over all sensors."""
+    return sum(len(packet) for packet in packets_of(window))

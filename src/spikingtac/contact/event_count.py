@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from spikingtac.contact.detect import Window, count_of, packets_of
 from spikingtac.contact.quiet import QuietStatistics
-from spikingtac.types import Contact, EventPacket
+from spikingtac.types import Contact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +49,9 @@ class EventCountDetector:
         self._config = config
         self._quiet = 0
 
-    def update(self, window: EventPacket) -> Contact | None:
+    def update(self, window: Window) -> Contact | None:
         """Return a contact where the count exceeds the threshold for the first time."""
-        count, threshold = len(window), self._config.threshold
+        count, threshold = count_of(window), self._config.threshold
         if count <= threshold:
             self._quiet += 1
             self.in_contact = self.in_contact and self._quiet < self._config.release_windows
@@ -59,7 +60,7 @@ class EventCountDetector:
         if self.in_contact:
             return None
         self.in_contact = True
-        return Contact(t_us=window.t_end_us, count=float(count), threshold=threshold)
+        return Contact(t_us=packets_of(window)[0].t_end_us, count=float(count), threshold=threshold)
 
     def reset(self) -> None:
         """Forget that there was a contact."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spikingtac.contact.detect import Window, count_of, packets_of
 from spikingtac.errors import CalibrationError
-from spikingtac.types import EventPacket
 
 SECONDS_PER_HOUR = 3600.0
 LEAST_WINDOWS = 100
@@ -35,7 +35,7 @@ class QuietStatistics:
     period_s: float
 
     @classmethod
-    def of(cls, windows: Iterable[EventPacket]) -> QuietStatistics:
+    def of(cls, windows: Iterable[Window]) -> QuietStatistics:
         """Count regular windows; record them while the arm moves, not while it rests.
 
         Raises:
@@ -43,8 +43,9 @@ class QuietStatistics:
         """
         counts, period_us = [], 0
         for window in windows:
-            counts.append(len(window))
-            period_us = window.t_end_us - window.t_start_us
+            counts.append(count_of(window))
+            first = packets_of(window)[0]
+            period_us = first.t_end_us - first.t_start_us
         if len(counts) < LEAST_WINDOWS:
             raise CalibrationError(
                 f"{len(counts)} quiet windows are too few, at least {LEAST_WINDOWS} are needed; "
