@@ -7,7 +7,6 @@ cutting of the stream gives the same result.
 
 from __future__ import annotations
 
-import copy
 import time
 from collections import deque
 from collections.abc import Callable
@@ -17,15 +16,12 @@ from typing import Protocol
 import numpy as np
 
 from spikingtac.live.event_store import EventStore
+from spikingtac.live.history import History
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import Contact, EventPacket, MarkerFrame
 
 WINDOW_US = 1_000
 """Contact windows: raw events are counted in 1 ms (paper section V-B)."""
-CHECKPOINT_US = 250_000
-"""First distance between kept copies; tracking 0.25 s again takes a fraction of it."""
-MOST_CHECKPOINTS = 64
-"""Beyond it every other copy is dropped and the distance doubles, so that memory stays bounded."""
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""
 
@@ -39,12 +35,11 @@ class ContactWatch(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _Checkpoint:
-    t_us: int
-    step: int
-    frame: MarkerFrame | None
+class _State:
     tracker: MarkerTracker
     watch: ContactWatch | None
+    step: int
+    frame: MarkerFrame | None
 
 
 class Playback:
@@ -88,7 +83,6 @@ class Playback:
         self._rate_hz, self._on_frame = rate_hz, on_frame
         self._make_tracker, self._make_watch = make_tracker, make_watch
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
-        self._checkpoint_us = CHECKPOINT_US
         self.aim_us = store.t_start_us
         self._restart()
 
@@ -102,11 +96,13 @@ class Playback:
         self.aim_us = max(t_us, self.store.t_start_us)
         if self.aim_us >= self.position_us:
             return
-        kept = [point for point in self._checkpoints if point.t_us <= self.aim_us]
-        if kept:
-            self._resume(kept[-1])
-        else:
+        found = self._history.before(self.aim_us)
+        if found is None:
             self._rewind()  # the later copies stay valid: the same events give the same states
+            return
+        self.position_us, state = found
+        self._tracker, self._watch = state.tracker, state.watch
+        self._step, self.frame = state.step, state.frame
 
     def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
         """Track again from the beginning with another tracker, up to the present aim."""
@@ -149,7 +145,8 @@ class Playback:
             self.steps += 1
             if self.frame is not None:
                 self._on_frame(self.frame)
-        self._keep()
+        state = _State(self._tracker, self._watch, self._step, self.frame)
+        self._history.offer(edge_us, store.t_start_us, state)
         return True
 
     def _watch_window(self, end_us: int) -> None:
@@ -167,26 +164,8 @@ class Playback:
             self.frame = self._tracker.estimate(edge_us)
         self._step_s.append(time.perf_counter() - begun_s)
 
-    def _keep(self) -> None:
-        last_us = self._checkpoints[-1].t_us if self._checkpoints else self.store.t_start_us
-        if self.position_us < last_us + self._checkpoint_us:
-            return
-        try:
-            parts = copy.deepcopy((self._tracker, self._watch))
-        except TypeError:  # a part that cannot be copied, such as a network's session
-            self._checkpoint_us = 1 << 62
-            return
-        self._checkpoints.append(_Checkpoint(self.position_us, self._step, self.frame, *parts))
-        if len(self._checkpoints) > MOST_CHECKPOINTS:
-            self._checkpoints = self._checkpoints[1::2]
-            self._checkpoint_us *= 2
-
-    def _resume(self, point: _Checkpoint) -> None:
-        self._tracker, self._watch = copy.deepcopy((point.tracker, point.watch))
-        self.position_us, self._step, self.frame = point.t_us, point.step, point.frame
-
     def _restart(self) -> None:
-        self._checkpoints: list[_Checkpoint] = []
+        self._history: History[_State] = History()
         self._rewind()
 
     def _rewind(self) -> None:

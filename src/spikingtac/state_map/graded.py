@@ -62,13 +62,13 @@ class GradedStateMap:
         self._memory = self._start.copy()
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
-        self._level = self.padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX]
-        self._level[:] = self._start
+        self.values[:] = self._start
 
     @property
     def values(self) -> NDArray[np.float32]:
         """``(height, width)`` expected levels; a view that the next packet changes."""
-        return self._level
+        # Cut anew each time: a view that is stored would be torn off by a deep copy.
+        return self.padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX]
 
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
@@ -84,7 +84,7 @@ class GradedStateMap:
             )
         _integrate_kernel(
             self._memory,
-            self._level,
+            self.values,
             packet.x,
             packet.y,
             packet.p,
@@ -116,7 +116,7 @@ class GradedStateMap:
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         self._memory[:] = self._start
-        self._level[:] = self._start
+        self.values[:] = self._start
         self._used_on[:], self._used_off[:] = self._step_on, self._step_off
 
     def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:

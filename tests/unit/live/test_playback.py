@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.live import playback as module
+from spikingtac.live import history
 from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
+from spikingtac.live.playback import WINDOW_US, Playback
 from stand_ins.live import BurstWatch, CountingTracker, random_source
 
 FOREVER_S = 3600.0
@@ -33,7 +33,7 @@ def test_every_event_is_seen_once_at_any_rate(rate_hz: float) -> None:
 
 
 def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "CHECKPOINT_US", 30_000)
+    monkeypatch.setattr(history, "FIRST_DISTANCE_US", 30_000)
     play = playback()
     start_us = play.store.t_start_us
     times = [start_us + ms * 1000 for ms in (10, 40, 95, 200, 480)]
@@ -42,12 +42,12 @@ def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch)
         np.testing.assert_array_equal(tracked_to(play, times[index]), forwards[index])
 
 
-def test_checkpoints_stay_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "CHECKPOINT_US", 1_000)
-    monkeypatch.setattr(module, "MOST_CHECKPOINTS", 8)
+def test_copies_stay_few_and_a_new_tracker_has_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history, "FIRST_DISTANCE_US", 1_000)
+    monkeypatch.setattr(history, "MOST_COPIES", 8)
     play = playback()
     tracked_to(play, play.store.t_start_us + 500_000)
-    assert 4 <= len(play._checkpoints) <= 8
+    assert 4 <= len(play._history) <= 8
     first = tracked_to(play, play.store.t_start_us + 321_000).copy()
     play.retune(CountingTracker)
     np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 321_000), first)
@@ -79,7 +79,7 @@ def test_work_stops_when_its_time_is_up() -> None:
     play = playback()
     play.aim(play.store.t_start_us + 500_000)
     assert not play.work(0.0)
-    assert play.position_us == play.store.t_start_us + module.WINDOW_US
+    assert play.position_us == play.store.t_start_us + WINDOW_US
 
 
 def test_the_end_of_the_source_ends_the_aim() -> None:
