@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from spikingtac.contact.detect import ContactDetector, Window
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.motion_detector import MotionConfig, MotionDetector
 from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.types import Calibration
@@ -18,11 +19,13 @@ class DetectionConfig:
 
     Attributes:
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
-        release_windows: Quiet windows in a row after which a contact counts as ended.
+        release_windows: Of ``event_count``: quiet windows in a row after which a contact ended.
+        motion: Of ``default``.
     """
 
     false_alarms_per_hour: float = 1.0
     release_windows: int = 50
+    motion: MotionConfig = field(default_factory=MotionConfig)
 
 
 DetectorBuilder = Callable[
@@ -40,7 +43,14 @@ def _event_count(
     )
 
 
-DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _event_count}
+def _motion(
+    config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
+) -> ContactDetector:
+    budget = config.false_alarms_per_hour
+    return MotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
+
+
+DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _motion}
 """Name -> builder."""
 
 
