@@ -146,6 +146,28 @@ def test_export_of_a_gif(recording: Path, tmp_path: Path) -> None:
         assert picture.n_frames == written
 
 
+def test_an_export_replaces_nothing_unless_told_to(recording: Path, tmp_path: Path) -> None:
+    target = tmp_path / "x.gif"
+    target.write_bytes(b"years of work")
+    export = "view", str(recording), "--export", str(target), "--seconds", "0.1"
+    refused = spikingtac(*export)
+    assert refused.returncode == 2
+    assert "--overwrite" in refused.stderr
+    assert target.read_bytes() == b"years of work"
+    assert spikingtac(*export, "--overwrite").returncode == 0
+    assert target.read_bytes().startswith(b"GIF")
+
+
+@pytest.mark.parametrize("wrong", [("--seconds", "0"), ("--seconds", "-1"), ("-o", "x.png")])
+def test_an_export_of_nothing_or_with_a_picture_is_refused(
+    wrong: tuple[str, str], recording: Path, tmp_path: Path
+) -> None:
+    done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.gif"), *wrong)
+    assert done.returncode == 2
+    assert wrong[0] in done.stderr or "--picture" in done.stderr
+    assert not (tmp_path / "x.gif").exists()
+
+
 def test_an_unknown_export_is_refused_at_once(recording: Path, tmp_path: Path) -> None:
     done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.mp5"))
     assert done.returncode == 2

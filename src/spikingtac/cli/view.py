@@ -45,12 +45,15 @@ class Args:
     """File for a picture of what was seen: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
+    overwrite: bool = False
+    """Replace an export that is already there."""
     json: bool = False
     """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
     """Serve the page; print what was seen once it ends."""
+    check_seconds(args.seconds)
     arguments = {
         "source": args.source,
         "calibration": str(args.calibration) if args.calibration else None,
@@ -60,21 +63,34 @@ def run(args: Args) -> int:
         "camera": args.camera,
     }
     if args.export is not None:
-        summary = _exported(arguments, args.export, args.seconds)
+        if args.picture is not None:
+            raise ConfigError("--picture shows what a page saw; give it or --export, not both")
+        summary = _exported(arguments, args)
     else:
         summary = show_source(arguments, args, repeat=False)
     report(args.source, summary, as_json=args.json)
     return 0
 
 
-def _exported(arguments: dict[str, Any], path: Path, seconds: float | None) -> dict[str, Any]:
-    from spikingtac.viewer.export import check_ending, export
+def check_seconds(seconds: float | None) -> None:
+    """Refuse a showing of no length.
+
+    Raises:
+        ConfigError: ``seconds`` is not above 0.
+    """
+    if seconds is not None and not seconds > 0.0:
+        raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
+
+
+def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
+    from spikingtac.viewer.export import check_target, export
     from spikingtac.viewer.opening import open_subject
 
-    check_ending(path)
-    with progress(f"exporting to {path.name}"):
-        written = export(open_subject(**arguments), path, seconds=seconds)
-    return {"export": str(path), "written": written}
+    assert args.export is not None
+    check_target(args.export, overwrite=args.overwrite)
+    with progress(f"exporting to {args.export.name}"):
+        written = export(open_subject(**arguments), args.export, seconds=args.seconds)
+    return {"export": str(args.export), "written": written}
 
 
 def show_source(
@@ -84,8 +100,7 @@ def show_source(
     from spikingtac.viewer.opening import open_subject
     from spikingtac.viewer.show import Showing, show
 
-    if args.seconds is not None and not args.seconds > 0.0:
-        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
+    check_seconds(args.seconds)
     showing = Showing(
         host=args.host,
         port=args.port,

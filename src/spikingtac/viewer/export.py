@@ -23,7 +23,7 @@ def export(subject: Subject, path: str | Path, *, seconds: float | None = None) 
         MissingExtraError: The format needs an extra.
     """
     target = Path(path)
-    check_ending(target)
+    check_target(target, overwrite=True)
     if target.suffix == ".mcap":
         from spikingtac.viewer.export_mcap import export_mcap
 
@@ -37,11 +37,11 @@ def export(subject: Subject, path: str | Path, *, seconds: float | None = None) 
     return export_gif(subject, target, seconds=seconds)
 
 
-def check_ending(path: Path) -> None:
-    """Refuse a file that no export writes, before anything is tracked.
+def check_target(path: Path, *, overwrite: bool) -> None:
+    """Refuse a file that no export writes or may not replace, before anything is tracked.
 
     Raises:
-        ConfigError: The ending is another, or the folder does not exist.
+        ConfigError: The ending is another, the folder does not exist, or something is there.
     """
     if path.suffix not in ENDINGS:
         valid = ", ".join(ENDINGS)
@@ -49,3 +49,8 @@ def check_ending(path: Path) -> None:
         raise ConfigError(f"cannot export to {path.name!r}{hint} (valid endings: {valid})")
     if not path.parent.is_dir():
         raise ConfigError(f"the folder {str(path.parent)!r} does not exist; create it first")
+    if path.is_dir() or (path.exists() and not overwrite):
+        raise ConfigError(
+            f"{str(path)!r} is there already; "
+            "choose another name, or give --overwrite to replace a file"
+        )
