@@ -11,7 +11,7 @@ from spikingtac.viewer.process import Opener, SessionProcess
 from spikingtac.viewer.security import Gate
 from spikingtac.viewer.server import make_app, serve
 
-START_S = 60.0
+START_S = 180.0
 
 
 def run_server(opener: Opener, arguments: dict[str, Any], token: str, port: Any) -> None:
@@ -33,6 +33,6 @@ def served(opener: Opener, token: str = "", **arguments: Any) -> Iterator[int]:
         yield port.get(timeout=START_S)
     finally:
         process.terminate()
-        process.join(10)
+        process.join(60)
         if process.is_alive():
             process.kill()

@@ -28,7 +28,8 @@ FRAME_BYTES = 2 << 20
 GREETING_BYTES = 1 << 20
 MOST_COMMANDS = 64
 """Commands that wait for the loop; a page that sends faster loses the surplus."""
-SHUTDOWN_S = 5.0
+SHUTDOWN_S = 20.0
+"""A loaded machine may take seconds to complete the tracks; an idle one a tenth of one."""
 
 Opener = Callable[..., Subject]
 """Makes the subject inside the session's process; a function of a module, called with keywords."""
