@@ -49,6 +49,11 @@ class EventCountDetector:
         self._config = config
         self._quiet = 0
 
+    @property
+    def threshold(self) -> float:
+        """The count that has to be exceeded."""
+        return self._config.threshold
+
     def update(self, window: Window) -> Contact | None:
         """Return a contact where the count exceeds the threshold for the first time."""
         count, threshold = count_of(window), self._config.threshold

@@ -20,8 +20,13 @@ from spikingtac.types import EventPacket
 Vector = NDArray[np.float64]
 
 SECONDS_PER_HOUR = 3600.0
-LEAST_WINDOWS = 2_000
-"""Two seconds: eight sums of the longest scale, and the vibration's 15 Hz thirty times."""
+LEAST_WINDOWS = 200
+"""The covariance of the votes of one window needs ten windows per number (12 per sensor)."""
+LEAST_SUMS = 7
+"""A scale is used where the quiet windows hold so many of its sums: all nine from 1.8 s on."""
+
+MEMORY_S = 0.1
+"""How long an arm remembers its vibration, s: Q / (pi f) at 15 Hz and Q = 5."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +34,8 @@ class LearningConfig:
     """How the test is made from quiet windows.
 
     Attributes:
-        scales: How many time scales, of 1, 2, 4, ... windows (9: up to 256 ms, in which the tip
-            travels 0.2 mm at 0.8 mm/s).
+        scales: Most time scales, of 1, 2, 4, ... windows (9: up to 256 ms, in which the tip
+            travels 0.2 mm at 0.8 mm/s); a short quiet recording allows for fewer.
         hot_hz: Pixels with more events a second are taken out (the twin's hot pixels fire at 10 to
             500 Hz, its background at 1 Hz).
         leak_bias: By how much the leak may vote for one direction, as a share of all leak events:
@@ -92,22 +97,22 @@ def quiet_votes(
 def scale_test(quiet: QuietVotes, config: LearningConfig, alarms_per_hour: float) -> ScaleTest:
     """Return the test of every scale that shares out a false-alarm budget evenly among them."""
     windows = 2 ** np.arange(config.scales)
+    windows = windows[windows * LEAST_SUMS <= len(quiet.votes)]
     mean = quiet.votes.mean(axis=0)
     sums = np.concatenate([np.zeros((1, len(mean))), np.cumsum(quiet.votes - mean, axis=0)])
     whiten = np.stack([_whitening(sums, quiet, int(n), config.leak_bias) for n in windows])
-    chance = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / config.scales
     untested = ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf))
-    values = _replay(untested, quiet.votes)
-    floor = float(stats.chi2.isf(chance, whiten.shape[1]))
-    threshold = [
-        _threshold(values[int(n) - 1 :, k], chance, int(n), floor) for k, n in enumerate(windows)
-    ]
+    amplitude = np.sqrt(_replay(untested, quiet.votes))
+    per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
+    floor = float(stats.chi2.isf(per_window, whiten.shape[1]))
+    memory = round(MEMORY_S / quiet.period_s)
+    threshold = []
+    for scale, length in enumerate(windows):
+        block = max(memory, int(length))
+        known = amplitude[int(length) - 1 :, scale]
+        found = tail_threshold(known, block, per_window * block)
+        threshold.append(max(found**2, floor))
     return ScaleTest(windows, whiten, mean, np.array(threshold))
-
-
-def _threshold(values: Vector, chance: float, spacing: int, floor: float) -> float:
-    found = tail_threshold(values, chance, spacing)
-    return max(found, floor) if np.isfinite(found) else max(floor, float(values.max()) * 2.0)
 
 
 def _replay(test: ScaleTest, votes: Vector) -> Vector:

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+from spikingtac.contact.describe import ContactDetails, gel_touch, likeliest_onset
 from spikingtac.contact.detect import Window, packets_of
-from spikingtac.contact.learn import LearningConfig, quiet_votes, scale_test
-from spikingtac.contact.rim import RimConfig, RimTable, rim_table
-from spikingtac.contact.scales import ScaleSums, ScaleTest
+from spikingtac.contact.learn import LearningConfig, QuietVotes, quiet_votes, scale_test
+from spikingtac.contact.release import ReleaseConfig, ReleaseWatch
+from spikingtac.contact.rim import RimConfig, rim_table
+from spikingtac.contact.scales import ScaleSums, ScaleTest, Vector, exceeded_kernel
 from spikingtac.contact.votes import VoteCounter
+from spikingtac.errors import CalibrationError
 from spikingtac.types import Calibration, Contact
 
 
@@ -24,25 +27,37 @@ class MotionConfig:
     Attributes:
         rim: Which pixels count.
         learning: How its thresholds are made.
+        release: When a contact has ended.
     """
 
     rim: RimConfig = field(default_factory=RimConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
+    release: ReleaseConfig = field(default_factory=ReleaseConfig)
 
 
 class MotionDetector:
     """Tells contact by the markers' common motion; see the module.
 
     Args:
-        tables: The rims of each sensor, in the windows' order.
-        test: What the quiet windows taught.
+        config: How contacts end; the rest was used in learning.
+        learned: What the quiet windows taught: rims and hot pixels.
+        test: The same: the tests with their thresholds.
+
+    Attributes:
+        in_contact: True from a contact until its end.
+        learned: As given.
+        test: As given.
     """
 
-    def __init__(self, tables: Sequence[RimTable], test: ScaleTest) -> None:
+    def __init__(self, config: MotionConfig, learned: QuietVotes, test: ScaleTest) -> None:
         self.in_contact = False
-        self._test = test
-        self._votes = VoteCounter(tables, int(test.windows[-1]))
+        self.learned, self.test = learned, test
+        self._config = config
+        self._votes = VoteCounter(learned.tables, int(test.windows[-1]))
         self._sums = ScaleSums(test)
+        self._release: ReleaseWatch | None = None
+        self._rest = 0
+        self._end_us = 0
 
     @classmethod
     def from_quiet(
@@ -61,25 +76,65 @@ class MotionDetector:
             alarms_per_hour: Budget of false contacts.
 
         Raises:
-            CalibrationError: The quiet windows are too few.
+            CalibrationError: There is no calibration, or the quiet windows are too few.
         """
+        if not calibrations:
+            raise CalibrationError(
+                "the default contact detector looks at the markers' rims and needs a calibration "
+                "of each sensor; make one with: spikingtac calibrate RECORDING -o calibration.json"
+            )
         tables = [rim_table(calibration, config.rim) for calibration in calibrations]
         learned = quiet_votes(tables, quiet, config.learning)
-        return cls(learned.tables, scale_test(learned, config.learning, alarms_per_hour))
+        return cls(config, learned, scale_test(learned, config.learning, alarms_per_hour))
 
     def update(self, window: Window) -> Contact | None:
         """Return the contact that begins in a window, if one does."""
-        values = self._sums.add(self._votes.count(window))
-        excess = values / self._test.threshold
-        scale = int(excess.argmax())
-        if excess[scale] <= 1.0 or self.in_contact:
+        votes = self._votes.count(window)
+        values = self._sums.add(votes)
+        self._end_us = packets_of(window)[0].t_end_us
+        scale = exceeded_kernel(values, self.test.threshold)
+        if self._release is not None:
+            self._follow(self._release, votes, scale)
+            return None
+        if scale < 0 or self._rest > 0:
+            self._rest = max(self._rest - 1, 0)
             return None
         self.in_contact = True
-        t_us = packets_of(window)[0].t_end_us
-        return Contact(t_us, float(values[scale]), float(self._test.threshold[scale]))
+        total = self._sums.total(scale)
+        self._release = ReleaseWatch(self._config.release, self.test, scale, total)
+        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
+
+    def details(self) -> ContactDetails:
+        """Return what is known about the present contact; more, the later it is asked.
+
+        It looks back over the longest scale, 0.26 s. Ask after the stop was sent.
+
+        Raises:
+            ValueError: There is no contact now.
+        """
+        if self._release is None:
+            raise ValueError("there is no contact to describe; ask while in_contact is True")
+        course = self._sums.course(self._release.along)
+        windows = len(course) - 1 - likeliest_onset(course)
+        recent = self._votes.recent(windows)
+        touches = tuple(
+            gel_touch(votes, table.center_px)
+            for votes, table in zip(recent, self.learned.tables, strict=True)
+        )
+        period_us = round(self.learned.period_s * 1e6)
+        return ContactDetails(self._end_us - windows * period_us, touches)
 
     def reset(self) -> None:
         """Forget the past windows, not the calibration."""
         self.in_contact = False
+        self._release, self._rest = None, 0
         self._votes.reset()
         self._sums.reset()
+
+    def _follow(self, release: ReleaseWatch, votes: Vector, scale: int) -> None:
+        release.add(votes)
+        if scale >= 0:
+            release.moved(self._sums.total(scale))
+        if release.ended():
+            self.reset()
+            self._rest = self._config.release.rest_windows

@@ -57,6 +57,18 @@ class ScaleSums:
         self._seen = scales_kernel(votes, self._test, self._ring, self._seen, self._values)
         return self._values
 
+    def total(self, scale: int) -> Vector:
+        """Return the votes ``(length,)`` of the windows that a scale sums now."""
+        now = self._seen % len(self._ring)
+        start = (self._seen - int(self._test.windows[scale])) % len(self._ring)
+        return self._ring[now] - self._ring[start]
+
+    def course(self, along: Vector) -> Vector:
+        """Return the running sum along a direction ``(n + 1,)`` over all windows that are kept."""
+        kept = min(self._seen, len(self._ring) - 1)
+        slots = np.arange(self._seen - kept, self._seen + 1) % len(self._ring)
+        return self._ring[slots] @ along
+
     def reset(self) -> None:
         """Begin anew."""
         self._ring[:] = 0.0
@@ -86,3 +98,14 @@ def scales_kernel(votes: Vector, test: ScaleTest, ring: Vector, seen: int, value
                 total += test.whiten[scale, row, part] * (ring[now, part] - ring[start, part])
             values[scale] += total * total
     return seen
+
+
+@njit(cache=True)
+def exceeded_kernel(values: Vector, threshold: Vector) -> int:
+    """Return the scale that exceeds its threshold by the largest factor, or -1 for none."""
+    best, highest = -1, 1.0
+    for scale in range(len(values)):
+        ratio = values[scale] / threshold[scale]
+        if ratio > highest:
+            best, highest = scale, ratio
+    return best

@@ -2,41 +2,40 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-TAIL_SHARE = 0.02
-"""The highest 2 % of the values make the tail."""
-LEAST_TAIL = 10
-"""With fewer separate excesses a mean excess is worth nothing."""
+TAIL_SHARE = 0.1
+"""The highest tenth of the blocks makes the tail, but no fewer than :data:`TAIL_BLOCKS`."""
+TAIL_BLOCKS = 10
+"""With fewer blocks the mean excess is known to worse than a third."""
+STANDARD_ERRORS = 2.0
 
 
-def tail_threshold(values: NDArray[np.float64], chance: float, spacing: int) -> float:
-    """Return the value that is exceeded with a small probability at any one time.
+def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:
+    """Return the value that a block's highest value exceeds with a small probability.
 
-    The excess over a high quantile is taken as exponential, the limit for Gaussian and Poisson sums
-    (Pickands, Ann. Statist. 3, 1975, with shape 0). Excesses closer together than ``spacing``
-    belong to one burst, of which the highest counts; the mean excess is raised by two standard
-    errors, so that a short recording gives a high threshold, not a false one.
+    The excess of the blocks' maxima over a high quantile is taken as exponential (Pickands, Ann.
+    Statist. 3, 1975, with shape 0). For an amplitude of Gaussian origin, such as that of a
+    vibration, this overstates the tail. The mean excess is raised by two standard errors, so that a
+    short recording gives a high threshold, not a wrong one.
 
     Args:
-        values: Statistics of consecutive windows without contact.
-        chance: The probability, far below ``1 / len(values)``.
-        spacing: Windows over which the statistic remembers.
+        values: An amplitude at consecutive times.
+        block: Length of a block; values further apart are taken as independent.
+        per_block: The probability.
 
     Returns:
-        The threshold; infinity where the recording has too few separate excesses.
+        The threshold; infinity where there are fewer than two blocks.
     """
-    level = float(np.quantile(values, 1.0 - TAIL_SHARE))
-    above = np.flatnonzero(values > level)
-    if len(above) == 0:
-        return float("inf")
-    begins = np.concatenate([[True], np.diff(above) > spacing])
-    groups = np.cumsum(begins) - 1
-    peaks = np.full(groups[-1] + 1, -np.inf)
-    np.maximum.at(peaks, groups, values[above])
-    if len(peaks) < LEAST_TAIL:
-        return float("inf")
-    excess = float((peaks - level).mean()) * (1.0 + 2.0 / np.sqrt(len(peaks)))
-    rate = len(peaks) / len(values)
-    return level + excess * float(np.log(max(rate / chance, 1.0)))
+    blocks = len(values) // block
+    tail = min(max(round(TAIL_SHARE * blocks), TAIL_BLOCKS), blocks - 1)
+    if tail < 1:
+        return math.inf
+    peaks = np.sort(values[: blocks * block].reshape(blocks, block).max(axis=1))
+    level = float(peaks[-tail - 1])
+    excess = float(peaks[-tail:].mean()) - level
+    excess *= 1.0 + STANDARD_ERRORS / math.sqrt(tail)
+    return level + excess * math.log(max(tail / blocks / per_block, 1.0))
