@@ -16,6 +16,7 @@ import itertools
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac.baselines.neutac import NeutacConfig, NeutacTracker
+from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac.config import load_config
 from spikingtac.experiments.calibrations import calibration_of
 from spikingtac.experiments.methods import Method
@@ -31,7 +32,7 @@ from spikingtac.experiments.metrics import point_scores
 from spikingtac.experiments.runner import predict
 from spikingtac.experiments.trials import Trial
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.registry import make_denoiser
+from spikingtac.registry import make_denoiser, make_tracker
 from spikingtac.types import Calibration
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
@@ -52,18 +53,30 @@ GRIDS: dict[str, dict[str, list[Any]]] = {
         "gate": [4, 10],
         "regularizer": [7.5e-5],
     },
+    "evetac-filter": {
+        "reach_share": [2.2],
+        "gain": [0.002],
+        "gate": [4],
+        "regularizer": [7.5e-5],
+        "support_us": [5_000, 20_000, 50_000, 100_000],
+    },
     "evetac-strong": {
         "reach_share": [2.2, 2.6],
         "gain": [0.00003, 0.0001, 0.0003],
         "gate": [4, 10],
         "regularizer": [7.5e-5 / 0.003],
     },
+    "paper": {
+        "support_us": [0, 2_000, 5_000, 10_000, 20_000, 40_000],
+        "threshold": [0.5],
+    },
     "neutac": {
-        "decay_us": [1e6, 3e6, 1e7, 3e7],
-        "level": [0.5, 0.52],
+        "support_us": [5_000, 10_000, 20_000],
+        "decay_us": [3e6, 1e7, 3e7, 1e8],
+        "level": [0.5],
     },
     "ekalibr": {
-        "window_us": [20_000, 40_000],
+        "window_us": [10_000, 20_000, 40_000],
         "dilate_px": [3, 5],
         "radius_tolerance": [0.2, 0.35],
     },
@@ -76,13 +89,20 @@ def build(name: str, values: dict[str, Any], calibration: Calibration) -> Marker
         return EvetacTracker(EvetacConfig(**values), calibration)
     if name == "ekalibr":
         return EkalibrTracker(EkalibrConfig(**values), calibration)
-    denoiser = make_denoiser(load_config("paper").tracking.denoiser)
-    return NeutacTracker(NeutacConfig(**values), calibration, denoiser)
+    published = load_config("paper").tracking
+    if name == "paper":
+        blobs = replace(published.blobs, **values)
+        return make_tracker(replace(published, blobs=blobs), calibration)
+    return neutac_tracker(NeutacConfig(**values), calibration, make_denoiser(published.denoiser))
 
 
 def rate_hz(name: str) -> float:
     """Return the method's own rate."""
-    rates = {"ekalibr": EkalibrConfig().rate_hz, "neutac": NeutacConfig().rate_hz}
+    rates = {
+        "ekalibr": EkalibrConfig().rate_hz,
+        "neutac": NeutacConfig().rate_hz,
+        "paper": load_config("paper").tracking.rate_hz,
+    }
     return rates.get(name, SLICED_HZ)
 
 
@@ -112,6 +132,7 @@ def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str
             rate_hz=rate_hz(name),
             build=lambda calibration, v=values: build(name, v, calibration),
             settings=values,
+            code=(),
         )
         scores = [
             point_scores(predict(method, events, calibration, truth), truth)

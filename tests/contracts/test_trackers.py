@@ -173,7 +173,7 @@ def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     assert np.isfinite(later.position_px).all()
 
 
-@pytest.mark.parametrize("name", ["evetac", "evetac-strong", "neutac", "neutac-binary", "ekalibr"])
+@pytest.mark.parametrize("name", ["evetac", "evetac-strong", "neutac", "ekalibr"])
 def test_dark_markers_are_white_ones_with_swapped_polarity(name: str) -> None:
     packet = events()
     inverted = replace(packet, p=~packet.p)

@@ -163,6 +163,18 @@ def test_time_surface_against_its_formula() -> None:
     np.testing.assert_allclose(surface.values, 0.5 + 0.5 * expected, atol=1e-5)
 
 
+def test_a_time_surface_goes_on_for_many_time_constants() -> None:
+    zeros = np.zeros(1, np.uint16)
+    surface = TimeSurface(np.zeros((2, 2), np.float32), 1_000.0)
+    for last_us in (500, 30_000, 200_000):
+        event = EventPacket(zeros, zeros, zeros == 0, np.array([last_us - 100]), 0, last_us, (2, 2))
+        surface.absorb(event)
+        assert surface.values[0, 0] == pytest.approx(0.5 + 0.5 * math.exp(-0.1), abs=1e-5)
+        assert surface.values[1, 1] == pytest.approx(
+            0.5 - 0.5 * math.exp(-last_us / 1_000), abs=1e-5
+        )
+
+
 def test_slices_are_the_same_however_the_stream_is_cut() -> None:
     rng = np.random.default_rng(9)
     t = np.sort(rng.integers(0, 20_000, 200))

@@ -61,7 +61,7 @@ class EkalibrConfig:
     rounds: int = 2
     tolerance_us: float = 2_000.0
     inlier_share: float = 0.6
-    dilate_px: int = 3
+    dilate_px: int = 5
     fewest_px: int = 10
     angle_deg: float = 30.0
     residual_px: float = 2.0

@@ -11,21 +11,20 @@ constant that nobody prints: it was tuned on separate training scenes
 What differs: a background-activity filter goes first, without which leak and noise paint either map
 white within seconds and nothing is found any more. The denoiser is the one that this package's
 ``paper`` preset uses, so that both pipelines are compared by their surfaces and laws and not by
-their networks. Surface ``binary`` is the same pipeline on the last-polarity map.
+their networks. On the last-polarity map the same pipeline is that preset without its law, which the
+experiment shows as ``neutac-binary``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
 
 from spikingtac.baselines.time_surface import TimeSurface
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.blob_tracker import BlobTracker, BlobTrackerConfig
 from spikingtac.state_map.paint import paint_binary_discs
-from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from spikingtac.types import Calibration
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,17 +33,15 @@ class NeutacConfig:
 
     Attributes:
         rate_hz: Estimates per second (300 Hz: table I of the SpikingTac paper).
-        surface: ``time`` or ``binary``.
-        support_us: Window of the background-activity filter, us (ours).
+        support_us: Window of the background-activity filter, us (ours; tuned).
         decay_us: τ of the time surface, us (tuned).
         level: Threshold on the cleaned time surface, 0.5 being grey (tuned).
         blobs: What counts as a marker's blob; as for the ``paper`` preset.
     """
 
     rate_hz: float = 300.0
-    surface: Literal["time", "binary"] = "time"
     support_us: int = 5_000
-    decay_us: float = 30_000_000.0
+    decay_us: float = 100_000_000.0
     level: float = 0.5
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
 
@@ -56,45 +53,17 @@ class NeutacConfig:
             )
 
 
-class NeutacTracker:
-    """The published stages behind a filter of lone events."""
+def neutac_tracker(
+    config: NeutacConfig, calibration: Calibration, denoiser: Denoiser
+) -> BlobTracker:
+    """Assemble the published stages, behind a filter of lone events, from the package's own.
 
-    def __init__(self, config: NeutacConfig, calibration: Calibration, denoiser: Denoiser) -> None:
-        """Assemble the tracker from the package's own stages.
-
-        Args:
-            config: Surface and threshold.
-            calibration: Where the markers rest; the surface is painted from it.
-            denoiser: Cleans the surface.
-        """
-        self._tracker = _stages(config, calibration, denoiser)
-        self._settings = BackgroundActivityConfig(window_us=config.support_us)
-        self._size = calibration.size
-        self._filter = BackgroundActivityFilter(self._settings, self._size)
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Take in the supported events of the next stretch of time."""
-        self._tracker.absorb(self._filter(packet))
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the markers at ``t_us``, the end of what was absorbed."""
-        return self._tracker.estimate(t_us)
-
-    def reset(self) -> None:
-        """Forget everything but the calibration."""
-        self._tracker.reset()
-        self._filter = BackgroundActivityFilter(self._settings, self._size)
-
-
-def _stages(config: NeutacConfig, calibration: Calibration, denoiser: Denoiser) -> BlobTracker:
-    if config.surface == "binary":
-        return BlobTracker(config.blobs, calibration, denoiser)
+    Args:
+        config: Surface and threshold.
+        calibration: Where the markers rest; the surface is painted from it.
+        denoiser: Cleans the surface.
+    """
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
     surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")
-    blobs = BlobTrackerConfig(
-        threshold=config.level,
-        min_area_share=config.blobs.min_area_share,
-        max_area_share=config.blobs.max_area_share,
-        proximity_share=config.blobs.proximity_share,
-    )
+    blobs = replace(config.blobs, threshold=config.level, support_us=config.support_us)
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)

@@ -12,6 +12,9 @@ from spikingtac.types import EventPacket
 GREY = np.float32(0.5)
 """Value of a pixel that has been silent for long."""
 
+REBASE_DECAYS = 20.0
+"""Time constants after which time zero moves on: exp(20) is far from the end of float32."""
+
 
 class TimeSurface:
     """The map (1 + p exp(-(t - t_last) / τ)) / 2 of each pixel's last event.
@@ -38,7 +41,7 @@ class TimeSurface:
     @property
     def values(self) -> NDArray[np.float32]:
         """``(height, width)`` at the end of what was absorbed; a buffer that is written anew."""
-        surface_kernel(self._last_us, self._side, self._now_us, self._decay_us, self._values)
+        surface_kernel(self._weight, self._faded(), self._values)
         return self._values
 
     def absorb(self, packet: EventPacket) -> None:
@@ -54,15 +57,25 @@ class TimeSurface:
                 f"{width}x{height}; make the map with the size of the recording"
             )
         if self._now_us is None:
-            self._last_us[:] = packet.t_start_us
+            self._zero_us = packet.t_start_us
         self._now_us = packet.t_end_us
-        note_kernel(packet.x, packet.y, packet.p != self._dark, packet.t, self._last_us, self._side)
+        if self._now_us - self._zero_us > REBASE_DECAYS * self._decay_us:
+            self._weight *= self._faded()
+            self._zero_us = self._now_us
+        dark, zero_us = self._dark, self._zero_us
+        note_kernel(
+            packet.x, packet.y, packet.p != dark, packet.t, zero_us, self._decay_us, self._weight
+        )
 
     def reset(self) -> None:
         """Go back to the start; time begins with the next packet."""
         self._now_us: int | None = None
-        self._last_us = np.zeros(self._start.shape, np.int64)
-        self._side = np.where(self._start > GREY, 1, -1).astype(np.int8)
+        self._zero_us = 0
+        self._weight = np.where(self._start > GREY, GREY, -GREY).astype(np.float32)
+
+    def _faded(self) -> np.float32:
+        elapsed_us = 0 if self._now_us is None else self._now_us - self._zero_us
+        return np.float32(np.exp(-elapsed_us / self._decay_us))
 
 
 @njit(cache=True)
@@ -71,23 +84,21 @@ def note_kernel(
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
     t: NDArray[np.int64],
-    last_us: NDArray[np.int64],
-    side: NDArray[np.int8],
-) -> None:
-    """Note time and polarity (+1 or -1) of each pixel's last event."""
-    for i in range(len(x)):
-        last_us[y[i], x[i]] = t[i]
-        side[y[i], x[i]] = 1 if p[i] else -1
-
-
-def surface_kernel(
-    last_us: NDArray[np.int64],
-    side: NDArray[np.int8],
-    now_us: int | None,
+    zero_us: int,
     decay_us: float,
-    values: NDArray[np.float32],
+    weight: NDArray[np.float32],
 ) -> None:
-    """Write the surface at ``now_us``; None is the moment of the start."""
-    age_us = 0.0 if now_us is None else (now_us - last_us).astype(np.float32)
-    np.multiply(np.exp(-age_us / np.float32(decay_us)), GREY * side, out=values, casting="unsafe")
-    values += GREY
+    """Note p exp((t - zero) / τ) / 2 of each pixel's last event: the same fading serves all."""
+    for i in range(len(x)):
+        grown = 0.5 * np.exp((t[i] - zero_us) / decay_us)
+        weight[y[i], x[i]] = grown if p[i] else -grown
+
+
+@njit(cache=True)
+def surface_kernel(
+    weight: NDArray[np.float32], faded: np.float32, values: NDArray[np.float32]
+) -> None:
+    """Write the surface: the weights, faded since time zero, around grey."""
+    for row in range(weight.shape[0]):
+        for column in range(weight.shape[1]):
+            values[row, column] = np.float32(0.5) + faded * weight[row, column]

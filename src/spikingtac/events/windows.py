@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
 from spikingtac.types import EventPacket
 
 
@@ -72,12 +70,14 @@ def windows(
 
 
 def _between(packet: EventPacket, start_us: int, end_us: int) -> EventPacket:
-    first, last = np.searchsorted(packet.t, (start_us, end_us))
+    first, last = packet.t.searchsorted((start_us, end_us))
     span = max(start_us, packet.t_start_us), min(end_us, packet.t_end_us)
     return packet.part(int(first), int(last), *span)
 
 
 def _joined(parts: list[EventPacket], start_us: int, end_us: int) -> EventPacket:
+    if len(parts) == 1 and (parts[0].t_start_us, parts[0].t_end_us) == (start_us, end_us):
+        return parts[0]
     kept = [part for part in parts if len(part)]
     if not kept:
         return EventPacket.empty(start_us, end_us, parts[0].size)

@@ -1,16 +1,20 @@
-"""What each idea of the default tracker is worth: one change at a time."""
+"""What each idea is worth: one change at a time, and the light, noise and loss it must bear."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from spikingtac.config import Config, load_config
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.experiments.methods import Method, of_config
+from spikingtac.experiments.cases import CAMERAS, LOOPS
+from spikingtac.experiments.laws import LawMethod, compared_laws, swept_laws
+from spikingtac.experiments.methods import Method, as_published, of_config
 from spikingtac.experiments.trials import Trial
+from spikingtac.experiments.unheld import Unheld
 from spikingtac.registry import make_tracker
 from spikingtac.schema import to_mapping
 from spikingtac.types import Calibration, EventPacket
@@ -18,56 +22,33 @@ from spikingtac.types import Calibration, EventPacket
 ABLATION_SCENES = ("mixed", "finger-slides", "drag-release")
 """Trajectories of the ablations."""
 
+COMPARED = ("default", "fast", "paper")
+"""Methods that are shown under every light, noise and loss; the variants under three cameras."""
+
 RATES_HZ = (100, 350, 2_000, 10_000)
 LOSSES = (0.1, 0.3, 0.5)
 CONTRASTS = (3.0, 4.5, 9.0, 12.0)
 CAPS_MEV_S = (0.5, 1.0)
 BLURS_PX = (1.0, 1.5)
+NOISES_HZ = (0.3, 1.0, 3.0)
+"""Background per pixel, laid over the preset ``typical``."""
+
 SHIFT_PX = 1.0
 """Error of the wrong calibration, each coordinate in turn."""
 
-GAMMAS, DELTAS_PX = (0.3, 0.5, 0.7, 1.0), (2.0, 4.0, 6.0)
-"""Sweep of the published law."""
+
+def ablation_methods() -> dict[str, Method | LawMethod]:
+    """Return the default tracker, its variants, and those of the published front end."""
+    return {method.name: method for method in (*_variants(), *_references(), *_laws())}
 
 
-def ablation_methods() -> dict[str, Method]:
-    """Return the default tracker and its variants."""
-    base = load_config("default")
-    methods = [
-        of_config("default", "unchanged", base),
-        _changed(
-            "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
-        ),
-        _filtered("default-activity-filter", "background-activity filter before the map", base),
-        _care("default-no-lag", "no lag correction", base, lag_us=0.0),
-        _care("default-no-leak", "the map never leaks", base, leak_per_s=0.0),
-        _care(
-            "default-no-adaptation", "steps do not adapt to lost events", base, adapt_to_loss=False
-        ),
-        of_config(
-            "default-no-grid-pull",
-            "no pull of the neighbours",
-            base.with_tracking(disc=replace(base.tracking.disc, grid_weight=0.0)),
-        ),
-        of_config(
-            "default-centroid", "centroid for disc fit", base.with_tracking(method="centroid")
-        ),
-        _changed("default-calibration-1px-off", "references 1 px off", base, _shifted),
-        _changed("default-contrast-3", "contrast taken for 3", base, _contrast(3.0)),
-        _changed("default-contrast-12", "contrast taken for 12", base, _contrast(12.0)),
-        _changed("default-uniform-steps", "one step for all pixels", base, _uniform),
-        of_config("default-law-paper", "published law", base.with_tracking(hysteresis="paper")),
-        of_config(
-            "default-law-anchored", "anchored law", base.with_tracking(hysteresis="anchored")
-        ),
-        *(
-            of_config(f"default-{rate}-hz", f"{rate} estimates/s", base.with_tracking(rate_hz=rate))
-            for rate in RATES_HZ
-        ),
-        *(_law(base, gamma, delta) for gamma in GAMMAS for delta in DELTAS_PX),
-        *_paper_variants(),
-    ]
-    return {method.name: method for method in methods}
+def methods_on(trial: Trial) -> tuple[str, ...]:
+    """Return which methods are asked about a trial of the ablations."""
+    if trial.case == LOOPS:
+        return ("default", *(method.name for method in _laws()))
+    if trial.settings or f"{trial.case.removesuffix(trial.scene)}" not in CAMERAS:
+        return COMPARED
+    return tuple(ablation_methods())
 
 
 def ablation_trials(seeds: range, scenes: Iterable[str]) -> list[Trial]:
@@ -77,20 +58,21 @@ def ablation_trials(seeds: range, scenes: Iterable[str]) -> list[Trial]:
         for seed in seeds:
             base = Trial(case=scene, scene=scene, seed=seed, serial=1 + seed, groups=("all",))
             trials += [
-                base,
-                replace(base, camera="clean", case=f"clean/{scene}", groups=("clean/all",)),
-                replace(base, camera="noisy", case=f"noisy/{scene}", groups=("noisy/all",)),
-                *(_lossy(base, loss) for loss in LOSSES),
+                *(_under(base, prefix, *camera) for prefix, camera in CAMERAS.items()),
+                _under(base, "clean/", "clean", 0.0),
+                *(_under(base, f"loss{100 * loss:.0f}/", "typical", loss) for loss in LOSSES),
+                *(_set(base, f"noise-{n:g}", {"background": {"rate_hz": n}}) for n in NOISES_HZ),
                 *(_set(base, f"contrast-{c:g}", {"light": {"contrast": c}}) for c in CONTRASTS),
                 *(_set(base, f"cap-{c:g}", {"readout": {"cap_mev_s": c}}) for c in CAPS_MEV_S),
                 *(_set(base, f"blur-{b:g}", {"light": {"blur_px": b}}) for b in BLURS_PX),
             ]
-    return trials
+    loops = [Trial(case=LOOPS, scene=LOOPS, seed=seed, serial=1 + seed) for seed in seeds]
+    return [*loops, *trials]
 
 
-def _lossy(base: Trial, loss: float) -> Trial:
-    prefix = f"loss{100 * loss:.0f}"
-    return replace(base, loss=loss, case=f"{prefix}/{base.scene}", groups=(f"{prefix}/all",))
+def _under(base: Trial, prefix: str, camera: str, loss: float) -> Trial:
+    case, groups = f"{prefix}{base.scene}", (f"{prefix}all",)
+    return replace(base, camera=camera, loss=loss, case=case, groups=groups)
 
 
 def _set(base: Trial, prefix: str, settings: dict[str, dict[str, float]]) -> Trial:
@@ -98,23 +80,50 @@ def _set(base: Trial, prefix: str, settings: dict[str, dict[str, float]]) -> Tri
     return replace(base, settings=settings, case=case, groups=groups)
 
 
+def _variants() -> Iterator[Method]:
+    base = load_config("default")
+    disc = base.tracking.disc
+    yield of_config("default", "unchanged", base)
+    yield _changed(
+        "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
+    )
+    yield _filtered("default-activity-filter", "background-activity filter before the map", base)
+    yield _without_hold("default-no-hold", "a marker that is not seen is given out at rest", base)
+    yield _care("default-no-lag", "no lag correction", base, lag_us=0.0)
+    yield _care("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
+    yield _care("default-no-adaptation", "steps fixed under event loss", base, adapt_to_loss=False)
+    unpulled = base.with_tracking(disc=replace(disc, grid_weight=0.0))
+    yield of_config("default-no-grid-pull", "no pull of the neighbours", unpulled)
+    centroid = base.with_tracking(method="centroid")
+    yield of_config("default-centroid", "centroid in place of the disc fit", centroid)
+    yield _changed("default-calibration-1px-off", "references 1 px off", base, _shifted)
+    yield _changed("default-contrast-3", "contrast taken for 3", base, _contrast(3.0))
+    yield _changed("default-contrast-12", "contrast taken for 12", base, _contrast(12.0))
+    yield _changed("default-uniform-steps", "one step for all pixels", base, _uniform)
+    for rate in RATES_HZ:
+        faster = base.with_tracking(rate_hz=float(rate))
+        yield of_config(f"default-{rate}-hz", f"{rate} estimates per second", faster)
+
+
+def _references() -> Iterator[Method]:
+    """Yield the other presets, and the published front end with one part changed."""
+    paper = load_config("paper")
+    yield of_config("fast", "graded map, centroids, 10 kHz", load_config("fast"))
+    yield of_config("paper", "the published pipeline behind a filter of lone events", paper)
+    yield as_published("paper-unfiltered", "without the filter, as printed")
+    yield _without_hold("paper-no-hold", "no hold: a marker without a blob is at rest", paper)
+    for denoiser in ("none", "median3", "box7"):
+        config = paper.with_tracking(denoiser=denoiser)
+        yield of_config(f"paper-{denoiser}", f"denoiser {denoiser} for the network", config)
+
+
+def _laws() -> list[LawMethod]:
+    return [*compared_laws(), *swept_laws()]
+
+
 def _care(name: str, about: str, base: Config, **changes: float | bool) -> Method:
     care = replace(base.tracking.care, **changes)  # type: ignore[arg-type]
     return of_config(name, about, base.with_tracking(care=care))
-
-
-def _law(base: Config, gamma: float, delta_px: float) -> Method:
-    law = replace(base.tracking.paper_law, gamma=gamma, delta_px=delta_px)
-    config = base.with_tracking(hysteresis="paper", paper_law=law)
-    name = f"default-law-gamma{gamma:g}-delta{delta_px:g}"
-    return of_config(name, f"published law, gamma {gamma:g}, delta {delta_px:g} px", config)
-
-
-def _paper_variants() -> Iterator[Method]:
-    base = load_config("paper")
-    for denoiser in ("none", "median3", "box7"):
-        config = base.with_tracking(denoiser=denoiser, hysteresis="none")
-        yield of_config(f"paper-{denoiser}", f"published front end, denoiser {denoiser}", config)
 
 
 def _changed(
@@ -123,16 +132,33 @@ def _changed(
     return replace(
         of_config(name, about, base),
         build=lambda calibration: make_tracker(base.tracking, change(calibration)),
-        settings={"change": about, **to_mapping(base.tracking)},
+        settings=_told(about, base),
     )
 
 
 def _filtered(name: str, about: str, base: Config) -> Method:
+    plain = of_config(name, about, base)
     return replace(
-        of_config(name, about, base),
+        plain,
         before=_without_lone_events,
-        settings={"change": about, **to_mapping(base.tracking)},
+        settings=_told(about, base),
+        code=(*plain.code, "events/filters.py"),
     )
+
+
+def _without_hold(name: str, about: str, base: Config) -> Method:
+    plain = of_config(name, about, base)
+    return replace(
+        plain,
+        build=lambda calibration: Unheld(make_tracker(base.tracking, calibration), calibration),
+        settings=_told(about, base),
+        code=(*plain.code, "experiments/unheld.py"),
+        reads=(),
+    )
+
+
+def _told(about: str, base: Config) -> dict[str, Any]:
+    return {"change": about, **to_mapping(base.tracking)}
 
 
 def _without_lone_events(

@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+from dataclasses import fields
 from pathlib import Path
+
+import numpy as np
 
 from spikingtac.config import digest, load_config
 from spikingtac.events.open import open_events
-from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.fingerprint import code_digest, modules_behind
 from spikingtac.experiments.trials import V2E, Trial
 from spikingtac.markers.calibrate import calibrate
 from spikingtac.schema import to_mapping
 from spikingtac.types import Calibration
 
-CODE = ("markers", "state_map")
-"""Parts of the package that a calibration depends on."""
+CODE = ("markers/calibrate.py",)
+"""Where a calibration comes from."""
+
+
+def calibration_digest(calibration: Calibration, names: tuple[str, ...] = ()) -> str:
+    """Return the digest of what a method reads of a calibration.
+
+    Args:
+        calibration: Of the sensor.
+        names: Fields; empty is all but the provenance.
+    """
+    known = tuple(one.name for one in fields(calibration) if one.name != "provenance")
+    values = {name: getattr(calibration, name) for name in names or known}
+    return digest({name: _plain(value) for name, value in values.items()})
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+    return repr(value)
 
 
 def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
@@ -34,7 +56,7 @@ def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Cali
         {
             "slides": slides.key(),
             "settings": to_mapping(settings),
-            "code": code_digest(CODE),
+            "code": code_digest(modules_behind(CODE)),
         }
     )
     path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"

@@ -27,6 +27,10 @@ DAMAGE_SCENES = ("mixed", "finger-slides", "finger-torsion")
 FIFTY, LOOPS = "fifty-contacts", "loops"
 
 
+VARIANTS = ("paper-unfiltered", "evetac-strong")
+"""Methods of the main tables that are asked under the typical camera and about v2e only."""
+
+
 def seeds_of(first: int, count: int) -> range:
     """Return the seeds of a run."""
     return range(first, first + count)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac.baselines.neutac import NeutacConfig, NeutacTracker
+from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac.config import Config, digest, load_config
-from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.fingerprint import code_digest, modules_behind
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.registry import make_denoiser, make_tracker
 from spikingtac.schema import to_mapping
@@ -19,8 +19,17 @@ from spikingtac.types import Calibration, EventPacket
 Builder = Callable[[Calibration], MarkerTracker]
 Before = Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]]
 
-OWN_CODE = ("markers", "state_map", "denoise", "events/filters.py", "events/filter_kernels.py")
-"""Parts of the package that the project's own trackers are made of."""
+_GRADED = ("markers/graded_tracker.py", "markers/hysteresis.py")
+_BLOBS = ("markers/blob_tracker.py", "denoise/classical.py", "denoise/infer.py", "denoise/weights")
+OWN_CODE: dict[str, tuple[str, ...]] = {
+    "disc": ("markers/disc_locator.py", *_GRADED),
+    "centroid": ("markers/centroid_locator.py", *_GRADED),
+    "blobs": _BLOBS,
+}
+"""``tracking.method`` -> the modules that its tracker is assembled from."""
+
+READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
+"""What of a calibration a tracker reads that knows neither steps nor contrast nor lag."""
 
 EVETAC_HZ = 500.0
 """How often Evetac's dots are looked at; they move in slices of 1 ms whatever this is."""
@@ -39,7 +48,8 @@ class Method:
         rate_hz: Estimates per second of data time.
         build: Makes the tracker for one calibration.
         settings: Everything that was chosen, for the digest and the report.
-        code: Parts of the package behind it.
+        code: Modules that it is assembled from; what these import counts as well.
+        reads: What of the calibration it reads; empty is everything.
         before: Works on the events before the tracker sees them; None is nothing.
     """
 
@@ -48,13 +58,15 @@ class Method:
     rate_hz: float
     build: Builder
     settings: Any
-    code: tuple[str, ...] = OWN_CODE
+    code: tuple[str, ...]
+    reads: tuple[str, ...] = ()
     before: Before | None = field(default=None)
 
     def key(self) -> str:
         """Return the digest of configuration and code."""
         about = {"name": self.name, "rate_hz": self.rate_hz, "settings": self.settings}
-        return digest({"method": about, "code": code_digest((*self.code, "pipeline.py"))})
+        code = code_digest(modules_behind((*self.code, "pipeline.py")))
+        return digest({"method": about, "code": code})
 
 
 def preset(name: str, preset_name: str | None = None, about: str = "") -> Method:
@@ -71,6 +83,8 @@ def of_config(name: str, about: str, config: Config) -> Method:
         rate_hz=config.tracking.rate_hz,
         build=lambda calibration: make_tracker(config.tracking, calibration),
         settings=to_mapping(config.tracking),
+        code=OWN_CODE[config.tracking.method],
+        reads=READ_BY_BASELINES if config.tracking.method == "blobs" else (),
     )
 
 
@@ -81,7 +95,8 @@ def _evetac(name: str, about: str, config: EvetacConfig) -> Method:
         rate_hz=EVETAC_HZ,
         build=lambda calibration: EvetacTracker(config, calibration),
         settings=to_mapping(config),
-        code=("baselines/evetac.py", "baselines/attraction.py", "markers/neighbours.py"),
+        code=("baselines/evetac.py",),
+        reads=READ_BY_BASELINES,
     )
 
 
@@ -91,9 +106,10 @@ def _neutac(name: str, about: str, config: NeutacConfig) -> Method:
         name=name,
         about=f"{about}, denoiser {denoiser}",
         rate_hz=config.rate_hz,
-        build=lambda calibration: NeutacTracker(config, calibration, make_denoiser(denoiser)),
+        build=lambda calibration: neutac_tracker(config, calibration, make_denoiser(denoiser)),
         settings={"denoiser": denoiser, **to_mapping(config)},
-        code=("baselines/neutac.py", "baselines/time_surface.py", *OWN_CODE),
+        code=("baselines/neutac.py", *_BLOBS),
+        reads=READ_BY_BASELINES,
     )
 
 
@@ -104,7 +120,8 @@ def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
         rate_hz=config.rate_hz,
         build=lambda calibration: EkalibrTracker(config, calibration),
         settings=to_mapping(config),
-        code=("baselines", "markers/associate.py"),
+        code=("baselines/ekalibr.py",),
+        reads=READ_BY_BASELINES,
     )
 
 
@@ -113,11 +130,19 @@ def main_methods() -> dict[str, Method]:
     methods = (
         preset("default", about="graded map, disc fit, no law"),
         preset("fast", about="graded map, centroids, 10 kHz"),
-        preset("paper", about="binary map, blobs, k-d tree, hold, published law, 350 Hz"),
+        preset("paper", about="filter of lone events (ours), binary map, network, blobs, k-d tree, "
+                              "hold, published law, 350 Hz"),
+        as_published("paper-unfiltered", "the same without the filter, as printed"),
         _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
         _evetac("evetac-strong", "attraction law, strong regulariser", EvetacConfig.strong()),
         _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
-        _neutac("neutac-binary", "binary map, detection, no law", NeutacConfig(surface="binary")),
         _ekalibr("ekalibr", "arcs paired, circle that moves in time", EkalibrConfig()),
-    )
+    )  # fmt: skip
     return {method.name: method for method in methods}
+
+
+def as_published(name: str, about: str) -> Method:
+    """Return the preset ``paper`` without the filter before its map: the paper names none."""
+    config = load_config("paper")
+    blobs = replace(config.tracking.blobs, support_us=0)
+    return of_config(name, about, config.with_tracking(blobs=blobs))

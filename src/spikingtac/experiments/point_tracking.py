@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.experiments import RunOptions
-from spikingtac.experiments.ablation import ABLATION_SCENES, ablation_methods, ablation_trials
+from spikingtac.experiments.ablation import (
+    ABLATION_SCENES,
+    ablation_methods,
+    ablation_trials,
+    methods_on,
+)
 from spikingtac.experiments.cases import (
     ALL,
-    CAMERAS,
-    FIFTY,
-    LOOPS,
+    VARIANTS,
     foreign_trials,
     main_trials,
     seeds_of,
@@ -21,13 +24,15 @@ from spikingtac.experiments.cases import (
 from spikingtac.experiments.figures import deviation_figure, key_point_figure
 from spikingtac.experiments.findings import findings
 from spikingtac.experiments.fingerprint import provenance
-from spikingtac.experiments.methods import TRUTH, main_methods
+from spikingtac.experiments.laws import LAW_MARK, LawMethod, compared_laws, law_rows, neutac_binary
+from spikingtac.experiments.methods import TRUTH, Method, main_methods
 from spikingtac.experiments.metrics import POINT_METRICS
 from spikingtac.experiments.published import POINT_TRACKING
-from spikingtac.experiments.report import Report, Table
+from spikingtac.experiments.report import Report
 from spikingtac.experiments.rows import Row, rows_of
 from spikingtac.experiments.run_folder import claim
 from spikingtac.experiments.runner import Work, cpu_count, run_all
+from spikingtac.experiments.tables import report_tables
 from spikingtac.experiments.trials import V2E, Trial
 from spikingtac.sim.catalog import TRAJECTORIES
 
@@ -35,22 +40,6 @@ NAME = "point-tracking"
 FULL_SEEDS = 5
 """Seeds of a full run."""
 
-PAPER_COLUMNS = (
-    "success_rate",
-    "return_mean_px",
-    "return_std_px",
-    "zeroed_return_mean_px",
-    "zeroed_return_std_px",
-)
-TRUTH_COLUMNS = (
-    "error_mean_px",
-    "error_p95_px",
-    "error_final_px",
-    "return_error_mean_px",
-    "return_growth_px",
-    "lost_markers",
-    "id_swaps",
-)
 FIGURE_METHODS = ("default", "paper", "evetac", "neutac")
 KEY_POINT_SCENE = "spoon-rubs"
 """Trajectory of the first figure: repeated contact."""
@@ -58,40 +47,43 @@ KEY_POINT_SCENE = "spoon-rubs"
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
-    table = ablation_methods if options.ablations else main_methods
+    table = ablation_methods if options.ablations else all_methods
     names = _chosen((*table(), TRUTH), options.methods)
     count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
-    seeds = seeds_of(options.seed, count)
     settings = {
         "experiment": NAME,
         "ablations": options.ablations,
         "quick": options.quick,
         "first_seed": options.seed,
         "seeds": count,
-        "methods": list(names),
     }
     claim(options.output, settings, options.resume)
-    trials = _trials(options, seeds)
     works = [
         Work(
             trial=trial,
-            methods=tuple(names),
+            methods=tuple(name for name in names if name in asked),
             table=table,
             folder=options.output,
             data=options.data,
         )
-        for trial in trials
+        for trial, asked in _trials(options, seeds_of(options.seed, count))
     ]
     records = run_all(works, options.workers or cpu_count(), options.advance)
-    report = _report(records, options, settings, names)
+    report = _report(records, options, settings | {"methods": names}, table())
     report.write(options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
-        "trials": len(trials),
+        "trials": len(works),
         "rows": len(report.rows),
         "findings": list(report.findings),
     }
+
+
+def all_methods() -> dict[str, Method | LawMethod]:
+    """Return the methods of the main tables, and the laws that take their estimates from them."""
+    laws = (neutac_binary(), *compared_laws())
+    return {**main_methods(), **{method.name: method for method in laws}}
 
 
 def command(options: RunOptions) -> str:
@@ -105,11 +97,16 @@ def command(options: RunOptions) -> str:
     return " ".join(words)
 
 
-def _trials(options: RunOptions, seeds: range) -> list[Trial]:
+def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:
+    """Yield the trials, and which methods are asked about each."""
     if options.ablations:
         scenes = ABLATION_SCENES[:1] if options.quick else ABLATION_SCENES
-        return ablation_trials(seeds, scenes)
-    return [*foreign_trials(options.data), *main_trials(seeds, options.quick)]
+        for trial in ablation_trials(seeds, scenes):
+            yield trial, (*methods_on(trial), TRUTH)
+        return
+    for trial in (*foreign_trials(options.data), *main_trials(seeds, options.quick)):
+        left_out = () if trial.camera in ("typical", V2E) else VARIANTS
+        yield trial, tuple(name for name in (*all_methods(), TRUTH) if name not in left_out)
 
 
 def _chosen(known: Sequence[str], wanted: tuple[str, ...]) -> list[str]:
@@ -125,18 +122,21 @@ def _report(
     records: list[dict[str, Any]],
     options: RunOptions,
     settings: dict[str, Any],
-    names: Sequence[str],
+    table: Mapping[str, Method | LawMethod],
 ) -> Report:
-    rows = rows_of(records, POINT_METRICS, POINT_TRACKING, paper_case=ALL)
-    table = ablation_methods() if options.ablations else main_methods()
+    names = settings["methods"]
+    laws = [table[name] for name in names if LAW_MARK in name]
+    laws = [method for method in laws if isinstance(method, LawMethod)]
+    rows = [*rows_of(records, POINT_METRICS, POINT_TRACKING, paper_case=ALL), *law_rows(laws)]
+    told = [] if options.ablations else [*findings(rows), *_skipped(options)]
     return Report(
         experiment=NAME,
         title="Point tracking" + (": ablations" if options.ablations else ""),
         provenance=provenance(command(options), settings)
         | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
         rows=rows,
-        findings=[] if options.ablations else [*findings(rows), *_skipped(options)],
-        tables=_tables(rows, names),
+        findings=told,
+        tables=report_tables(rows, names),
         figures=[] if options.ablations else _figures(rows, records, options.output),
         methods={name: table[name].about for name in names if name in table}
         | {TRUTH: "knows the truth: what its markers are off at the end is the gel's residual"},
@@ -153,28 +153,6 @@ def _skipped(options: RunOptions) -> list[str]:
 
 def _digests(records: list[dict[str, Any]]) -> dict[str, str]:
     return {record["trial"]["case"]: record["key"] for record in records}
-
-
-def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
-    seen = list(dict.fromkeys(row.case for row in rows))
-    first = [prefix + ALL for prefix in CAMERAS]
-    order = [*first, f"{V2E}/mix", LOOPS, FIFTY]
-    cases = [case for case in order if case in seen] + [case for case in seen if case not in order]
-    tables = []
-    for case in cases:
-        stem = case.replace("/", "-")
-        for kind, columns in (("paper", PAPER_COLUMNS), ("truth", TRUTH_COLUMNS)):
-            about = "the paper's metrics" if kind == "paper" else "against the truth"
-            tables.append(
-                Table(
-                    name=f"{stem}-{kind}",
-                    title=f"{case}: {about}",
-                    case=case,
-                    metrics=columns,
-                    methods=tuple(names),
-                )
-            )
-    return tables
 
 
 def _figures(

@@ -1,8 +1,9 @@
 """Trials x methods -> predictions on disk -> scores; knows neither methods nor trials by name.
 
-A prediction is kept under the digest of the recording, the calibration, the method's name and
-configuration, and the source code behind it: what has not changed is not computed again, what has
-changed is never taken for the new. One trial is one piece of work for one process.
+A prediction is kept under the digest of the recording, of what the method reads of the calibration,
+of its name and configuration, and of the source code behind it: what has not changed is not
+computed again, what has changed is never taken for the new. One method on one trial is one piece of
+work for one process.
 """
 
 from __future__ import annotations
@@ -10,20 +11,22 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from spikingtac.config import digest
-from spikingtac.experiments.calibrations import calibration_of
+from spikingtac.experiments.calibrations import calibration_digest, calibration_of
+from spikingtac.experiments.fingerprint import code_digest, modules_behind
 from spikingtac.experiments.ground_truth import GroundTruth
-from spikingtac.experiments.methods import Method
+from spikingtac.experiments.laws import LawMethod, under_law
+from spikingtac.experiments.methods import TRUTH, Method
 from spikingtac.experiments.metrics import point_scores
 from spikingtac.experiments.prediction import Prediction
 from spikingtac.experiments.run_folder import write_json
-from spikingtac.experiments.trials import Trial
+from spikingtac.experiments.trials import V2E, Trial
 from spikingtac.pipeline import follow
 from spikingtac.types import Calibration, EventPacket
 
@@ -33,9 +36,12 @@ KEPT_HZ = 500.0
 SINGLE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that keep a library from starting threads of its own in every worker."""
 
-Methods = Callable[[], dict[str, Method]]
+Methods = Callable[[], Mapping[str, Method | LawMethod]]
 Advance = Callable[[float], None]
-T = TypeVar("T")
+
+
+SCORING = ("experiments/metrics.py", "experiments/ground_truth.py")
+"""Where scores come from: changing it scores the kept predictions again."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,22 +68,46 @@ def run_all(
 ) -> list[dict[str, Any]]:
     """Score every method on every trial.
 
+    First the calibrations and recordings are made, each of them once, then each method is asked
+    about each trial on its own: no process waits for another one's long list.
+
     Args:
-        works: What to do.
+        works: What to do, the longest first.
         workers: Processes, at most the number of CPUs.
         advance: Is told the share that is done, 0 to 1.
 
     Returns:
         One record for each trial and method: trial, method, scores.
     """
-    calibrations = {
-        json.dumps([asdict(work.trial.bootstrap()), str(work.data)], sort_keys=True): work
-        for work in works
-    }
-    steps = len(calibrations) + len(works)
-    _in_processes(prepare, list(calibrations.values()), workers, _part(advance, 0, steps))
-    done = _in_processes(run_work, works, workers, _part(advance, len(calibrations), steps))
-    return [record for records in done for record in records]
+    sensors = {work.trial.bootstrap().key(): work for work in works}
+    films = {work.trial.recording_key(): work for work in works if work.trial.camera != V2E}
+    single = [part for work in works for part in _parts(work)]
+    total = len(sensors) + len(films) + len(single)
+    pool = _crew(min(workers, len(single)))
+    try:
+        made = [pool.submit(prepare, work) for work in sensors.values()]
+        made += [pool.submit(film, work) for work in films.values()]
+        for number, one in enumerate(as_completed(made), 1):
+            one.result()
+            _tell(advance, number / total)
+        asked = [pool.submit(run_work, work) for work in single]
+        for number, future in enumerate(as_completed(asked), len(made) + 1):
+            future.result()
+            _tell(advance, number / total)
+        return [record for future in asked for record in future.result()]
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _parts(work: Work) -> Iterator[Work]:
+    """Yield one piece of work per tracker, with the laws that take their estimates from it."""
+    table = work.table()
+    groups: dict[str, list[str]] = {}
+    for name in work.methods:
+        method = table.get(name)
+        groups.setdefault(method.of if isinstance(method, LawMethod) else name, []).append(name)
+    for names in groups.values():
+        yield replace(work, methods=tuple(names))
 
 
 def prepare(work: Work) -> None:
@@ -85,42 +115,62 @@ def prepare(work: Work) -> None:
     calibration_of(work.trial, work.folder, work.data)
 
 
+def film(work: Work) -> None:
+    """Make the recording that a piece of work needs."""
+    work.trial.record(work.folder)
+
+
 def run_work(work: Work) -> list[dict[str, Any]]:
     """Return the scores of one trial's methods, from disk where they are there."""
-    trial, table = work.trial, work.table()
-    calibration = calibration_of(trial, work.folder, work.data)
-    base = {
-        "trial": trial.key(),
-        "calibration": digest(_rest(calibration)),
+    calibration = calibration_of(work.trial, work.folder, work.data)
+    table = work.table()
+    return [_asked(work, table.get(name), name, calibration) for name in work.methods]
+
+
+def _asked(
+    work: Work, method: Method | LawMethod | None, name: str, calibration: Calibration
+) -> dict[str, Any]:
+    trial, law = work.trial, method if isinstance(method, LawMethod) else None
+    if isinstance(method, LawMethod):
+        base = work.table()[method.of]
+        assert isinstance(base, Method)
+        method = base
+    key = _key(trial, method, calibration)
+    scoring = code_digest(modules_behind(SCORING))
+    score_key = digest({"prediction": key, "law": law.key() if law else "", "scoring": scoring})
+    stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
+    path = work.folder / "scores" / name / f"{stem}.json"
+    record = _stored(path, score_key)
+    if record is not None:
+        return record
+    events, truth = trial.open(work.folder, work.data)
+    file = work.folder / "predictions" / (method.name if method else TRUTH) / f"{stem}.npz"
+    prediction = Prediction.load(file, key)
+    if prediction is None:
+        prediction = predict(method, events, calibration, truth)
+        prediction.save(file, key)
+    if law:
+        prediction = under_law(prediction, law.law(), truth)
+    record = {
+        "key": score_key,
+        "method": name,
+        "trial": asdict(trial),
+        "prediction": str(file.relative_to(work.folder)),
+        "scores": point_scores(prediction, truth, trial.damaged_markers),
     }
-    events: Iterable[EventPacket] | None = None
-    truth: GroundTruth | None = None
-    records = []
-    for name in work.methods:
-        method = table.get(name)
-        key = digest({**base, "method": method.key() if method else name})
-        stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
-        path = work.folder / "scores" / name / f"{stem}.json"
-        record = _stored(path, key)
-        if record is None:
-            if events is None or truth is None:
-                events, truth = trial.open(work.folder, work.data)
-            file = work.folder / "predictions" / name / f"{stem}.npz"
-            prediction = Prediction.load(file, key)
-            if prediction is None:
-                prediction = predict(method, events, calibration, truth)
-                prediction.save(file, key)
-            scores = point_scores(prediction, truth, trial.damaged_markers)
-            record = {
-                "key": key,
-                "method": name,
-                "trial": asdict(trial),
-                "prediction": str(file.relative_to(work.folder)),
-                "scores": scores,
-            }
-            write_json(path, record)
-        records.append(record)
-    return records
+    write_json(path, record)
+    return record
+
+
+def _key(trial: Trial, method: Method | None, calibration: Calibration) -> str:
+    """Return what a prediction is kept under; without a method it is the truth's."""
+    about = {
+        "trial": trial.key(),
+        "calibration": calibration_digest(calibration, method.reads) if method else "",
+        "method": method.key() if method else TRUTH,
+        "kept_hz": KEPT_HZ,
+    }
+    return digest(about)
 
 
 def predict(
@@ -150,16 +200,6 @@ def _truth_itself(truth: GroundTruth) -> Prediction:
     return Prediction(truth.t_us, position_px, position_px, held, truth.reference_px)
 
 
-def _rest(calibration: Calibration) -> dict[str, Any]:
-    return {
-        "reference_px": calibration.reference_px.round(4).tolist(),
-        "radius_px": calibration.radius_px.round(4).tolist(),
-        "contrast": calibration.contrast or 0.0,
-        "edge_px": calibration.edge_px or 0.0,
-        "lag_us": calibration.lag_us or 0.0,
-    }
-
-
 def _stored(path: Path, key: str) -> dict[str, Any] | None:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
@@ -168,29 +208,17 @@ def _stored(path: Path, key: str) -> dict[str, Any] | None:
     return record if record.get("key") == key else None
 
 
-def _part(advance: Advance | None, before: int, total: int) -> Advance:
-    return lambda done: advance((before + done) / total) if advance else None
+def _tell(advance: Advance | None, share: float) -> None:
+    if advance:
+        advance(share)
 
 
-def _in_processes(
-    function: Callable[[Work], T], works: Sequence[Work], workers: int, advance: Advance
-) -> list[T]:
+def _crew(workers: int) -> Executor:
+    """Return fresh processes, or for a single one a thread of this process."""
     for name in SINGLE_THREAD:
         os.environ.setdefault(name, "1")
-    workers = max(1, min(workers, cpu_count(), len(works)))
+    workers = max(1, min(workers, cpu_count()))
     if workers == 1:
-        out = []
-        for number, work in enumerate(works, 1):
-            out.append(function(work))
-            advance(number)
-        return out
+        return ThreadPoolExecutor(1)
     # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
-    try:
-        futures: list[Future[T]] = [pool.submit(function, work) for work in works]
-        for number, future in enumerate(as_completed(futures), 1):
-            future.result()
-            advance(number)
-        return [future.result() for future in futures]
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))

@@ -14,7 +14,7 @@ from spikingtac.config import digest
 from spikingtac.events.filters import RandomDrop
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH
-from spikingtac.experiments.fingerprint import SIMULATOR, code_digest
+from spikingtac.experiments.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.sim import catalog
 from spikingtac.types import EventPacket
@@ -79,7 +79,7 @@ class Trial:
             "scene": self._scene().resolved(),
             "seed": self.seed,
             "duration_s": self.duration_s or 0.0,
-            "simulator": code_digest(SIMULATOR),
+            "simulator": code_digest(modules_behind(SIMULATOR, within="sim")),
         }
         return f"{self.scene}-{self.camera}-{self.serial}-{self.seed}-{digest(about)}"
 

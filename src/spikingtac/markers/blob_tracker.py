@@ -1,7 +1,8 @@
 """The published front end, one screen: map, denoiser, blobs, association, hold, output law.
 
-Paper sections IV-A to IV-C. Its error against truth is dominated by the bias of the last-polarity
-map (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
+Paper sections IV-A to IV-C; a filter of lone events before the map is ours, and optional. Its error
+against truth is dominated by the bias of the last-polarity map
+(:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.associate import UNMATCHED, associate
 from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
@@ -41,14 +43,20 @@ class BlobTrackerConfig:
         proximity_share: Association threshold as a share of the smallest distance between two
             resting markers (ours: one half, beyond which a neighbour could be nearer than the
             marker itself).
+        support_us: Window of a background-activity filter before the map, us; 0 is none, as
+            published (ours: nothing else keeps leak, which is always ON, from painting a map of
+            last polarities white).
     """
 
     threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
     min_area_share: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
     max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
     proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
+    support_us: int = field(default=0, metadata={"range": (0, 100_000)})
 
     def __post_init__(self) -> None:
+        if self.support_us < 0:
+            raise ConfigError(f"support_us is {self.support_us}, valid is 0 (no filter) or above")
         if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:
             raise ConfigError(
                 f"min_area_share {self.min_area_share} and max_area_share {self.max_area_share} "
@@ -100,6 +108,7 @@ class BlobTracker:
         )
         self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
         self._detected_px = calibration.reference_px.astype(np.float64)
+        self._filter = self._new_filter()
 
     @property
     def state_map(self) -> StateMap:
@@ -118,7 +127,7 @@ class BlobTracker:
                 f"{self._calibration.size[0]}x{self._calibration.size[1]}; calibrate this sensor: "
                 "spikingtac calibrate RECORDING -o calibration.json"
             )
-        self._map.absorb(packet)
+        self._map.absorb(packet if self._filter is None else self._filter(packet))
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
@@ -142,6 +151,13 @@ class BlobTracker:
         self._map.reset()
         self._law.reset()
         self._detected_px = self._calibration.reference_px.astype(np.float64)
+        self._filter = self._new_filter()
+
+    def _new_filter(self) -> BackgroundActivityFilter | None:
+        if not self._config.support_us:
+            return None
+        settings = BackgroundActivityConfig(window_us=self._config.support_us)
+        return BackgroundActivityFilter(settings, self._calibration.size)
 
     def _confidence(
         self, blobs: Blobs, match: NDArray[np.int64], held: NDArray[np.bool_]

@@ -5,15 +5,20 @@ from pathlib import Path
 
 import pytest
 
+from spikingtac.baselines.ekalibr import EkalibrConfig
 from spikingtac.baselines.evetac import EvetacConfig
 from spikingtac.baselines.neutac import NeutacConfig
+from spikingtac.config import load_config
 from spikingtac.experiments.cases import main_trials, seeds_of
 
 RECORD = Path(__file__).resolve().parents[3] / "benchmarks" / "records" / "tune_baselines.json"
 CONFIGS = {
     "evetac": EvetacConfig(),
     "evetac-strong": EvetacConfig.strong(),
+    "evetac-filter": EvetacConfig(),
     "neutac": NeutacConfig(),
+    "ekalibr": EkalibrConfig(),
+    "paper": load_config("paper").tracking.blobs,
 }
 
 

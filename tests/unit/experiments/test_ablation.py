@@ -3,12 +3,20 @@
 import numpy as np
 import pytest
 
-from spikingtac.experiments.ablation import ABLATION_SCENES, ablation_methods, ablation_trials
+from spikingtac.experiments.ablation import (
+    ABLATION_SCENES,
+    ablation_methods,
+    ablation_trials,
+    methods_on,
+)
 from spikingtac.experiments.cases import seeds_of
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.experiments.methods import Method
+from spikingtac.experiments.unheld import Unheld
+from spikingtac.types import Calibration, EventPacket, MarkerFrame
 
 SIZE = (130, 130)
 METHODS = ablation_methods()
+TRACKERS = {name: method for name, method in METHODS.items() if isinstance(method, Method)}
 
 
 def calibration() -> Calibration:
@@ -24,9 +32,9 @@ def calibration() -> Calibration:
     )
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", TRACKERS)
 def test_a_variant_runs(name: str) -> None:
-    method = METHODS[name]
+    method = TRACKERS[name]
     packet = EventPacket.empty(0, 10_000, SIZE)
     packets = [packet] if method.before is None else list(method.before([packet], calibration()))
     tracker = method.build(calibration())
@@ -48,5 +56,37 @@ def test_trials_cover_what_the_ablation_promises() -> None:
     trials = ablation_trials(seeds_of(0, 1), ABLATION_SCENES)
     prefixes = {trial.case.split("/")[0] for trial in trials if "/" in trial.case}
     wanted = {"clean", "noisy", "loss10", "loss30", "loss50", "contrast-3", "contrast-12"}
-    assert wanted | {"cap-0.5", "cap-1", "blur-1", "blur-1.5"} <= prefixes
+    assert wanted | {"cap-0.5", "cap-1", "blur-1", "blur-1.5", "noise-3"} <= prefixes
     assert len({trial.key() for trial in trials}) == len(trials)
+
+
+def test_every_trial_asks_the_default_and_each_variant_is_asked_somewhere() -> None:
+    asked = [methods_on(trial) for trial in ablation_trials(seeds_of(0, 1), ABLATION_SCENES)]
+    assert all("default" in names for names in asked)
+    assert {name for names in asked for name in names} == set(METHODS)
+
+
+class Blinks:
+    """Sees nothing of its second marker."""
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Look away."""
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return markers that are all 3 px off, the second of them held."""
+        moved = calibration().reference_px + 3.0
+        held = np.arange(9) == 1
+        return MarkerFrame(t_us, moved, moved + 1.0, 0.0 * moved, held, 1.0 - held)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+
+def test_without_hold_only_what_is_not_seen_goes_to_its_rest() -> None:
+    rest = calibration().reference_px
+    frame = Unheld(Blinks(), calibration()).estimate(5)
+    off_px = frame.detected_px - rest
+    assert off_px[1].tolist() == [0.0, 0.0]
+    assert np.delete(off_px, 1, axis=0) == pytest.approx(3.0)
+    assert np.delete(frame.displacement_px, 1, axis=0) == pytest.approx(4.0)
+    assert frame.position_px[1].tolist() == rest[1].tolist()

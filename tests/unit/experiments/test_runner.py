@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from spikingtac.experiments import EXPERIMENTS, runner_of
 from spikingtac.experiments import runner as runner_module
 from spikingtac.experiments.cases import DAMAGES, main_trials, seeds_of
 from spikingtac.experiments.ground_truth import GroundTruth
+from spikingtac.experiments.laws import LawMethod
 from spikingtac.experiments.methods import Method, main_methods
 from spikingtac.experiments.runner import Work, predict, run_all, run_work
 from spikingtac.experiments.trials import Trial
+from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.sim import catalog
 from spikingtac.types import Calibration, EventPacket, MarkerFrame
 
@@ -48,6 +51,13 @@ def table(gain: float = 1.0) -> dict[str, Method]:
             name="still", about="", rate_hz=1_000.0, build=Still, settings={"gain": gain}, code=()
         )
     }
+
+
+def table_with_laws() -> dict[str, Method | LawMethod]:
+    law = LawMethod(
+        name="pulled", about="", of="still", law=AnchoredLaw, settings={"gamma": "default"}
+    )
+    return {**table(), "pulled": law}
 
 
 def other_table() -> dict[str, Method]:
@@ -84,6 +94,31 @@ def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
     assert BUILT == ["still"], "scored again from the prediction"
     run_work(Work(trial=TRIAL, methods=("still",), table=other_table, folder=tmp_path))
     assert BUILT == ["still", "still"], "another configuration is another prediction"
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
+    still, pulled = run_all([work], 1)
+    assert (still["method"], pulled["method"]) == ("still", "pulled")
+    assert BUILT == ["still"], "tracked once"
+    assert pulled["prediction"] == still["prediction"]
+    alone = replace(work, methods=("pulled",), folder=tmp_path / "alone")
+    assert run_all([alone], 1)[0]["scores"] == pulled["scores"], "also where only it is asked for"
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_other_scoring_scores_again_what_was_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
+    run_work(work)
+    monkeypatch.setattr(runner_module, "SCORING", ("experiments/rows.py",))
+    monkeypatch.setattr(runner_module, "point_scores", lambda *_: {"error_mean_px": -1.0})
+    assert run_work(work)[0]["scores"] == {"error_mean_px": -1.0}
+    assert BUILT == ["still"]
 
 
 @pytest.mark.usefixtures("known_sensor")

@@ -1,0 +1,92 @@
+"""Which rows of the point-tracking experiment stand together in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from spikingtac.experiments.cases import ALL, CAMERAS, FIFTY, LOOPS
+from spikingtac.experiments.laws import LAW, LAW_MARK, LAW_METRICS
+from spikingtac.experiments.report import Table
+from spikingtac.experiments.rows import Row
+from spikingtac.experiments.trials import V2E
+
+PAPER_COLUMNS = (
+    "success_rate",
+    "return_mean_px",
+    "return_std_px",
+    "zeroed_return_mean_px",
+    "zeroed_return_std_px",
+)
+TRUTH_COLUMNS = (
+    "error_mean_px",
+    "error_p95_px",
+    "error_final_px",
+    "return_error_mean_px",
+    "return_growth_px",
+    "lost_markers",
+    "id_swaps",
+)
+LAW_COLUMNS = ("success_rate", "return_mean_px", "return_std_px")
+LAW_CASES = (LOOPS, FIFTY, ALL)
+"""Where laws are compared: closed loops, many contacts, the ten trajectories."""
+
+FIRST = (*(prefix + ALL for prefix in CAMERAS), f"{V2E}/mix", LOOPS, FIFTY)
+"""Cases of the first tables."""
+
+
+def report_tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
+    """Return the tables of a report: case by case the paper's metrics, then those with the truth.
+
+    Args:
+        rows: The report's.
+        names: The methods that were asked, in order.
+    """
+    laws = tuple(name for name in names if LAW_MARK in name)
+    trackers = tuple(name for name in names if name not in laws)
+    seen = {row.case: None for row in rows if row.case != LAW}
+    cases = [case for case in FIRST if case in seen] + [case for case in seen if case not in FIRST]
+    first, rest = [case for case in cases if case in FIRST], [c for c in cases if c not in FIRST]
+    return [
+        *(one for case in first for one in _both(case, trackers)),
+        *(_laws(case, laws, names) for case in LAW_CASES if laws and case in seen),
+        *([_exact(laws)] if laws else []),
+        *(one for case in rest for one in _both(case, trackers)),
+    ]
+
+
+def _both(case: str, methods: tuple[str, ...]) -> list[Table]:
+    stem = case.replace("/", "-")
+    return [
+        Table(
+            name=f"{stem}-{kind}",
+            title=f"{case}: {about}",
+            case=case,
+            metrics=columns,
+            methods=methods,
+        )
+        for kind, about, columns in (
+            ("paper", "the paper's metrics", PAPER_COLUMNS),
+            ("truth", "against the truth", TRUTH_COLUMNS),
+        )
+    ]
+
+
+def _laws(case: str, laws: tuple[str, ...], names: Sequence[str]) -> Table:
+    beside = tuple(name for name in ("default", "paper", "truth") if name in names)
+    return Table(
+        name=f"{case}-laws",
+        title=f"{case}: output laws on the same estimates",
+        case=case,
+        metrics=LAW_COLUMNS,
+        methods=(*beside, *laws),
+    )
+
+
+def _exact(laws: tuple[str, ...]) -> Table:
+    return Table(
+        name="law-bounds",
+        title="What each law does to exact detections",
+        case=LAW,
+        metrics=tuple(LAW_METRICS),
+        methods=laws,
+    )
