@@ -12,6 +12,7 @@ VERBS: dict[str, str] = {
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
+    "contact": "find the contacts in a recording, from raw events in 1 ms windows",
     "train": "teach the denoising network on recordings, without labels",
     "view": "look at a recording or a scene in the browser: replay, tune, measure",
     "experiment": "re-run one of the paper's experiments: every method, every case, one report",

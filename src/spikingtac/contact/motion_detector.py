@@ -56,7 +56,8 @@ class MotionDetector:
         self._votes = VoteCounter(learned.tables, int(test.windows[-1]))
         self._sums = ScaleSums(test)
         self._release: ReleaseWatch | None = None
-        self._rest = 0
+        self._along = test.mean
+        self._calm: int | None = None
         self._end_us = 0
 
     @classmethod
@@ -94,15 +95,8 @@ class MotionDetector:
         self._end_us = packets_of(window)[0].t_end_us
         scale = exceeded_kernel(values, self.test.threshold)
         if self._release is not None:
-            self._follow(self._release, votes, scale)
-            return None
-        if scale < 0 or self._rest > 0:
-            self._rest = max(self._rest - 1, 0)
-            return None
-        self.in_contact = True
-        total = self._sums.total(scale)
-        self._release = ReleaseWatch(self._config.release, self.test, scale, total)
-        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
+            scale = self._follow(self._release, votes, scale)
+        return None if scale < 0 else self._begin(scale, values)
 
     def details(self) -> ContactDetails:
         """Return what is known about the present contact; more, the later it is asked.
@@ -114,7 +108,7 @@ class MotionDetector:
         """
         if self._release is None:
             raise ValueError("there is no contact to describe; ask while in_contact is True")
-        course = self._sums.course(self._release.along)
+        course = self._sums.course(self._along)
         windows = len(course) - 1 - likeliest_onset(course)
         recent = self._votes.recent(windows)
         touches = tuple(
@@ -127,14 +121,35 @@ class MotionDetector:
     def reset(self) -> None:
         """Forget the past windows, not the calibration."""
         self.in_contact = False
-        self._release, self._rest = None, 0
+        self._release, self._calm = None, None
         self._votes.reset()
         self._sums.reset()
 
-    def _follow(self, release: ReleaseWatch, votes: Vector, scale: int) -> None:
+    def _begin(self, scale: int, values: Vector) -> Contact:
+        total = self._sums.total(scale)
+        markers = sum(len(table.center_px) for table in self.learned.tables)
+        self._release = ReleaseWatch(self._config.release, self.test.mean, total, markers)
+        self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
+        self.in_contact, self._calm = True, None
+        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
+
+    def _follow(self, release: ReleaseWatch, votes: Vector, scale: int) -> int:
+        """Go on with a contact; return the scale that found the next one, or -1.
+
+        Once the markers have come back, the contact ends when they rest, or when they leave again.
+        """
         release.add(votes)
-        if scale >= 0:
-            release.moved(self._sums.total(scale))
-        if release.ended():
-            self.reset()
-            self._rest = self._config.release.rest_windows
+        back = scale >= 0 and release.motion(self._sums.total(scale))
+        if self._calm is None:
+            if release.left():
+                self._calm = 0
+                self._sums.reset()
+            return -1
+        if scale >= 0 and not back:
+            return scale
+        self._calm = 0 if back else self._calm + 1
+        if back:
+            self._sums.reset()  # the same windows must not find the same motion again
+        if self._calm >= self._config.release.rest_windows:
+            self._release, self._calm, self.in_contact = None, None, False
+        return -1

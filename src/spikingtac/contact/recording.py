@@ -101,15 +101,14 @@ def find_contacts(
     age = 0
     for window in paired_windows(sources):
         begun = detector.update(window)
-        if found is None and begun is not None:
+        if found is not None and (begun is not None or not detector.in_contact):
+            yield FoundContact(found, packets_of(window)[0].t_end_us, details)
+            found = None
+        if begun is not None:
             found, details, age = begun, {}, 0
-        elif found is not None:
-            age += 1
-            if age == DETAIL_WINDOWS:
-                details = _details(detector)
-            if not detector.in_contact:
-                yield FoundContact(found, packets_of(window)[0].t_end_us, details)
-                found = None
+        age += 1
+        if found is not None and age == DETAIL_WINDOWS:
+            details = _details(detector)
     if found is not None:
         yield FoundContact(found, None, details or _details(detector))
 

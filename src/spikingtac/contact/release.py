@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spikingtac.contact.rim import AFFINE_MODES
-from spikingtac.contact.scales import ScaleTest, Vector
+from spikingtac.contact.scales import Vector
 from spikingtac.contact.votes import POLARITIES
 
 
@@ -19,52 +19,64 @@ class ReleaseConfig:
     """When a contact counts as ended.
 
     Attributes:
-        back_share: Share of the largest displacement that the markers have to come back (ours:
-            each reversal costs the pixels a threshold before they fire, so that a whole return of
-            a light touch shows as little more than a half).
-        rest_windows: Windows after an end in which no contact is told: the gel springs back.
+        back_share: Share of the largest displacement, less the dead travel, that the markers have
+            to come back (ours: light presses of the twin show as little as that).
+        dead_votes: OFF votes per marker that a reversal swallows, since each pixel has to come back
+            by up to two thresholds before it fires (measured on the twin: light presses).
+        rest_windows: Windows in a row without a motion, after the way back, that make the end.
     """
 
-    back_share: float = 0.6
+    back_share: float = 0.4
+    dead_votes: float = 4.0
     rest_windows: int = 50
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.back_share <= 1.0 or self.rest_windows < 0:
-            raise ValueError("back_share must be in (0, 1], rest_windows not negative")
+        if not 0.0 < self.back_share <= 1.0 or self.dead_votes < 0.0 or self.rest_windows < 0:
+            raise ValueError(
+                "back_share must be in (0, 1], dead_votes and rest_windows not negative"
+            )
 
 
 class ReleaseWatch:
-    """Follows the markers along a contact's own direction until they are back.
+    """Follows the markers' common motion since a contact began, until they are back.
 
     Only OFF votes count: the leak adds to the ON votes for as long as a contact lasts.
 
     Args:
         config: When a contact has ended.
-        test: What the quiet windows taught.
-        scale: The scale that decided.
-        total: ``(length,)`` its votes then.
+        mean: ``(length,)`` votes per window without contact.
+        total: ``(length,)`` votes up to the decision.
+        markers: How many markers there are, over all sensors.
     """
 
-    def __init__(self, config: ReleaseConfig, test: ScaleTest, scale: int, total: Vector) -> None:
-        whiten = test.whiten[scale]
-        off = np.zeros((len(total) // (POLARITIES * AFFINE_MODES), POLARITIES, AFFINE_MODES))
-        off[:, 0] = 1.0
-        self.along = whiten.T @ (whiten @ total)
-        self._along_off = self.along * off.ravel()
-        self._mean = float(self._along_off @ test.mean)
-        self._left = 1.0 - config.back_share
-        self._progress = self._peak = max(float(self._along_off @ total), 0.0)
+    def __init__(self, config: ReleaseConfig, mean: Vector, total: Vector, markers: int) -> None:
+        self._mean = _off(mean)
+        self._moved = _off(total)
+        self._farthest = self._moved.copy()
+        self._length = float(np.linalg.norm(self._farthest))
+        self._share = config.back_share
+        self._dead = config.dead_votes * markers
         self._returning = False
 
     def add(self, votes: Vector) -> None:
         """Take the votes of the next window."""
-        self._progress += float(self._along_off @ votes) - self._mean
-        self._peak = max(self._peak, self._progress)
+        self._moved += _off(votes) - self._mean
+        length = float(np.linalg.norm(self._moved))
+        if length > self._length:
+            self._farthest, self._length = self._moved.copy(), length
 
-    def moved(self, total: Vector) -> None:
-        """Take the votes of a scale that found a motion again: onwards, or back."""
-        self._returning = float(self.along @ total) < 0.0
+    def motion(self, total: Vector) -> bool:
+        """Take the votes of a scale that found a motion again; return True for a motion back."""
+        self._returning = float(_off(total) @ self._farthest) < 0.0
+        return self._returning
 
-    def ended(self) -> bool:
+    def left(self) -> bool:
         """Return True once a motion back was found and has led far enough."""
-        return self._returning and self._progress <= self._left * self._peak
+        if not self._returning:
+            return False
+        back = float((self._farthest - self._moved) @ self._farthest) / self._length
+        return back >= self._share * (self._length - self._dead)
+
+
+def _off(votes: Vector) -> Vector:
+    return votes.reshape(-1, POLARITIES, AFFINE_MODES)[:, 0].ravel().copy()
