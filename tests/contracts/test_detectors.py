@@ -1,0 +1,139 @@
+"""One suite for every contact detector in the table."""
+
+from __future__ import annotations
+
+import copy
+from functools import cache
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from spikingtac.contact.detect import ContactDetector, Window
+from spikingtac.contact.detectors import DETECTORS, DetectionConfig, make_detector
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.events.windows import windows as cut_windows
+from spikingtac.types import Contact, EventPacket
+from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
+
+TOUCH = 500
+"""Window in which the markers begin to move."""
+
+
+def push(window: int) -> tuple[float, float]:
+    return (0.03, 0.01) if TOUCH <= window < TOUCH + 40 else (0.0, 0.0)
+
+
+@cache
+def quiet() -> tuple[EventPacket, ...]:
+    return tuple(windows(3000, seed=1))
+
+
+@cache
+def touched() -> tuple[EventPacket, ...]:
+    return tuple(windows(800, seed=2, speed=push))
+
+
+@cache
+def _built(name: str) -> ContactDetector:
+    return make_detector(name, DetectionConfig(), [calibration()], quiet())
+
+
+def build(name: str) -> ContactDetector:
+    return copy.deepcopy(_built(name))
+
+
+def found(detector: ContactDetector, stream: tuple[Window, ...]) -> list[Contact]:
+    return [contact for window in stream if (contact := detector.update(window)) is not None]
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_contact_is_told_once_at_the_end_of_its_window(name: str) -> None:
+    detector = build(name)
+    assert isinstance(detector, ContactDetector)
+    assert not detector.in_contact
+    (contact,) = found(detector, touched()[: TOUCH + 60])
+    assert TOUCH * PERIOD_US < contact.t_us <= (TOUCH + 5) * PERIOD_US
+    assert contact.t_us % PERIOD_US == 0
+    assert contact.count > contact.threshold > 0.0
+    assert detector.in_contact
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_noise_is_no_contact(name: str) -> None:
+    assert found(build(name), tuple(windows(4000, seed=3))) == []
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_silence_is_data_and_no_contact(name: str) -> None:
+    detector = build(name)
+    silence = tuple(EventPacket.empty(1000 * k, 1000 * (k + 1), SIZE) for k in range(600))
+    assert found(detector, silence) == []
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
+    detector = build(name)
+    first = found(detector, touched())
+    detector.reset()
+    assert not detector.in_contact
+    assert found(detector, touched()) == first
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("length_us", [137, 999, 5003, 1_000_000])
+def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: int) -> None:
+    whole = EventPacket.concatenate(list(touched()))
+    whole = whole.part(0, len(whole), 0, 800 * PERIOD_US)
+    edges = [*range(0, whole.t_end_us, length_us), whole.t_end_us]
+    cuts = np.searchsorted(whole.t, edges)
+    packets = [
+        whole.part(int(cuts[k]), int(cuts[k + 1]), edges[k], edges[k + 1])
+        for k in range(len(edges) - 1)
+    ]
+    stream = tuple(cut_windows(packets, PERIOD_US))
+    assert found(build(name), stream) == found(build(name), touched())
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_copy_goes_on_by_itself(name: str) -> None:
+    detector = build(name)
+    for window in touched()[: TOUCH + 1]:
+        detector.update(window)
+    other = copy.deepcopy(detector)
+    rest = touched()[TOUCH + 1 :]
+    assert found(detector, rest) == found(other, rest)
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_two_sensors_make_one_decision(name: str) -> None:
+    pairs = tuple(zip(quiet(), windows(3000, seed=4), strict=True))
+    detector = make_detector(name, DetectionConfig(), [calibration()] * 2, pairs)
+    both = tuple(zip(touched(), windows(800, seed=5, speed=push), strict=True))
+    (contact,) = found(detector, both[: TOUCH + 60])
+    assert TOUCH * PERIOD_US < contact.t_us <= (TOUCH + 4) * PERIOD_US
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_tighter_budget_raises_the_threshold(name: str) -> None:
+    thresholds = []
+    for budget in (100.0, 1.0):
+        config = DetectionConfig(false_alarms_per_hour=budget)
+        detector = make_detector(name, config, [calibration()], quiet())
+        thresholds.append(found(detector, touched())[0].threshold)
+    assert thresholds[0] < thresholds[1]
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_too_few_quiet_windows_are_refused(name: str) -> None:
+    with pytest.raises(CalibrationError, match=r"50 quiet windows are too few.*moving arm"):
+        make_detector(name, DetectionConfig(), [calibration()], islice(quiet(), 50))
+
+
+def test_unknown_names_and_missing_calibrations_are_explained() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'default'"):
+        make_detector("defualt", DetectionConfig(), [calibration()], quiet())
+    with pytest.raises(CalibrationError, match="spikingtac calibrate"):
+        make_detector("default", DetectionConfig(), [], quiet())
+    with pytest.raises(ConfigError, match="hold 2 sensors, the detector was built for 1"):
+        build("default").update((touched()[0], touched()[0]))

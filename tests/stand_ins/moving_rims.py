@@ -1,0 +1,56 @@
+"""Windows of a small sensor whose markers move together, with the noise of pixels: no optics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from spikingtac.types import Calibration, EventPacket
+
+SIZE = (130, 130)
+RADIUS_PX = 7.0
+GRID = np.array(
+    [[28.0 + 37.0 * column, 28.0 + 37.0 * row] for row in range(3) for column in range(3)]
+)
+PERIOD_US = 1000
+VOTES_PER_PX = 200.0
+"""Events of one marker per px of motion: 2 d ln C / theta."""
+
+Speed = Callable[[int], tuple[float, float]]
+"""Window number -> speed of every marker, px per window."""
+
+
+def calibration() -> Calibration:
+    return Calibration(reference_px=GRID, radius_px=np.full(9, RADIUS_PX), grid=(3, 3), size=SIZE)
+
+
+def still(window: int) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+def windows(
+    count: int, seed: int, speed: Speed = still, noise: float = 4.0, first: int = 0
+) -> Iterator[EventPacket]:
+    """Yield windows: ``noise`` events each anywhere, and those of the markers' motion."""
+    rng = np.random.default_rng(seed)
+    for number in range(first, first + count):
+        anywhere = rng.poisson(noise)
+        x, y = (list(rng.integers(0, side, anywhere)) for side in SIZE)
+        p = list(rng.random(anywhere) < 0.6)
+        velocity = np.array(speed(number))
+        for _ in range(rng.poisson(np.hypot(*velocity) * VOTES_PER_PX * len(GRID))):
+            center, angle = GRID[rng.integers(len(GRID))], rng.uniform(0.0, 2.0 * np.pi)
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            if rng.random() > abs(normal @ velocity) / np.hypot(*velocity):
+                continue
+            at = np.rint(center + (RADIUS_PX + 0.5) * normal).astype(int)
+            x.append(at[0])
+            y.append(at[1])
+            p.append(bool(normal @ velocity > 0.0))
+        start = PERIOD_US * number
+        t = np.sort(rng.integers(start, start + PERIOD_US, len(x)))
+        yield EventPacket(
+            np.array(x, np.uint16), np.array(y, np.uint16), np.array(p, np.bool_),
+            t.astype(np.int64), start, start + PERIOD_US, SIZE,
+        )  # fmt: skip
