@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-TAIL_SHARE = 0.1
-"""The highest tenth of the blocks makes the tail, but no fewer than :data:`TAIL_BLOCKS`."""
+TAIL_SHARE = 0.05
+"""The highest twentieth of the blocks makes the tail, but no fewer than :data:`TAIL_BLOCKS`."""
 TAIL_BLOCKS = 10
 """With fewer blocks the mean excess is known to worse than a third."""
 STANDARD_ERRORS = 2.0
