@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,11 +30,13 @@ class EventStore:
     Attributes:
         size: ``(width, height)`` of the sensor, px.
         ended: True once the source has nothing more.
+        waited_s: Seconds spent waiting for the source so far.
     """
 
     def __init__(self, source: EventSource) -> None:
         self.size = source.size
         self.ended = False
+        self.waited_s = 0.0
         self._stream: Iterator[EventPacket] = iter(source)
         self._folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
         self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
@@ -80,7 +83,11 @@ class EventStore:
         self._remove()
 
     def _pull(self) -> None:
-        packet = next(self._stream, None)
+        asked_s = time.perf_counter()
+        try:
+            packet = next(self._stream, None)
+        finally:
+            self.waited_s += time.perf_counter() - asked_s
         if packet is None:
             self.ended = True
             return

@@ -95,6 +95,11 @@ class LoopTimer:
         self._sleep(deadline_s - now_s)
         self._deadline_s = deadline_s + self._period_s
 
+    @property
+    def overruns(self) -> int:
+        """Steps that ended after their period, so far."""
+        return self._overruns
+
     def report(self) -> LoopReport:
         """Return the counters and percentiles so far."""
         recent_us = np.array(self._recent_s or [0.0]) * 1e6

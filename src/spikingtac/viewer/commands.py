@@ -23,7 +23,8 @@ def parse_command(text: str) -> tuple[str, Any]:
     """Return ``(name, value)`` of a command.
 
     Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
-    ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value) or ``defaults``.
+    ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults`` or
+    ``reset`` (of the watchdog).
 
     Raises:
         CommandError: The text is anything else.
@@ -62,4 +63,5 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "map": lambda value: isinstance(value, bool),
     "set": _setting,
     "defaults": lambda value: value is True,
+    "reset": lambda value: value is True,
 }

@@ -135,6 +135,8 @@ def _run(opener: Opener, arguments: dict[str, Any], options: dict[str, Any], cha
         session = Session(subject, frames, greetings, repeat=options["repeat"], keeper=keeper)
         _serve(session, commands, stopped)
         session.close()
+        if session.failure is not None:
+            raise session.failure
     except Exception as error:  # handed to the parent, which reports it
         failures.put(_portable(error))
         raise SystemExit(1) from error

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.loop_timer import LoopTimer
 from spikingtac.live.playback import Playback
 from spikingtac.live.ring import Publisher
+from spikingtac.live.stream_health import StreamHealth
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
 from spikingtac.viewer.keeper import Keeper, KeepsNothing
@@ -44,6 +45,7 @@ class Session:
         playback: The tracked stream.
         playing: False while paused.
         speed: Seconds of the recording per second.
+        failure: What ended a live source, or None; what came before it can still be looked at.
     """
 
     def __init__(
@@ -84,6 +86,8 @@ class Session:
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._notice, self._retuned = "", False
         self._greeted_s = 0.0
+        self.failure: Exception | None = None
+        self._health = None if subject.ends else StreamHealth(lambda: store.waited_s)
 
     def command(self, name: str, value: Any) -> None:
         """Obey one command of a page (already parsed); what cannot be done is said in a notice."""
@@ -95,6 +99,7 @@ class Session:
             "map": lambda shown: setattr(self, "_with_map", shown),
             "set": self._set,
             "defaults": lambda _: self._retune(self._subject.config),
+            "reset": lambda _: self._health.reset() if self._health else None,
         }
         if name in actions:
             actions[name](value)
@@ -107,7 +112,7 @@ class Session:
         if self.playing and self.playback.aim_us - start_us <= SLACK_US:
             self._head_us += self.speed * 1e6 / FRAME_HZ
             self.playback.aim(int(self._head_us))
-        reached = self.playback.work(WORK_SHARE / FRAME_HZ)
+        reached = self._work()
         if self.playing and reached and self._head_us >= self._last_us():
             self._end()
         self._publish(start_us, reached)
@@ -129,6 +134,20 @@ class Session:
         end = getattr(self._subject.source, "close", None)
         if end is not None:
             end()
+
+    def _work(self) -> bool:
+        """Track for a frame's time; True once the aim is reached or the source is lost."""
+        if self._health is None:
+            return self.playback.work(WORK_SHARE / FRAME_HZ)
+        try:
+            reached = self.playback.work(WORK_SHARE / FRAME_HZ)
+        except (SpikingTacError, OSError, RuntimeError) as error:
+            self.failure = error
+            self._health.lost(str(error))
+            self.playback.aim(self.playback.position_us)
+            return True
+        self._health.answered()
+        return reached
 
     def _tracker(self) -> MarkerTracker:
         return self._subject.make_tracker(self._config)
@@ -175,6 +194,7 @@ class Session:
         scalars, arrays = self._shown
         advanced_us = self.playback.position_us - start_us
         state = "OK" if reached else "CATCHING UP" if catching_up else "OVERLOAD"
+        state = "DISCONNECTED" if self.failure is not None else state
         moment = {
             "stamp_ms": round(time.time() * 1e3, 3),
             "playing": self.playing,
@@ -182,12 +202,19 @@ class Session:
             "pace": 0.0 if catching_up else round(advanced_us / 1e6 * FRAME_HZ, 3),
             "behind_us": behind_us,
             "state": state,
-            "overruns": self._timer.report().overruns,
+            "overruns": self._timer.overruns,
+            "watchdog": self._watchdog(),
             "exposure_us": self._exposure_us,
             "notice": self._notice,
         }
         if not self._frames.publish(encode({**scalars, **moment}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")
+
+    def _watchdog(self) -> dict[str, str] | None:
+        """Return what the watchdog of a live source says; recordings have none."""
+        if self._health is None:
+            return None
+        return {"health": self._health.health.name, "reason": self._health.reason}
 
     def _greet(self) -> None:
         now_s = time.monotonic()

@@ -1,14 +1,25 @@
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from spikingtac.errors import DeviceError
+from spikingtac.live import event_store
+from spikingtac.types import EventPacket
 from spikingtac.viewer import session as module
 from spikingtac.viewer.layers import unpack
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.wire import decode
-from stand_ins.viewer import PERIOD_US, SIZE, open_circling, positions_px, reference_px
+from stand_ins.viewer import (
+    PERIOD_US,
+    SIZE,
+    CirclingDots,
+    open_circling,
+    positions_px,
+    reference_px,
+)
 
 TURNS = 600
 
@@ -143,3 +154,60 @@ def test_far_behind_its_aim_the_picture_stays(
     meta, _ = turned(opened)
     assert meta["state"] == "OK"
     assert meta["t_us"] >= 900_000
+
+
+class Cut(CirclingDots):
+    """A live sensor whose cable is pulled after 0.2 s; its clock stands still once before."""
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        for packet in super().__iter__():
+            if packet.t_start_us == 100_000:
+                Cut.now_s += 0.6
+            if packet.t_start_us == 200_000:
+                raise DeviceError("the sensor was unplugged")
+            yield packet
+
+    now_s = 0.0
+
+
+@pytest.fixture
+def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)
+    monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
+    frames, greetings = Kept(), Kept()
+    session = Session(replace(open_circling(), source=Cut(10**6), ends=False), frames, greetings)
+    monkeypatch.setattr(session._timer, "wait", lambda: None)
+    yield session, frames, greetings
+    session.close()
+
+
+def test_a_standstill_of_a_live_source_is_seen_until_it_is_reset(
+    live: tuple[Session, Kept, Kept],
+) -> None:
+    assert turned(live, 3)[0]["watchdog"] == {"health": "OK", "reason": ""}
+    meta, _ = turned(live, 6)
+    assert meta["watchdog"]["health"] == "STALE"
+    assert "600.0 ms" in meta["watchdog"]["reason"]
+    assert meta["state"] == "OK"  # it has passed
+    live[0].command("reset", True)
+    assert turned(live)[0]["watchdog"]["health"] == "OK"
+
+
+def test_what_came_before_a_source_was_lost_can_be_looked_at(
+    live: tuple[Session, Kept, Kept],
+) -> None:
+    meta, _ = turned(live, 20)
+    assert meta["state"] == "DISCONNECTED"
+    assert meta["watchdog"] == {"health": "DISCONNECTED", "reason": "the sensor was unplugged"}
+    assert isinstance(live[0].failure, DeviceError)
+    live[0].command("reset", True)
+    live[0].command("seek_us", 50_000)
+    live[0].command("play", False)
+    meta, arrays = turned(live)
+    assert meta["watchdog"]["health"] == "DISCONNECTED"
+    assert meta["t_us"] == 50_000
+    np.testing.assert_allclose(arrays["position_px"], positions_px(50_000), atol=1e-4)
+
+
+def test_a_recording_has_no_watchdog(opened: tuple[Session, Kept, Kept]) -> None:
+    assert turned(opened)[0]["watchdog"] is None

@@ -2,7 +2,8 @@
 const ORDER = [
   ["largest", "largest displacement"], ["error", "error against truth"], ["held", "markers"],
   ["rate", "event rate"], ["estimates", "estimates"], ["step", "step p50, p99"], ["pace", "pace"],
-  ["draw", "stamp to draw p50, p99"], ["fps", "drawn"], ["damage", "damaged or lost"],
+  ["draw", "stamp to draw p50, p99"], ["fps", "drawn"],
+  ["late", "frames late"], ["watchdog", "watchdog"], ["damage", "damaged or lost"],
 ];
 
 export class Readings {

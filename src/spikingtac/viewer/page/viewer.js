@@ -133,6 +133,9 @@ function showReadings(meta, arrays) {
   readings.show("pace", `× ${meta.pace.toFixed(2)}`, meta.playing && meta.pace < 0.9 * meta.speed);
   readings.show("draw", `${at(0.5).toFixed(0)}, ${at(0.99).toFixed(0)} ms`);
   readings.show("fps", `${metrics.fps} per s`);
+  readings.show("late", String(meta.overruns));
+  readings.show("watchdog", watchdogText(meta.watchdog), meta.watchdog?.health !== "OK");
+  $("reset").hidden = !["STALE", "OVERLOAD"].includes(meta.watchdog?.health);
   readings.show("damage", losses.length ? losses.map(([kind, times]) => `${kind} ${times}`).join(", ") : "none", losses.length > 0);
   const moved = trace.samples.at(-1);
   if (moved) $("displacement").value = length(Math.hypot(moved.dx, moved.dy), hello.px_per_mm);
@@ -146,6 +149,10 @@ function showReadings(meta, arrays) {
 function markersText({ sustained, lost }) {
   const seen = hello.reference_px.length - sustained;
   return sustained ? `${seen} seen, ${sustained - lost} held, ${lost} lost` : `${seen} seen`;
+}
+
+function watchdogText(watchdog) {
+  return watchdog && (watchdog.reason ? `${watchdog.health}: ${watchdog.reason}` : watchdog.health);
 }
 
 function setState(state) {
@@ -214,6 +221,7 @@ $("scale").addEventListener("input", (event) => setOption("scale", Number(event.
 $("discs").addEventListener("change", (event) => setOption("discs", event.target.checked));
 $("truth").addEventListener("change", (event) => setOption("truth", event.target.checked));
 $("defaults").addEventListener("click", () => send({ defaults: true }));
+$("reset").addEventListener("click", () => send({ reset: true }));
 $("theme").addEventListener("click", toggleTheme);
 $("help").addEventListener("click", () => $("keys").showModal());
 $("sensor").addEventListener("click", (event) => {
