@@ -50,6 +50,10 @@ class DeviceError(SpikingTacError):
     exit_code = 3
 
 
+class SearchError(SpikingTacError):
+    """A search by touch cannot go on: no wall, no room, or contacts that make no hole."""
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the closest valid name, or an empty string."""
     close = difflib.get_close_matches(name, list(valid), n=1)

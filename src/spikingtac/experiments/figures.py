@@ -49,11 +49,11 @@ def key_point_figure(records: Sequence[Record], folder: Path, methods: Sequence[
         _curve(axis, truth, marker, {"color": "#8c959f", "lw": 2.5, "label": "truth"})
         _curve(axis, loaded[name], marker, {"color": "#0969da", "lw": 1.0, "label": name})
         axis.set_ylabel("px")
-        axis.legend(loc="upper right", fontsize=8, ncols=2)
+        axis.legend(loc="upper left", fontsize=8)
         axis.grid(alpha=0.3)
     axes[-1, 0].set_xlabel("time, s")
     figure.tight_layout()
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def deviation_figure(
@@ -86,12 +86,13 @@ def deviation_figure(
         axis.errorbar(places + shift, np.array(values, float), np.array(spread).T, fmt="o",
                       ms=4, lw=1, label=method)  # fmt: skip
     axis.set_yscale("log")
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.set_xticks(places, [f"{n}\n{case}" for n, case in enumerate(cases, 1)], fontsize=7)
     axis.set_ylabel(metric.replace("_px", "").replace("_", " ") + ", px (simulated)")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, 1.16))
     figure.tight_layout()
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def _most_moved(truth: Prediction) -> int:
@@ -106,7 +107,8 @@ def _curve(axis: Any, prediction: Prediction, marker: int, style: Mapping[str, A
     axis.plot(t_s, np.hypot(away[:, 0], away[:, 1]), **style)
 
 
-def _svg(figure: Any) -> str:
+def svg_text(figure: Any) -> str:
+    """Return a figure as SVG, the same text each time, and close it."""
     from matplotlib import pyplot, rc_context
 
     out = io.StringIO()

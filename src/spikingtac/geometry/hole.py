@@ -9,7 +9,7 @@ cancel; the bit is hexagonal, touches with its corners and has a mean effective 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,10 @@ class Circle:
         """Standard deviations ``(3,)`` of centre x, centre y and radius, mm."""
         return np.sqrt(np.diag(self.covariance_mm2))
 
+    def grown(self, by_mm: float) -> Circle:
+        """Return the circle with a larger radius."""
+        return replace(self, radius_mm=self.radius_mm + by_mm)
+
 
 @dataclass(frozen=True, kw_only=True)
 class HoleFitConfig:
@@ -118,7 +122,9 @@ class HoleFitConfig:
     tolerance_mm: float = 1e-10
 
 
-def fit_circle(points_mm: Vector, start_mm: Vector, config: HoleFitConfig) -> Circle:
+def fit_circle(
+    points_mm: Vector, start_mm: Vector, config: HoleFitConfig, sigma_mm: Vector | None = None
+) -> Circle:
     """Fit a circle to points by regularised least squares of the radial distances.
 
     Levenberg-Marquardt on the sum of squared distances over the contact's variance, plus a
@@ -132,6 +138,7 @@ def fit_circle(points_mm: Vector, start_mm: Vector, config: HoleFitConfig) -> Ci
         points_mm: ``(n, 2)`` points on the circle, mm; n may be anything from 1.
         start_mm: ``(2,)`` where the search began, inside: the prior's centre, mm.
         config: Contact noise and prior.
+        sigma_mm: ``(n,)`` standard deviation of each contact, mm; the config's for all if None.
 
     Raises:
         ValueError: No points, the wrong shape, or values that are not finite.
@@ -141,7 +148,9 @@ def fit_circle(points_mm: Vector, start_mm: Vector, config: HoleFitConfig) -> Ci
         raise ValueError(f"got points {points.shape} and start {start.shape}; need (n, 2), (2,)")
     if not (np.isfinite(points).all() and np.isfinite(start).all()):
         raise ValueError("contacts and start must be finite")
-    problem = _Problem(points, np.append(start, config.radius_mm), config)
+    if sigma_mm is None:
+        sigma_mm = np.full(len(points), config.contact_sigma_mm)
+    problem = _Problem(points, np.append(start, config.radius_mm), config, sigma_mm)
     reach = float(np.linalg.norm(points - start, axis=1).max())
     estimate = problem.descend(np.append(start, reach))
     residual, jacobian = problem.residual(estimate)
@@ -195,12 +204,15 @@ def fit_hole(
 class _Problem:
     """Least squares of the radial distances, with a Gaussian prior on (x, y, radius)."""
 
-    def __init__(self, points: Vector, prior: Vector, config: HoleFitConfig) -> None:
+    def __init__(
+        self, points: Vector, prior: Vector, config: HoleFitConfig, contact_sigma_mm: Vector
+    ) -> None:
         sigma = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
         self._points = points
         self._prior = prior
         self._prior_weight = np.array(sigma) ** -2.0
-        self._weight = config.contact_sigma_mm**-2.0
+        self._weight = contact_sigma_mm**-2.0
+        self._wall_weight = float(self._weight.max())
         self._config = config
 
     def residual(self, estimate: Vector) -> tuple[Vector, Vector]:
@@ -230,12 +242,17 @@ class _Problem:
         return np.append(middle + radius * inward, radius)
 
     def cost(self, estimate: Vector) -> float:
-        residual = np.append(self.residual(estimate)[0], self.outside(estimate)[0])
+        residual, outside = self.residual(estimate)[0], self.outside(estimate)[0]
         away = estimate - self._prior
-        return float(self._weight * residual @ residual + self._prior_weight @ away**2)
+        misfit = self._weight @ residual**2 + self._wall_weight * float(outside @ outside)
+        return float(misfit + self._prior_weight @ away**2)
 
     def information(self, jacobian: Vector) -> Vector:
-        return self._weight * jacobian.T @ jacobian + np.diag(self._prior_weight)
+        return (jacobian.T * self._weights(jacobian)) @ jacobian + np.diag(self._prior_weight)
+
+    def _weights(self, jacobian: Vector) -> Vector:
+        extra = len(jacobian) - len(self._points)
+        return np.append(self._weight, np.full(extra, self._wall_weight))
 
     def descend(self, estimate: Vector) -> Vector:
         """Return the estimate of least cost, by damped Gauss-Newton steps that never go up."""
@@ -245,7 +262,7 @@ class _Problem:
             residual, jacobian = (np.concatenate(pair) for pair in rows)
             information = self.information(jacobian)
             pull = self._prior_weight * (estimate - self._prior)
-            slope = self._weight * jacobian.T @ residual + pull
+            slope = jacobian.T @ (self._weights(jacobian) * residual) + pull
             damped = information + damping * np.diag(np.diag(information))
             step = np.linalg.solve(damped, -slope)
             trial = self.cost(estimate + step)

@@ -136,6 +136,15 @@ class Approacher(Generic[W]):
         stop, true_stop = self._arm.pose().position_mm, _true_position(self._arm)
         return Approach(contact, read, true, stop, true_stop, self._pulled, direction)
 
+    def wait(self, windows: int) -> None:
+        """Let time pass with the arm at rest, nobody listening.
+
+        Raises:
+            DeviceError: As :meth:`approach`.
+        """
+        for _ in range(windows):
+            self._pull()
+
     def _listen(self, direction: Vector) -> Contact | None:
         """Return the contact, with the stop already sent, or None at the target."""
         cruising = 0

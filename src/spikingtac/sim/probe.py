@@ -11,7 +11,7 @@ pad A to pad B) for the bushing; the robot's base for arm, tip, wall and force. 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,14 @@ class Probe:
         return ProbeState(
             t_us, arm_mm, arm_mm, self._center(arm_mm), np.zeros(6), np.zeros(3), gap, gap, False
         )
+
+    def carried(self, state: ProbeState, shift_mm: Vector) -> ProbeState:
+        """Return the state after the arm was put elsewhere, with the rod as it swings."""
+        self._arm = [place + shift_mm for place in self._arm]
+        arm, tip = state.arm_mm + shift_mm, state.tip_mm + shift_mm
+        gap = self.contact.gap_mm(tip)
+        moved = {"arm_mm": arm, "tip_mm": tip, "center_mm": state.center_mm + shift_mm}
+        return replace(state, **moved, gap_mm=gap, free_gap_mm=gap)
 
     def _center(self, arm_mm: Vector) -> Vector:
         return arm_mm - self._rotation[:, 1] * self._config.stickout_mm

@@ -154,6 +154,24 @@ class Rig:
         """Return the skin of one finger now."""
         return self._pads[sensor].skin(self.state, self._config.probe.rotation())
 
+    def carry(self, to_mm: Vector) -> None:
+        """Put the arm, at rest, elsewhere in free air; no time passes, and no pixel sees anything.
+
+        It stands for travel through free air that leaves no trace but noise.
+
+        Args:
+            to_mm: ``(3,)`` where the arm then holds the tip, mm.
+
+        Raises:
+            ValueError: The tip is in contact.
+            DeviceError: The arm moves.
+        """
+        if self.state.in_contact:
+            raise ValueError("the tip is in contact; only free air can be skipped")
+        shift = to_mm - self.arm.true_position_mm()
+        self.arm.place(to_mm)
+        self.state = self.probe.carried(self.state, shift)
+
     def forget_touch(self) -> None:
         """Wait for the next first touch."""
         self.touch = None

@@ -129,6 +129,16 @@ class UR3Twin:
             self.stop()
             self._trouble = ArmState.DISCONNECTED
 
+    def place(self, position_mm: Vector) -> None:
+        """Stand elsewhere at once; for free travel that is not worth simulating.
+
+        Raises:
+            DeviceError: The arm is not at rest.
+        """
+        if self.state() is not ArmState.IDLE:
+            raise DeviceError(f"only an arm at rest can be placed, it is {self.state().value!r}")
+        self._segments = [Segment(-1.0, np.array(position_mm, np.float64), np.zeros(3))]
+
     def protective_stop(self) -> None:
         """Let the controller stop by itself, as on a limit of force; :meth:`recover` clears it."""
         self._brake(self._pickup_s() - self._config.network_s)

@@ -1,0 +1,289 @@
+"""The touches of the hole experiment: calibration on a flat wall, then two searches per hole.
+
+A search is a chain, in which each touch depends on all before; so both searches of a hole are made
+once, and every method, and both repeatabilities of the arm, are read from their touches. A reading
+is what the controller reports plus ``sigma`` times a draw that is kept beside it; the searches plan
+on readings of the coarser arm.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.contact.detect import ContactDetector
+from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.errors import SearchError
+from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.run_folder import write_json
+from spikingtac.geometry.travel import TravelModel, fit_travel
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.arm import ArmState
+from spikingtac.robot.cross_search import cross_search
+from spikingtac.robot.prober import ArmProber, Prober, ProbingConfig, Touched
+from spikingtac.sim.hole_site import Grasp, HoleSite, HoleTrial, flat_wall, hole_trial
+from spikingtac.types import EventPacket
+
+Vector = NDArray[np.float64]
+
+RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
+"""Ten radii from 0.7 to 5.0 mm (Section V-C names the range)."""
+PITCH_MM = 15.0
+COLUMNS = 5
+"""The plate: two rows of five holes."""
+CORNER_MM = 0.75 / np.sqrt(3.0)
+"""Largest radius of the bit, mm: the start lies within 0.9 of what it leaves free."""
+SIGMAS_MM = {"rep028": 0.028, "rep008": 0.008}
+"""Case prefix -> repeatability of one reading per axis, mm (contract.md)."""
+PLANNING_MM = SIGMAS_MM["rep028"]
+"""Repeatability of the readings that the searches plan on, mm."""
+CROSS, DEFAULT = "cross", "default"
+STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}
+"""How each search touches."""
+MOST_CONTACTS = 12
+ANGLES_DEG = {
+    CROSS: (0.0, 180.0, 90.0, 270.0),
+    DEFAULT: (0.0, 25.0, 50.0, -25.0, -50.0, 180.0, 155.0, 130.0, 205.0, 230.0),
+}
+"""Directions of the calibration: those of the cross, and the sector of the adaptive search."""
+CYCLES = {CROSS: 4, DEFAULT: 3}
+"""Touches of each direction in a calibration; at most 10 are allowed."""
+WALL_MM = 1.0
+"""Distance of the calibration's wall from where the bit stands, mm."""
+QUIET_WINDOWS = 4000
+QUIET_SPEED_MM_S = 3.0
+DETECTOR = "default"
+HOLE_SEEDS, CALIBRATION_SEEDS = 1000, 500
+"""Noise seeds of a hole and of a calibration, per experiment seed."""
+CODE = ("sim", "contact", "robot", "geometry", "configs/cameras", "experiments/hole_touching.py")
+"""What a touch depends on."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoleWork:
+    """One hole of one seed; ``hole`` None is the seed's calibration.
+
+    Attributes:
+        folder: The run's folder.
+        seed: Of grasp, plate and noise.
+        hole: Which of :data:`RADII_MM`.
+        detector: Name of the contact detector.
+    """
+
+    folder: Path
+    seed: int
+    hole: int | None = None
+    detector: str = DETECTOR
+
+    @property
+    def path(self) -> Path:
+        """Where the touches are kept."""
+        name = "calibration" if self.hole is None else f"hole-{self.hole + 1}"
+        return self.folder / "touches" / f"seed-{self.seed}" / f"{name}.json"
+
+
+class RecordingProber:
+    """Adds the arm's repeatability to readings, and keeps readings and draws.
+
+    Args:
+        prober: Who touches.
+        seed: Of the draws.
+    """
+
+    def __init__(self, prober: ArmProber, seed: Sequence[int]) -> None:
+        self.kept: list[dict[str, Any]] = []
+        self.returned: list[Touched] = []
+        self._prober = prober
+        self._rng = np.random.default_rng(seed)
+
+    def place_mm(self) -> Vector:
+        """Return where the probe stands ``(2,)``, mm."""
+        return self._prober.place_mm()
+
+    def touch(self, start_mm: Vector, direction: Vector) -> Touched:
+        """Touch, and read with the planning arm's repeatability."""
+        before = self._prober.touches
+        touched = self._prober.touch(start_mm, direction)
+        kept = {
+            "start_mm": touched.start_mm.tolist(),
+            "direction": touched.direction.tolist(),
+            "reading_mm": touched.reading_mm.tolist(),
+            "draw": self._rng.standard_normal(2).tolist(),
+            "presses": self._prober.touches - before,
+        }
+        self.kept.append(kept)
+        self.returned.append(touched_of(kept, PLANNING_MM))
+        return self.returned[-1]
+
+    def numbers(self, touches: Sequence[Touched]) -> list[int]:
+        """Return which of the kept touches these are."""
+        return [k for one in touches for k, other in enumerate(self.returned) if other is one]
+
+
+def touched_of(kept: dict[str, Any], sigma_mm: float) -> Touched:
+    """Return a kept touch as an arm of some repeatability would have read it."""
+    reading = np.array(kept["reading_mm"]) + sigma_mm * np.array(kept["draw"])
+    return Touched(np.array(kept["start_mm"]), np.array(kept["direction"]), reading)
+
+
+def travel_of(kept: Sequence[dict[str, Any]], sigma_mm: float) -> TravelModel:
+    """Return the calibration from touches of flat walls at :data:`WALL_MM`."""
+    touches = [touched_of(one, sigma_mm) for one in kept]
+    excess = [float(touch.reading_mm @ touch.direction) - WALL_MM for touch in touches]
+    angle = [float(np.arctan2(touch.direction[1], touch.direction[0])) for touch in touches]
+    return fit_travel(np.array(angle), np.array(excess))
+
+
+def trial_of(seed: int, hole: int) -> HoleTrial:
+    """Return a hole of a seed's plate, and where the search begins."""
+    center = PITCH_MM * np.array([hole % COLUMNS, hole // COLUMNS], np.float64)
+    return hole_trial(RADII_MM[hole], center, CORNER_MM, seed)
+
+
+def calibrate_work(work: HoleWork) -> dict[str, Any]:
+    """Touch a flat wall in every direction that the searches use; from disk where it is there."""
+    key = _key(work)
+    known = _stored(work.path, key)
+    if known is not None and _quiet_path(work).is_file():
+        return known
+    site = HoleSite(Grasp.of(work.seed), CALIBRATION_SEEDS + HOLE_SEEDS * work.seed)
+    quiet = _quiet(site)
+    _save_windows(_quiet_path(work), quiet)
+    detector = _detector(site, work.detector, quiet)
+    record: dict[str, Any] = {"key": key, "seed": work.seed}
+    for style in STYLES:
+        prober = _prober(site, detector, style)
+        recording = RecordingProber(prober, [work.seed, 4])
+        for _ in range(CYCLES[style]):
+            for angle in np.radians(ANGLES_DEG[style]):
+                direction = np.array([np.cos(angle), np.sin(angle)])
+                site.face(flat_wall(direction, WALL_MM), np.zeros(2))
+                with contextlib.suppress(SearchError):  # a touch that failed teaches nothing
+                    recording.touch(np.zeros(2), direction)
+        record[style] = recording.kept
+    write_json(work.path, record)
+    return record
+
+
+def search_work(work: HoleWork) -> dict[str, Any]:
+    """Search one hole both ways; from disk where it is there."""
+    assert work.hole is not None
+    key = _key(work)
+    known = _stored(work.path, key)
+    if known is not None:
+        return known
+    calibration = calibrate_work(HoleWork(work.folder, work.seed, None, work.detector))
+    trial = trial_of(work.seed, work.hole)
+    site = HoleSite(Grasp.of(work.seed), HOLE_SEEDS * work.seed + work.hole)
+    detector = _detector(site, work.detector, _load_windows(_quiet_path(work)))
+    _inherit(site, detector)
+    record: dict[str, Any] = {"key": key, "seed": work.seed, "hole": work.hole}
+    for style in STYLES:
+        site.face(trial.wall, trial.start_mm)
+        prober = _prober(site, detector, style)
+        recording = RecordingProber(prober, [work.seed, 5, work.hole])
+        travel = travel_of(calibration[style], PLANNING_MM)
+        found: dict[str, Any] = {"used": [], "error": None}
+        try:
+            used = _search(style, recording, trial.start_mm, travel)
+            found["used"] = recording.numbers(used)
+        except SearchError as failure:
+            found["error"] = str(failure)
+        record[style] = {"touches": recording.kept, **found}
+        _let_go(site)
+    write_json(work.path, record)
+    return record
+
+
+def _search(style: str, prober: Prober, start_mm: Vector, travel: TravelModel) -> Sequence[Touched]:
+    if style == CROSS:
+        return cross_search(prober, start_mm)
+    config = AdaptiveSearchConfig(contacts=MOST_CONTACTS)
+    return AdaptiveSearch(prober, travel, config).run(start_mm).touches
+
+
+def _prober(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
+    return ArmProber(
+        site.rig.arm, site.windows(), detector, STYLES[style], free_travel=site.free_travel
+    )
+
+
+def _detector(
+    site: HoleSite, name: str, quiet: Sequence[tuple[EventPacket, ...]]
+) -> ContactDetector:
+    return make_detector(name, DetectionConfig(), [site.calibration], quiet)
+
+
+def _inherit(site: HoleSite, detector: ContactDetector) -> None:
+    """Touch another wall and let a second pass: the contact whose traces the pixels inherit."""
+    angle = 2.0 * np.pi * np.random.default_rng(site.calibration.grid).uniform()
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    site.face(flat_wall(direction, WALL_MM), np.zeros(2))
+    _prober(site, detector, DEFAULT).touch(np.zeros(2), direction)
+    site.rig.rest(1.0)
+
+
+def _let_go(site: HoleSite) -> None:
+    """Wait until the arm rests and the rod hangs free, so that it can be put elsewhere."""
+    while site.rig.arm.state() is ArmState.MOVING:
+        site.rig.rest(0.01)
+
+
+def _quiet(site: HoleSite) -> list[tuple[EventPacket, ...]]:
+    """Return windows of the moving arm in free air."""
+    here = site.rig.arm.true_position_mm()
+    windows = site.windows()
+    seconds = (QUIET_WINDOWS + 200) * 1e-3
+    away_mm = np.array([QUIET_SPEED_MM_S * seconds, 0.0, 0.0])
+    site.rig.arm.move_linear(here + away_mm, QUIET_SPEED_MM_S)
+    for _ in range(100):
+        next(windows)
+    quiet = [next(windows) for _ in range(QUIET_WINDOWS)]
+    while site.rig.arm.state() is ArmState.MOVING:
+        next(windows)
+    return quiet
+
+
+def _quiet_path(work: HoleWork) -> Path:
+    return work.folder / "touches" / f"seed-{work.seed}" / "quiet.npz"
+
+
+def _save_windows(path: Path, windows: Sequence[tuple[EventPacket, ...]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    packets = [window[0] for window in windows]
+    x, y, p, t = (np.concatenate([getattr(one, name) for one in packets]) for name in "xypt")
+    edges = np.array([packets[0].t_start_us, *(packet.t_end_us for packet in packets)])
+    np.savez_compressed(path, edges=edges, size=packets[0].size, x=x, y=y, p=p, t=t)
+
+
+def _load_windows(path: Path) -> list[tuple[EventPacket, ...]]:
+    with np.load(path, allow_pickle=False) as file:
+        x, y, p, t, edges = (file[name] for name in ("x", "y", "p", "t", "edges"))
+        width, height = (int(side) for side in file["size"])
+    whole = EventPacket(
+        x=x, y=y, p=p, t=t, t_start_us=int(edges[0]), t_end_us=int(edges[-1]), size=(width, height)
+    )
+    cuts = np.searchsorted(t, edges)
+    return [
+        (whole.part(int(first), int(last), int(start), int(end)),)
+        for first, last, start, end in zip(cuts, cuts[1:], edges, edges[1:], strict=False)
+    ]
+
+
+def _key(work: HoleWork) -> str:
+    return f"{code_digest(CODE)}-{work.detector}"
+
+
+def _stored(path: Path, key: str) -> dict[str, Any] | None:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record if record.get("key") == key else None

@@ -1,0 +1,165 @@
+"""The trigger travel delta_crit by direction, and the bit's heading, from touches on a known wall.
+
+The travel differs with direction: pads feel a rod that turns in their plane sooner than one that
+tilts out of it, and stiffness and references differ with the sign. A flat wall at a known place
+shows the sum ``excess = travel - reach``; the travel varies slowly with direction (harmonics up to
+the second), the reach of a hexagon six times per turn, so touches all around tell them apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.geometry.hole import (
+    HEXAGON_STEP_RAD,
+    Compensation,
+    hexagon_reach_mm,
+    mean_hexagon_reach_mm,
+)
+
+Vector = NDArray[np.float64]
+
+HEADINGS = 120
+"""Headings that are tried: half a degree apart, 1 um of reach at most."""
+HARMONICS = 5
+"""Coefficients of a travel: constant, first and second harmonic."""
+LEAST_DIRECTIONS = 9
+"""Fewer different directions cannot tell five harmonics and a heading, with something to spare."""
+SAME_RAD = 1e-3
+"""Directions nearer than this are one."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TravelModel:
+    """What to take back from a reading, by direction.
+
+    Attributes:
+        harmonics_mm: ``(5,)`` travel: constant, cos, sin, cos of twice, sin of twice the angle, mm.
+        covariance_mm2: ``(5, 5)`` of them, mm2.
+        sigma_mm: Standard deviation of one touch about the model, the arm's share included, mm.
+        across_flats_mm: Width of the hexagonal bit, mm.
+        heading_rad: Direction of one of its corners, rad; None where it is unknown.
+    """
+
+    harmonics_mm: Vector
+    covariance_mm2: Vector
+    sigma_mm: float
+    across_flats_mm: float = 0.75
+    heading_rad: float | None = None
+
+    @classmethod
+    def of(cls, compensation: Compensation, across_flats_mm: float = 0.75) -> TravelModel:
+        """Return the same travel for every direction, the bit's heading unknown."""
+        harmonics = np.zeros(HARMONICS)
+        harmonics[0] = compensation.travel_mm
+        flat = np.zeros((HARMONICS, HARMONICS))
+        return cls(
+            harmonics_mm=harmonics,
+            covariance_mm2=flat,
+            sigma_mm=compensation.sigma_mm,
+            across_flats_mm=across_flats_mm,
+        )
+
+    def travel_mm(self, angle_rad: Vector) -> Vector:
+        """Return the travel ``(n,)`` for force directions ``(n,)``, mm."""
+        return _design(angle_rad) @ self.harmonics_mm
+
+    def reach_mm(self, angle_rad: Vector, radius_mm: float) -> Vector:
+        """Return how far the bit reaches towards the wall of a hole ``(n,)``, mm.
+
+        Args:
+            angle_rad: ``(n,)`` directions from the hole's centre.
+            radius_mm: Radius of the hole, mm; infinite for a flat wall.
+        """
+        if self.heading_rad is None:
+            whole = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
+            mean = float(hexagon_reach_in_hole_mm(self.across_flats_mm, whole, radius_mm).mean())
+            return np.full(np.shape(angle_rad), mean)
+        turned = np.asarray(angle_rad) - self.heading_rad
+        return hexagon_reach_in_hole_mm(self.across_flats_mm, turned, radius_mm)
+
+    def systematic_mm2(self, angle_rad: Vector, gain: Vector) -> Vector:
+        """Return the covariance ``(k, k)`` that the calibration's own error adds to an estimate.
+
+        Args:
+            angle_rad: ``(n,)`` directions of the contacts.
+            gain: ``(k, n)`` how the estimate follows each contact.
+        """
+        moved = gain @ _design(angle_rad)
+        return moved @ self.covariance_mm2 @ moved.T
+
+
+def hexagon_reach_in_hole_mm(
+    across_flats_mm: float, angle_rad: float | Vector, radius_mm: float
+) -> Vector:
+    """Return how far a hexagon's centre stays from the wall of a hole, mm.
+
+    The corner next to the direction touches: the centre is then ``sqrt(R^2 - c^2 sin^2) - c cos``
+    from the hole's centre, c the distance of a corner. In a wide hole that is the flat wall's
+    :func:`~spikingtac.geometry.hole.hexagon_reach_mm`.
+
+    Args:
+        across_flats_mm: Distance of opposite sides, mm.
+        angle_rad: Direction from the hole's centre against a corner, rad, any shape.
+        radius_mm: Radius of the hole, mm, at least the corner's distance; may be infinite.
+    """
+    flat = hexagon_reach_mm(across_flats_mm, angle_rad)
+    if math.isinf(radius_mm):
+        return flat
+    corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
+    across_square = np.maximum(corner_mm**2 - flat**2, 0.0)
+    return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
+
+
+def fit_travel(angle_rad: Vector, excess_mm: Vector, across_flats_mm: float = 0.75) -> TravelModel:
+    """Fit travel and heading to touches on flat walls that face the motion.
+
+    Args:
+        angle_rad: ``(n,)`` directions of the touches, rad.
+        excess_mm: ``(n,)`` how far beyond the wall the bit's centre was at the decision, mm
+            (negative: before it).
+        across_flats_mm: Width of the bit, mm.
+
+    Raises:
+        ValueError: Shapes differ, or fewer than four touches.
+    """
+    angle, excess = np.asarray(angle_rad, np.float64), np.asarray(excess_mm, np.float64)
+    if angle.shape != excess.shape or angle.ndim != 1 or len(angle) < 4:
+        raise ValueError(f"got {angle.shape} angles and {excess.shape} touches; need equal, >= 4")
+    if len(np.unique(np.round(angle / SAME_RAD))) < LEAST_DIRECTIONS:
+        reach = np.full(len(angle), mean_hexagon_reach_mm(across_flats_mm))
+        return _fit(angle, excess + reach, across_flats_mm, None)
+    tried = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
+    models = [
+        _fit(angle, excess + hexagon_reach_mm(across_flats_mm, angle - turn), across_flats_mm, turn)
+        for turn in tried
+    ]
+    return min(models, key=lambda model: model.sigma_mm)
+
+
+def _fit(
+    angle: Vector, travel: Vector, across_flats_mm: float, heading: float | None
+) -> TravelModel:
+    design = _design(angle)
+    inverse = np.linalg.pinv(design.T @ design).astype(np.float64)
+    harmonics = inverse @ design.T @ travel
+    residual = travel - design @ harmonics
+    known = np.linalg.matrix_rank(design) + (heading is not None)
+    sigma = math.sqrt(float(residual @ residual) / max(len(angle) - known, 1))
+    return TravelModel(
+        harmonics_mm=harmonics,
+        covariance_mm2=inverse * sigma**2,
+        sigma_mm=sigma,
+        across_flats_mm=across_flats_mm,
+        heading_rad=heading,
+    )
+
+
+def _design(angle_rad: Vector) -> Vector:
+    angle = np.asarray(angle_rad, np.float64)
+    columns = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
+    return np.stack([*columns, np.cos(2.0 * angle), np.sin(2.0 * angle)], axis=-1)

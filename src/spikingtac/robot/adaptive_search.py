@@ -1,0 +1,184 @@
+"""The project's search: each touch goes where it is expected to teach most.
+
+The first two touches are opposite and find a chord, the third leaves its middle at a right angle;
+from then on there is a circle, and every touch starts at its centre, so that it meets the wall
+head-on, in the direction that makes the stated uncertainty of centre and radius smallest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, SearchError
+from spikingtac.geometry.hole import Circle
+from spikingtac.geometry.touch_fit import TouchFitConfig, estimate_hole
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.cross_search import require_room
+from spikingtac.robot.prober import Prober, Touched
+
+Vector = NDArray[np.float64]
+
+LEAST_CONTACTS = 3
+"""A circle has three unknowns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveSearchConfig:
+    """When to end, and what to choose from.
+
+    Attributes:
+        contacts: Most contacts.
+        center_sigma_mm: End before that, once the centre's stated standard deviation along each
+            axis is below this, mm; 0 never ends early.
+        first_rad: Direction of the first touch, rad.
+        axis_rad: Direction along the pads, rad: a rod that turns in the pads' plane is felt well,
+            one that tilts out of it hardly moves the markers.
+        sector_rad: Directions farther than this from the axis, either way, are not touched (ours:
+            50 degrees; four contacts at 45 degrees tell as much as four along the axes).
+        run_up_mm: Free way that a touch needs before the wall, mm: arm and detector settle there.
+        directions: How many directions are compared for the next touch.
+        indifference: Directions whose uncertainty is within this share of the best are as good;
+            the one farthest from all that were touched is taken, since neighbours share errors.
+        misfit_sigma: Largest distance of a contact from the circle, in standard deviations.
+        fit: How contacts become a circle.
+    """
+
+    contacts: int = 12
+    center_sigma_mm: float = 0.0
+    first_rad: float = math.pi / 4
+    axis_rad: float = 0.0
+    sector_rad: float = math.radians(50.0)
+    run_up_mm: float = 0.1
+    directions: int = 72
+    indifference: float = 0.05
+    misfit_sigma: float = 6.0
+    fit: TouchFitConfig = field(default_factory=TouchFitConfig)
+
+    def __post_init__(self) -> None:
+        if self.contacts < LEAST_CONTACTS or self.directions < LEAST_CONTACTS:
+            raise ConfigError(
+                f"contacts is {self.contacts} and directions {self.directions}; "
+                f"both must be at least {LEAST_CONTACTS}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class FoundHole:
+    """What a search found.
+
+    Attributes:
+        circle: The hole and its uncertainty.
+        touches: The contacts that it rests on, in order.
+    """
+
+    circle: Circle
+    touches: tuple[Touched, ...]
+
+
+class AdaptiveSearch:
+    """Searches one hole.
+
+    Args:
+        prober: Who touches.
+        travel: The calibration.
+        config: When to end.
+    """
+
+    def __init__(self, prober: Prober, travel: TravelModel, config: AdaptiveSearchConfig) -> None:
+        self._prober = prober
+        self._travel = travel
+        self._config = config
+
+    def run(self, start_mm: Vector) -> FoundHole:
+        """Search from a place inside the hole.
+
+        Args:
+            start_mm: ``(2,)``, mm.
+
+        Raises:
+            SearchError: No wall was found, there is no room, or the contacts make no circle; the
+                arm is at rest.
+            DeviceError: Arm or sensor failed; the arm was told to stop.
+        """
+        start = np.asarray(start_mm, np.float64)
+        touches = self._chord(start)
+        circle = self.circle(touches, start)
+        while len(touches) < self._config.contacts:
+            if len(touches) >= LEAST_CONTACTS and self._is_enough(circle):
+                break
+            touches.append(self._next(touches, circle))
+            circle = self.circle(touches, start)
+            self._require_fit(circle)
+        return FoundHole(circle, tuple(touches))
+
+    def circle(self, touches: list[Touched], start_mm: Vector) -> Circle:
+        """Return the estimate from some contacts."""
+        reading = np.array([touch.reading_mm for touch in touches])
+        direction = np.array([touch.direction for touch in touches])
+        return estimate_hole(reading, direction, start_mm, self._travel, self._config.fit)
+
+    def _chord(self, start: Vector) -> list[Touched]:
+        """Touch both ways along a line; a touch that began too near the wall is made again."""
+        first = self._config.first_rad
+        ahead = np.array([math.cos(first), math.sin(first)])
+        one = self._prober.touch(start, ahead)
+        other = self._prober.touch(start, -ahead)
+        require_room(one, other)
+        middle = _middle(one, other)
+        touches = [one, other]
+        for number, touch in enumerate(touches):
+            travel = float(self._travel.travel_mm(_angle(touch.direction)))
+            if touch.run_mm - travel < self._config.run_up_mm:
+                touches[number] = self._prober.touch(middle, touch.direction)
+        return touches
+
+    def _next(self, touches: list[Touched], circle: Circle) -> Touched:
+        if len(touches) < LEAST_CONTACTS:
+            across = np.array([-touches[0].direction[1], touches[0].direction[0]])
+            return self._prober.touch(_middle(touches[0], touches[1]), across)
+        return self._prober.touch(circle.center_mm, self.best_direction(touches, circle))
+
+    def best_direction(self, touches: list[Touched], circle: Circle) -> Vector:
+        """Return the unit direction ``(2,)`` that is expected to teach most.
+
+        For each candidate the covariance after one more contact there is known beforehand (the
+        information of a contact depends on its direction, not on its outcome); the one with the
+        least trace is the best.
+        """
+        config = self._config
+        angle = np.arange(config.directions) * (2.0 * math.pi / config.directions)
+        angle = angle[np.abs(np.cos(angle - config.axis_rad)) >= math.cos(config.sector_rad) - 1e-9]
+        unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        row = np.column_stack([unit, np.ones(len(unit))])
+        spread = row @ circle.covariance_mm2
+        gain = (spread**2).sum(axis=1) / (self._travel.sigma_mm**2 + (spread * row).sum(axis=1))
+        left = float(np.trace(circle.covariance_mm2)) - gain
+        touched = np.array([touch.reading_mm - circle.center_mm for touch in touches])
+        touched /= np.linalg.norm(touched, axis=1, keepdims=True)
+        nearest = (unit @ touched.T).max(axis=1)
+        good = left <= float(left.min()) * (1.0 + config.indifference)
+        return unit[np.flatnonzero(good)[int(nearest[good].argmin())]]
+
+    def _is_enough(self, circle: Circle) -> bool:
+        return bool((circle.sigma_mm[:2] <= self._config.center_sigma_mm).all())
+
+    def _require_fit(self, circle: Circle) -> None:
+        worst = float(np.abs(circle.residual_mm).max())
+        if worst > self._config.misfit_sigma * self._travel.sigma_mm:
+            raise SearchError(
+                f"the contacts make no circle: one lies {worst:.3f} mm off, expected are "
+                f"{self._travel.sigma_mm:.3f} mm; a false contact, a hole that is not round, or a "
+                "probe that slipped: start again, or calibrate the travel anew"
+            )
+
+
+def _angle(direction: Vector) -> Vector:
+    return np.arctan2(direction[1], direction[0])
+
+
+def _middle(one: Touched, other: Touched) -> Vector:
+    return (one.reading_mm + other.reading_mm) / 2.0
