@@ -154,22 +154,26 @@ def calibrate_work(work: HoleWork) -> dict[str, Any]:
     if known is not None and _quiet_path(work).is_file():
         return known
     site = HoleSite(Grasp.of(work.seed), CALIBRATION_SEEDS + HOLE_SEEDS * work.seed)
-    quiet = _quiet(site)
+    quiet = quiet_windows(site)
     _save_windows(_quiet_path(work), quiet)
-    detector = _detector(site, work.detector, quiet)
+    detector = detector_for(site, work.detector, quiet)
     record: dict[str, Any] = {"key": key, "seed": work.seed}
     for style in STYLES:
-        prober = _prober(site, detector, style)
-        recording = RecordingProber(prober, [work.seed, 4])
-        for _ in range(CYCLES[style]):
-            for angle in np.radians(ANGLES_DEG[style]):
-                direction = np.array([np.cos(angle), np.sin(angle)])
-                site.face(flat_wall(direction, WALL_MM), np.zeros(2))
-                with contextlib.suppress(SearchError):  # a touch that failed teaches nothing
-                    recording.touch(np.zeros(2), direction)
+        recording = RecordingProber(prober_for(site, detector, style), [work.seed, 4])
+        touch_flat_walls(site, recording, style, CYCLES[style])
         record[style] = recording.kept
     write_json(work.path, record)
     return record
+
+
+def touch_flat_walls(site: HoleSite, prober: Prober, style: str, cycles: int) -> None:
+    """Touch a flat wall at :data:`WALL_MM`, turned to each direction that a style uses."""
+    for _ in range(cycles):
+        for angle in np.radians(ANGLES_DEG[style]):
+            direction = np.array([np.cos(angle), np.sin(angle)])
+            site.face(flat_wall(direction, WALL_MM), np.zeros(2))
+            with contextlib.suppress(SearchError):  # a touch that failed teaches nothing
+                prober.touch(np.zeros(2), direction)
 
 
 def search_work(work: HoleWork) -> dict[str, Any]:
@@ -182,17 +186,17 @@ def search_work(work: HoleWork) -> dict[str, Any]:
     calibration = calibrate_work(HoleWork(work.folder, work.seed, None, work.detector))
     trial = trial_of(work.seed, work.hole)
     site = HoleSite(Grasp.of(work.seed), HOLE_SEEDS * work.seed + work.hole)
-    detector = _detector(site, work.detector, _load_windows(_quiet_path(work)))
+    detector = detector_for(site, work.detector, _load_windows(_quiet_path(work)))
     _inherit(site, detector)
     record: dict[str, Any] = {"key": key, "seed": work.seed, "hole": work.hole}
     for style in STYLES:
         site.face(trial.wall, trial.start_mm)
-        prober = _prober(site, detector, style)
+        prober = prober_for(site, detector, style)
         recording = RecordingProber(prober, [work.seed, 5, work.hole])
         travel = travel_of(calibration[style], PLANNING_MM)
         found: dict[str, Any] = {"used": [], "error": None}
         try:
-            used = _search(style, recording, trial.start_mm, travel)
+            used = _touches_of(style, recording, trial.start_mm, travel)
             found["used"] = recording.numbers(used)
         except SearchError as failure:
             found["error"] = str(failure)
@@ -202,22 +206,26 @@ def search_work(work: HoleWork) -> dict[str, Any]:
     return record
 
 
-def _search(style: str, prober: Prober, start_mm: Vector, travel: TravelModel) -> Sequence[Touched]:
+def _touches_of(
+    style: str, prober: Prober, start_mm: Vector, travel: TravelModel
+) -> Sequence[Touched]:
     if style == CROSS:
         return cross_search(prober, start_mm)
     config = AdaptiveSearchConfig(contacts=MOST_CONTACTS)
     return AdaptiveSearch(prober, travel, config).run(start_mm).touches
 
 
-def _prober(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
+def prober_for(site: HoleSite, detector: ContactDetector, style: str) -> ArmProber:
+    """Return who touches in one of the :data:`STYLES`."""
     return ArmProber(
         site.rig.arm, site.windows(), detector, STYLES[style], free_travel=site.free_travel
     )
 
 
-def _detector(
+def detector_for(
     site: HoleSite, name: str, quiet: Sequence[tuple[EventPacket, ...]]
 ) -> ContactDetector:
+    """Return a contact detector for the site's finger."""
     return make_detector(name, DetectionConfig(), [site.calibration], quiet)
 
 
@@ -226,7 +234,8 @@ def _inherit(site: HoleSite, detector: ContactDetector) -> None:
     angle = 2.0 * np.pi * np.random.default_rng(site.calibration.grid).uniform()
     direction = np.array([np.cos(angle), np.sin(angle)])
     site.face(flat_wall(direction, WALL_MM), np.zeros(2))
-    _prober(site, detector, DEFAULT).touch(np.zeros(2), direction)
+    with contextlib.suppress(SearchError):
+        prober_for(site, detector, DEFAULT).touch(np.zeros(2), direction)
     site.rig.rest(1.0)
 
 
@@ -236,16 +245,16 @@ def _let_go(site: HoleSite) -> None:
         site.rig.rest(0.01)
 
 
-def _quiet(site: HoleSite) -> list[tuple[EventPacket, ...]]:
+def quiet_windows(site: HoleSite, count: int = QUIET_WINDOWS) -> list[tuple[EventPacket, ...]]:
     """Return windows of the moving arm in free air."""
     here = site.rig.arm.true_position_mm()
     windows = site.windows()
-    seconds = (QUIET_WINDOWS + 200) * 1e-3
+    seconds = (count + 200) * 1e-3
     away_mm = np.array([QUIET_SPEED_MM_S * seconds, 0.0, 0.0])
     site.rig.arm.move_linear(here + away_mm, QUIET_SPEED_MM_S)
     for _ in range(100):
         next(windows)
-    quiet = [next(windows) for _ in range(QUIET_WINDOWS)]
+    quiet = [next(windows) for _ in range(count)]
     while site.rig.arm.state() is ArmState.MOVING:
         next(windows)
     return quiet
