@@ -1,0 +1,209 @@
+"""The contact path, live: each window to the detector, the arm stopped, and only then the rest.
+
+Whoever records, tracks or displays is offered what passed and never waited for. Not a safety
+function: see :mod:`spikingtac.robot.watchdog`.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from spikingtac.contact.detect import ContactDetector, Window, packets_of
+from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.types import Contact
+
+RECENT_WINDOWS = 4096
+"""Decision times kept for the percentiles: 4 s at 1 kHz."""
+US_PER_S = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A window, and when this machine had all of it.
+
+    Attributes:
+        window: The events.
+        received_s: On the clock of the loop, s.
+    """
+
+    window: Window
+    received_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Where the time between a touch's events and the command to stop went.
+
+    Attributes:
+        window_us: The events' mean wait for the end of their window, us; None without events.
+        transport_us: From the end of the window to its arrival, us, beyond the fastest transport
+            seen so far: sensor and host share no clock.
+        decision_us: From the arrival to the decision, us; a queue before the loop counts here.
+        stop_us: From the decision to the return of the arm's stop, us.
+    """
+
+    window_us: float | None
+    transport_us: float
+    decision_us: float
+    stop_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class GuardReport:
+    """How a guarded stretch ended.
+
+    Attributes:
+        health: Of the watchdog at the end.
+        reason: What tripped it; empty while OK.
+        contact: What stopped the arm, or None.
+        latency: Of that decision.
+        windows: How many windows were looked at.
+        decision_p50_us: Median time to decide over the recent windows, us.
+        decision_p99_us: 99th percentile of the same, us.
+        lost: Windows that each tap did not take.
+    """
+
+    health: Health
+    reason: str
+    contact: Contact | None
+    latency: Latency | None
+    windows: int
+    decision_p50_us: float
+    decision_p99_us: float
+    lost: tuple[int, ...]
+
+
+class BoundedQueue(Protocol):
+    """A queue of the standard library, of threads or of processes."""
+
+    def put_nowait(self, item: Any, /) -> None:
+        """Take an item or raise ``queue.Full``."""
+        ...
+
+
+class Tap:
+    """Offers windows to a consumer that may be slow; what it does not take is counted.
+
+    Args:
+        consumer: A bounded queue that the consumer reads.
+
+    Attributes:
+        lost: How many windows were not taken.
+    """
+
+    def __init__(self, consumer: BoundedQueue) -> None:
+        self.lost = 0
+        self._consumer = consumer
+
+    def offer(self, window: Window) -> None:
+        """Hand a window over, or count it as lost."""
+        try:
+            self._consumer.put_nowait(window)
+        except queue.Full:
+            self.lost += 1
+
+
+class ContactLoop:
+    """Decides on each window before anything else is done with it.
+
+    Args:
+        detector: Decides.
+        watchdog: Armed by the caller; its stop is the arm's. Beaten with each window.
+        stop: Stops the arm.
+        taps: Offered each window after the decision.
+        clock_s: The clock of the arrivals and of the watchdog.
+
+    Attributes:
+        contact: What stopped the arm, or None so far.
+    """
+
+    def __init__(
+        self,
+        detector: ContactDetector,
+        watchdog: Watchdog,
+        stop: Callable[[], None],
+        taps: Sequence[Tap] = (),
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._detector, self._watchdog, self._stop = detector, watchdog, stop
+        self._taps, self._clock_s = tuple(taps), clock_s
+        self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
+        self._windows = 0
+        self._fastest_s = float("inf")
+        self.contact: Contact | None = None
+        self._latency: Latency | None = None
+
+    def guard(
+        self,
+        arrivals: Iterable[Arrival],
+        show: Callable[[ContactLoop], object] = lambda _: None,
+    ) -> GuardReport:
+        """Watch a stream until a contact, a trip of the watchdog, or its end, which is a trip.
+
+        Args:
+            arrivals: Windows as they come; waiting for one lets the watchdog's thread work.
+            show: Called after each window; it must not block.
+        """
+        for arrival in arrivals:
+            self._look(arrival)
+            for tap in self._taps:
+                tap.offer(arrival.window)
+            show(self)
+            if self.contact is not None or self._watchdog.check() is not Health.OK:
+                return self.report()
+        self._watchdog.disconnected("the event stream ended")
+        return self.report()
+
+    def report(self) -> GuardReport:
+        """Return the state now."""
+        p50_us, p99_us = self._percentiles_us()
+        return GuardReport(
+            health=self._watchdog.health,
+            reason=self._watchdog.reason,
+            contact=self.contact,
+            latency=self._latency,
+            windows=self._windows,
+            decision_p50_us=p50_us,
+            decision_p99_us=p99_us,
+            lost=tuple(tap.lost for tap in self._taps),
+        )
+
+    def _look(self, arrival: Arrival) -> None:
+        begun_s = self._clock_s()
+        self._watchdog.beat(begun_s - arrival.received_s)
+        contact = self._detector.update(arrival.window)
+        decided_s = self._clock_s()
+        if contact is not None:
+            self._stop()
+            self.contact = contact
+            stopped_s = self._clock_s()
+            self._latency = self._split(arrival, decided_s, stopped_s)
+        end_s = packets_of(arrival.window)[0].t_end_us / US_PER_S
+        self._fastest_s = min(self._fastest_s, arrival.received_s - end_s)
+        self._recent_us.append((decided_s - begun_s) * US_PER_S)
+        self._windows += 1
+
+    def _split(self, arrival: Arrival, decided_s: float, stopped_s: float) -> Latency:
+        packets = packets_of(arrival.window)
+        times_us = np.concatenate([packet.t for packet in packets])
+        end_us = packets[0].t_end_us
+        transport_s = arrival.received_s - end_us / US_PER_S
+        return Latency(
+            window_us=float(end_us - times_us.mean()) if len(times_us) else None,
+            transport_us=max(transport_s - min(self._fastest_s, transport_s), 0.0) * US_PER_S,
+            decision_us=(decided_s - arrival.received_s) * US_PER_S,
+            stop_us=(stopped_s - decided_s) * US_PER_S,
+        )
+
+    def _percentiles_us(self) -> tuple[float, float]:
+        if not self._recent_us:
+            return 0.0, 0.0
+        p50_us, p99_us = np.percentile(np.array(self._recent_us), (50, 99))
+        return float(p50_us), float(p99_us)

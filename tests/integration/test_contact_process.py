@@ -1,0 +1,154 @@
+"""The contact path in its own process: contact, and whatever can fail, stops the arm."""
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.robot.watchdog import WatchdogConfig
+from stand_ins.guarded import NotingArm, detector, moving_ur, paced, stops
+from stand_ins.ur_controller import URController
+
+SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
+"""What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
+STALE_S = 0.25
+"""Far above the 10 ms that a robot is given, so that a busy machine's pauses are no silence."""
+PATIENCE_S = 90.0
+CALM = WatchdogConfig(stale_s=STALE_S, backlog_s=2.0)
+
+
+@pytest.fixture
+def notes(tmp_path: Path) -> Path:
+    return tmp_path / "stops"
+
+
+@pytest.fixture
+def guard(notes: Path) -> Iterator[Any]:
+    made: list[ContactProcess] = []
+
+    def start(recorder: Any = None, **stream: Any) -> ContactProcess:
+        arm = Maker(function=NotingArm, arguments={"notes": str(notes)})
+        source = Maker(function=paced, arguments=stream)
+        made.append(ContactProcess(source, Maker(function=detector), arm, CALM, recorder))
+        return made[-1]
+
+    yield start
+    for process in made:
+        process.close()
+
+
+def wait(process: ContactProcess, *phases: str) -> dict[str, Any]:
+    until_s = time.monotonic() + PATIENCE_S
+    while (status := process.status()).get("phase") not in phases:
+        assert time.monotonic() < until_s, status
+        time.sleep(0.005)
+    return status
+
+
+def test_a_contact_stops_the_arm_while_a_recorder_hangs(guard: Any, notes: Path) -> None:
+    recorder = multiprocessing.get_context("spawn").Queue(maxsize=3)
+    status = wait(guard(recorder, touch=300), "ended", "failed")
+    assert status["phase"] == "ended", status
+    assert 300_000 < status["contact"]["t_us"] <= 304_000
+    assert status["health"] == "ok"
+    assert status["lost"] == [status["windows"] - 3]
+    assert len(stops(notes)) == 2  # the self-test, and the contact
+    assert 0.0 <= status["latency"]["decision_us"] < SLACK_S * 1e6
+    recorder.cancel_join_thread()
+
+
+def test_a_stream_that_stalls_stops_the_arm_in_the_stated_time(guard: Any, notes: Path) -> None:
+    process = guard(stall=200)
+    wait(process, "ready")
+    until_s = time.monotonic() + PATIENCE_S
+    while len(stops(notes)) < 2:
+        last_s = process.status()["at_s"]
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+    silent_s = stops(notes)[-1] - last_s
+    assert silent_s < STALE_S + 0.002 + 0.02 + SLACK_S  # stale, the watch's period, the status' age
+    assert process.alive()
+
+
+@pytest.mark.parametrize(
+    ("stream", "phase", "reason"),
+    [
+        ({"end": 50}, "ended", "the event stream ended"),
+        ({"fault": 50}, "failed", "OSError: the camera was unplugged"),
+    ],
+)
+def test_a_stream_that_ends_or_breaks_stops_the_arm(
+    guard: Any, notes: Path, stream: dict[str, int], phase: str, reason: str
+) -> None:
+    status = wait(guard(**stream), "ended", "failed")
+    assert (status["phase"], status["reason"]) == (phase, reason)
+    assert status["health"] == "disconnected"
+    assert len(stops(notes)) == 2
+
+
+@pytest.fixture
+def controller() -> Iterator[URController]:
+    pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
+    with URController() as fake:
+        yield fake
+
+
+@pytest.fixture
+def moving(controller: URController) -> Iterator[Any]:
+    """Return what starts a guard whose arm, behind the real driver, moves at 40 mm/s."""
+    made: list[ContactProcess] = []
+
+    def start(**stream: Any) -> ContactProcess:
+        arguments = {"host": controller.host, "speed_mm_s": 40.0}
+        arm = Maker(function=moving_ur, arguments=arguments)
+        source = Maker(function=paced, arguments=stream)
+        made.append(ContactProcess(source, Maker(function=detector), arm, CALM))
+        until(lambda: controller.twin.speed_mm_s()[0] > 30.0)
+        return made[-1]
+
+    yield start
+    for process in made:
+        process.close()
+
+
+def until(done: Callable[[], bool]) -> float:
+    start_s = time.monotonic()
+    while not done():
+        assert time.monotonic() - start_s < PATIENCE_S
+        time.sleep(0.002)
+    return time.monotonic() - start_s
+
+
+def still(controller: URController) -> bool:
+    return bool(abs(controller.twin.speed_mm_s()[0]) < 0.1)
+
+
+def test_the_real_driver_stops_when_the_stream_stalls(
+    moving: Any, controller: URController
+) -> None:
+    moving(stall=1500)
+    until(lambda: still(controller))
+    assert len(controller.stop_times_s) >= 1
+    assert controller.twin.true_position_mm()[0] < 100.0 + 790.0
+
+
+def test_the_robot_stops_when_the_contact_process_dies(
+    moving: Any, controller: URController
+) -> None:
+    process = moving()
+    process.kill()
+    assert until(lambda: still(controller)) < 0.1 + 0.05 + SLACK_S
+
+
+def test_a_lost_controller_is_told(moving: Any, controller: URController) -> None:
+    process = moving()
+    controller.shut_down()
+    lost_s = time.monotonic()
+    status = wait(process, "ended", "failed")
+    assert status["health"] == "disconnected"
+    assert status["at_s"] - lost_s < 0.1 + 0.02 + SLACK_S

@@ -1,0 +1,99 @@
+"""What a contact process is made of in tests: paced streams that fail, and an arm that notes."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from spikingtac.contact.detect import ContactDetector
+from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.live.contact_loop import Arrival
+from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.types import Pose
+from stand_ins.moving_rims import calibration, windows
+
+NEVER = 1 << 30
+
+
+class NotingArm:
+    """Writes the time of each stop into a file; knows nothing else."""
+
+    def __init__(self, notes: str) -> None:
+        self._notes = Path(notes)
+
+    def stop(self) -> None:
+        with self._notes.open("a", encoding="utf-8") as file:
+            file.write(f"{time.monotonic()}\n")
+
+    def pose(self) -> Pose:
+        return Pose(np.zeros(3))
+
+    def speed_mm_s(self) -> np.ndarray:
+        return np.zeros(3)
+
+    def move_linear(self, target_mm: np.ndarray, speed_mm_s: float) -> None:
+        del target_mm, speed_mm_s
+
+    def state(self) -> ArmState:
+        return ArmState.MOVING
+
+    def close(self) -> None:
+        self.stop()
+
+
+def stops(notes: Path) -> list[float]:
+    return [float(line) for line in notes.read_text().split()] if notes.exists() else []
+
+
+def detector() -> ContactDetector:
+    return make_detector("default", DetectionConfig(), [calibration()], windows(1000, seed=1))
+
+
+def paced(
+    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, ms: float = 2.0
+) -> Iterator[Arrival]:
+    """Yield windows in (slowed) real time; touch, stall, end or break at a window."""
+
+    def speed(number: int) -> tuple[float, float]:
+        return (0.1, 0.0) if number >= touch else (0.0, 0.0)
+
+    due_s = time.monotonic()
+    for number in itertools.count():
+        if number == end:
+            return
+        if number == fault:
+            raise OSError("the camera was unplugged")
+        if number == stall:
+            time.sleep(600.0)
+        (window,) = windows(1, seed=number, speed=speed, first=number)
+        due_s += ms * 1e-3
+        time.sleep(max(due_s - time.monotonic(), 0.0))
+        yield Arrival(window, time.monotonic())
+
+
+def moving_ur(host: str, speed_mm_s: float) -> Arm:
+    """Return the real driver, whose arm has begun to move once the stream begins."""
+    from spikingtac.robot.ur import URArm, URConfig
+
+    return MovingArm(URArm(host, URConfig()), speed_mm_s)
+
+
+class MovingArm:
+    """Starts the motion at the first look around, after the watchdog's self-test has stopped it."""
+
+    def __init__(self, arm: Arm, speed_mm_s: float) -> None:
+        self._arm, self._speed_mm_s, self._moving = arm, speed_mm_s, False
+        self.pose, self.stop, self.close = arm.pose, arm.stop, arm.close
+        self.speed_mm_s, self.move_linear = arm.speed_mm_s, arm.move_linear
+
+    def state(self) -> ArmState:
+        state = self._arm.state()
+        if not self._moving and state is ArmState.IDLE:
+            far = self._arm.pose().position_mm + np.array([800.0, 0.0, 0.0])
+            self._arm.move_linear(far, self._speed_mm_s)
+            self._moving = True
+        return state

@@ -1,0 +1,102 @@
+"""The contact path: decide first, stop, and never wait for anybody."""
+
+import queue
+from collections.abc import Iterator
+from itertools import islice
+
+import pytest
+
+from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.live.contact_loop import Arrival, ContactLoop, Tap
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.types import EventPacket
+from stand_ins.moving_rims import windows
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class Bench:
+    """A loop over a clock that only the stream moves, 1 ms per window plus a transport."""
+
+    def __init__(self, taps: tuple[Tap, ...] = ()) -> None:
+        self.clock, self.order = Clock(), list[str]()
+        stop = lambda: self.order.append("stop")  # noqa: E731
+        self.watchdog = Watchdog(WatchdogConfig(), stop, self.clock)
+        self.watchdog.self_test()
+        self.watchdog.arm()
+        self.order.clear()
+        detector = EventCountDetector(EventCountConfig(threshold=40))
+        self.loop = ContactLoop(detector, self.watchdog, stop, taps, self.clock)
+
+    def arrivals(self, late_s: float = 0.0, queued_s: float = 0.0) -> Iterator[Arrival]:
+        for window in windows(200, seed=1, speed=lambda k: (0.1 * (k >= 100), 0.0)):
+            late = window.t_start_us >= 50_000
+            self.clock.now_s = 1000.0 + window.t_end_us * 1e-6 + late_s * late
+            received_s = self.clock.now_s
+            self.clock.now_s += queued_s * late
+            yield Arrival(window, received_s)
+
+
+def test_the_stop_is_sent_before_anything_else_is_done_with_the_window() -> None:
+    bench = Bench()
+
+    class Consumer:
+        def put_nowait(self, item: EventPacket) -> None:
+            bench.order.append("tap")
+
+    bench.loop = ContactLoop(
+        EventCountDetector(EventCountConfig(threshold=40)),
+        bench.watchdog,
+        lambda: bench.order.append("stop"),
+        (Tap(Consumer()),),
+        bench.clock,
+    )
+    report = bench.loop.guard(bench.arrivals(), lambda _: bench.order.append("show"))
+    assert report.contact is not None
+    assert report.contact.t_us == 101_000
+    assert bench.order[-3:] == ["stop", "tap", "show"]
+    assert bench.order.count("stop") == 1
+    assert report.windows == 101
+    assert report.health is Health.OK
+
+
+def test_a_consumer_that_never_reads_loses_windows_and_delays_nothing() -> None:
+    blocked: queue.Queue[EventPacket] = queue.Queue(maxsize=5)
+    bench = Bench((Tap(blocked),))
+    report = bench.loop.guard(bench.arrivals())
+    assert report.contact is not None
+    assert report.contact.t_us == 101_000
+    assert report.lost == (101 - 5,)
+    assert blocked.qsize() == 5
+
+
+def test_the_latency_is_split() -> None:
+    bench = Bench()
+    report = bench.loop.guard(bench.arrivals(late_s=0.0007, queued_s=0.002))
+    assert report.latency is not None
+    assert report.latency.transport_us == pytest.approx(700.0, abs=1.0)
+    assert report.latency.decision_us == pytest.approx(2000.0, abs=1.0)
+    assert report.latency.stop_us == 0.0
+    assert report.latency.window_us == pytest.approx(500.0, abs=150.0)
+
+
+def test_a_queue_that_grows_is_an_overload() -> None:
+    bench = Bench()
+    report = bench.loop.guard(bench.arrivals(queued_s=0.006))
+    assert report.health is Health.OVERLOAD
+    assert report.windows == 51
+    assert bench.order == ["stop"]
+
+
+def test_the_end_of_the_stream_stops_the_arm() -> None:
+    bench = Bench()
+    report = bench.loop.guard(islice(bench.arrivals(), 30))
+    assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
+    assert bench.order == ["stop"]
+    assert report.contact is None
