@@ -13,6 +13,7 @@ VERBS: dict[str, str] = {
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
+    "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
     "train": "teach the denoising network on recordings, without labels",
     "view": "look at a recording or a scene in the browser: replay, tune, measure",
     "experiment": "re-run one of the paper's experiments: every method, every case, one report",
