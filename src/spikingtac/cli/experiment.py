@@ -21,7 +21,7 @@ class Args:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
     """Folder to write; new or empty, or begun with the same settings (--resume)."""
     quick: bool = False
-    """One seed and no fifty contacts: some minutes instead of an hour."""
+    """One seed, shorter sequences, no fifty contacts: minutes instead of an hour."""
     ablations: bool = False
     """Variants of the default tracker instead of the main tables."""
     seed: int = 0

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from spikingtac.experiments.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.trials import Trial
 from spikingtac.sim import catalog
@@ -56,11 +59,62 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
         seed: Of the camera's noise.
         turns: How often the skin goes round.
     """
-    trial = Trial(case=camera, scene="quiet", seed=seed, camera=camera)
+    trial = _trial(camera, seed)
     tried = _shaken(trial, FIRST_GUESS_HZ, TRY_US)
     turns_hz = FIRST_GUESS_HZ * TARGET_HZ / tried.rate_hz
     turn_us = IMAGE_US * round(1e6 / turns_hz / IMAGE_US)
     return _shaken(trial, 1e6 / turn_us, turns * turn_us)
+
+
+def kept_stream(camera: str, seed: int, turns: int, folder: Path) -> BenchStream:
+    """Return the stream of :func:`bench_stream` from a folder; make and keep it where it is not.
+
+    Args:
+        camera: ``typical`` or ``noisy``.
+        seed: Of the camera's noise.
+        turns: How often the skin goes round.
+        folder: The bench's.
+    """
+    code = code_digest(modules_behind((*SIMULATOR, "experiments/bench_stream.py"), within="sim"))
+    path = folder / "streams" / f"{camera}-{seed}-{turns}-{code}.npz"
+    if not path.is_file():
+        stream = bench_stream(camera, seed, turns)
+        _save(stream, path)
+        return stream
+    with np.load(path, allow_pickle=False) as kept:
+        columns = {name: kept[name] for name in kept.files}
+    width, height = columns["size"].tolist()
+    start_us, end_us = columns["span_us"].tolist()
+    x, y, p, t = (columns[name] for name in "xypt")
+    events = EventPacket(x, y, p, t, start_us, end_us, (width, height))
+    times_us, marker_px = columns["truth_us"], columns["marker_px"]
+    truth = GroundTruth(times_us, marker_px, marker_px[0], columns["radius_px"], int(times_us[-1]))
+    return BenchStream(events, truth, float(columns["rate_hz"]), _trial(camera, seed))
+
+
+def _save(stream: BenchStream, path: Path) -> None:
+    events, truth = stream.events, stream.truth
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    with partial.open("wb") as file:
+        np.savez(
+            file,
+            x=events.x,
+            y=events.y,
+            p=events.p,
+            t=events.t,
+            size=np.array(events.size),
+            span_us=np.array([events.t_start_us, events.t_end_us]),
+            truth_us=truth.t_us,
+            marker_px=truth.marker_px,
+            radius_px=truth.radius_px,
+            rate_hz=np.array(stream.rate_hz),
+        )
+    partial.replace(path)
+
+
+def _trial(camera: str, seed: int) -> Trial:
+    return Trial(case=camera, scene="quiet", seed=seed, camera=camera)
 
 
 def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:

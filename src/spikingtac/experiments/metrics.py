@@ -16,6 +16,7 @@ from spikingtac.errors import RecordingError
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.prediction import Prediction
 from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
+from spikingtac.markers.neighbours import smallest_spacing_px
 
 SUCCESS_PX = 5.0
 """Largest return distance of a success (§V-A), and smallest error of a lost marker."""
@@ -23,6 +24,9 @@ SUCCESS_PX = 5.0
 LOST_US = 50_000
 """Shortest time for which a marker must be away to count as lost (50 ms: ours)."""
 
+
+MOVING_PX_S = 5.0
+"""True speed from which on a marker has a direction of motion, px/s (ours)."""
 
 SETTLED_US = 200_000
 """Last stretch before the next touch, in which the skin has crept back most of its way (ours)."""
@@ -55,6 +59,12 @@ POINT_METRICS: tuple[Metric, ...] = (
     Metric(
         "return_error_mean_px", "px", "mean distance of detected_px to the truth after the release"
     ),
+    Metric(
+        "lead_px",
+        "px",
+        f"mean error along the true motion, where it is faster than {MOVING_PX_S:g} px/s; positive "
+        "is ahead of the marker",
+    ),
     Metric("zeroed_return_mean_px", "px", "return_mean_px under the anchored law"),
     Metric("zeroed_return_std_px", "px", "return_std_px under the anchored law"),
     Metric(
@@ -64,6 +74,12 @@ POINT_METRICS: tuple[Metric, ...] = (
         "first",
     ),
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
+    Metric(
+        "lost_boundary_markers",
+        "markers",
+        "those of lost_markers that are on the rim of the grid",
+        "sum",
+    ),
     Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
 )
 """The metrics of the experiment, in the order of its tables."""
@@ -113,10 +129,43 @@ def point_scores(
         "zeroed_return_mean_px": float(zeroed_px.mean()),
         "zeroed_return_std_px": float(zeroed_px.std()),
         "lost_markers": float((away > LOST_US).sum()),
+        "lost_boundary_markers": float(
+            (away > LOST_US)[on_rim(prediction.reference_px)[whole]].sum()
+        ),
         "id_swaps": float((elsewhere > LOST_US).sum()),
     }
     growth_px = return_growth_px(error_px, prediction.t_us, truth.free_us)
-    return scores if growth_px is None else scores | {"return_growth_px": growth_px}
+    ahead_px = lead_px(detected_px, true_px[:, whole], prediction.t_us)
+    may_be = {"return_growth_px": growth_px, "lead_px": ahead_px}
+    return scores | {name: value for name, value in may_be.items() if value is not None}
+
+
+def lead_px(
+    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], t_us: NDArray[np.int64]
+) -> float | None:
+    """Return how far the estimates are ahead of the moving markers, px; None if none moves.
+
+    Args:
+        detected_px: ``(n, m, 2)`` estimates, px.
+        true_px: ``(n, m, 2)`` true places, px.
+        t_us: ``(n,)`` their times, us.
+    """
+    if len(t_us) < 2:
+        return None
+    velocity_px_s = np.gradient(true_px, 1e-6 * t_us, axis=0)
+    speed_px_s = np.hypot(velocity_px_s[..., 0], velocity_px_s[..., 1])
+    moving = speed_px_s > MOVING_PX_S
+    if not moving.any():
+        return None
+    error_px, along = (detected_px - true_px)[moving], velocity_px_s[moving]
+    return float(((error_px * along).sum(axis=1) / speed_px_s[moving]).mean())
+
+
+def on_rim(reference_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return ``(m,)`` which markers lie in an outermost row or column of their grid."""
+    half_px = 0.5 * smallest_spacing_px(reference_px) if len(reference_px) > 1 else 0.0
+    low, high = reference_px.min(axis=0) + half_px, reference_px.max(axis=0) - half_px
+    return np.logical_or(reference_px < low, reference_px > high).any(axis=1)
 
 
 def return_growth_px(

@@ -17,7 +17,8 @@ STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem}
 table{border-collapse:collapse;margin:.6rem 0;font-variant-numeric:tabular-nums}
-th,td{padding:.25rem .6rem;border-bottom:1px solid #d8dee4;text-align:right;white-space:nowrap}
+th,td{padding:.25rem .6rem;border-bottom:1px solid #d8dee4;text-align:right}
+td{white-space:nowrap}th{vertical-align:bottom}
 th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #57606a}
 .ci,.def{color:#57606a;font-size:.85em}.def{max-width:60rem}
 .paper{color:#8250df}.scroll{overflow-x:auto}figure{margin:1rem 0}svg{max-width:100%;height:auto}
@@ -70,9 +71,10 @@ def _table(table: Table, rows: Sequence[Row]) -> str:
     printed = [m for m in table.metrics if any(r.paper is not None for r in found if r.metric == m)]
     head = ["<th>method</th>"]
     for metric in table.metrics:
-        unit = next((row.unit for row in found if row.metric == metric), "")
-        head += [f"<th class='paper'>{metric}<br>paper</th>"] if metric in printed else []
-        head.append(f"<th>{metric}<br>{source}{'' if unit == '1' else f', {unit}'}</th>")
+        name = _heading(metric, next((row.unit for row in found if row.metric == metric), "1"))
+        beside = ("<br>paper", "<br>simulated") if metric in printed else ("", "")
+        head += [f"<th class='paper'>{name}{beside[0]}</th>"] if metric in printed else []
+        head.append(f"<th>{name}{beside[1]}</th>")
     lines = []
     for method in table.methods:
         cells = [shown[method, metric] for metric in table.metrics]
@@ -82,12 +84,24 @@ def _table(table: Table, rows: Sequence[Row]) -> str:
                 for cell, metric in zip(cells, table.metrics, strict=True)
             )
             lines.append(f"<tr><td>{escape(method)}</td>{told}</tr>")
-    count = f"n = {max(row.n for row in found)} trials, {max(row.seeds for row in found)} seeds"
+    violet = "; violet: what the paper prints, on its own hardware" if printed else ""
     return (
-        f"<h2>{escape(table.title)}</h2><p class='def'>case {escape(table.case)}, {count}</p>"
+        f"<h2>{escape(table.title)}</h2>"
+        f"<p class='def'><b>{source}</b>, {_count(found)}{violet}</p>"
         f"<div class='scroll'><table><thead><tr>{''.join(head)}</tr></thead>"
         f"<tbody>{''.join(lines)}</tbody></table></div>"
     )
+
+
+def _heading(metric: str, unit: str) -> str:
+    named = unit == "1" or metric.endswith(unit)
+    return escape(metric).replace("_", "_<wbr>") + ("" if named else f", {escape(unit)}")
+
+
+def _count(rows: Sequence[Row]) -> str:
+    trials, seeds = max(row.n for row in rows), max(row.seeds for row in rows)
+    plural = "" if trials == 1 else "s", "" if seeds == 1 else "s"
+    return f"n = {trials} trial{plural[0]}, {seeds} seed{plural[1]}"
 
 
 def _cell(row: Row | None, with_paper: bool) -> str:

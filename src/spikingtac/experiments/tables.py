@@ -23,6 +23,7 @@ TRUTH_COLUMNS = (
     "error_final_px",
     "return_error_mean_px",
     "return_growth_px",
+    "lead_px",
     "lost_markers",
     "id_swaps",
 )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.experiments import RunOptions
-from spikingtac.experiments.bench_stream import BenchStream, bench_stream
+from spikingtac.experiments.bench_stream import BenchStream, kept_stream
 from spikingtac.experiments.calibrations import calibration_of
 from spikingtac.experiments.decoding import decoder_rows
 from spikingtac.experiments.fingerprint import provenance
@@ -62,7 +62,8 @@ def run(options: RunOptions) -> dict[str, Any]:
     rows: list[Row] = []
     rates = {}
     for number, camera in enumerate(CAMERAS):
-        stream = bench_stream(camera, options.seed, QUICK_TURNS if options.quick else TURNS)
+        turns = QUICK_TURNS if options.quick else TURNS
+        stream = kept_stream(camera, options.seed, turns, options.output)
         rates[camera] = stream.rate_hz
         calibration = calibration_of(stream.trial, options.output)
         rows += list(_camera_rows(stream, calibration, options))
@@ -115,7 +116,7 @@ def paced_process(
         folder: With the calibrations.
     """
     seed, turns, duration_s = options
-    stream = bench_stream(camera, seed, turns)
+    stream = kept_stream(camera, seed, turns, folder)
     calibration = calibration_of(stream.trial, folder)
     gc.disable()
     windows = windows_of(stream, PACE_US)
@@ -176,17 +177,24 @@ def _row(method: str, case: str, metric: str, value: float, count: int) -> Row:
 
 
 def _findings(rows: list[Row]) -> list[str]:
-    told = []
-    for method in OWN:
-        for camera in CAMERAS:
-            step = find(rows, method, camera, "step_p50_us")
-            tail = find(rows, method, camera, "step_p99_us")
-            speed = find(rows, method, camera, "speedup_vs_opencv_tuned")
-            error = find(rows, method, camera, "error_mean_px")
-            if step and tail and speed and error:
-                told.append(
-                    f"{method} on {camera}: {step.value:.0f} us a step at the median, "
-                    f"{tail.value:.0f} us at the 99th percentile, {speed.value:.1f} times as fast "
-                    f"as tuned OpenCV, {error.value:.3f} px."
-                )
-    return told
+    return [
+        told for method in OWN for camera in CAMERAS if (told := _finding(rows, method, camera))
+    ]
+
+
+def _finding(rows: list[Row], method: str, camera: str) -> str:
+    values = {row.metric: row.value for row in rows if (row.method, row.case) == (method, camera)}
+    peer = find(rows, "opencv_tuned", camera, "error_mean_px")
+    error_px = values.get("error_mean_px")
+    if error_px is None or peer is None or not peer.value:
+        return ""
+    text = (
+        f"{method} on {camera}: {values['step_p50_us']:.0f} us a step at the median, "
+        f"{values['step_p99_us']:.0f} us at the 99th percentile; "
+        f"{values['speedup_vs_opencv_tuned']:.1f} times as fast as tuned OpenCV from map to "
+        f"centres, at {error_px / peer.value:.2f} of its error ({error_px:.3f} px)"
+    )
+    if (late := values.get("paced_1khz_p99_us")) is not None:
+        missed = 100.0 * (values["paced_1khz_missed"] or 0.0)
+        text += f"; paced at 1 kHz {late:.0f} us at the 99th percentile, {missed:.2f} % missed"
+    return text + "."

@@ -16,6 +16,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH
 from spikingtac.experiments.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.ground_truth import GroundTruth
+from spikingtac.experiments.shorten import shortened
 from spikingtac.sim import catalog
 from spikingtac.types import EventPacket
 
@@ -38,6 +39,7 @@ class Trial:
         damaged: How many markers are damaged after the calibration: in turn gone and cut in half.
         groups: Other rows that the trial counts towards.
         duration_s: Length, s; None is the scene's own.
+        motion_s: Motions that begin later than this are left out, s; None keeps all.
         source: ``twin``, ``v2e`` or ``recorded``.
     """
 
@@ -51,6 +53,7 @@ class Trial:
     damaged: int = 0
     groups: tuple[str, ...] = ()
     duration_s: float | None = None
+    motion_s: float | None = None
     source: str = "twin"
 
     @property
@@ -71,6 +74,7 @@ class Trial:
             damaged=0,
             groups=(),
             duration_s=None,
+            motion_s=None,
         )
 
     def recording_key(self) -> str:
@@ -121,6 +125,8 @@ class Trial:
 
     def _scene(self) -> Any:
         scene = catalog.load(self.scene).with_camera(self.camera).with_serial(self.serial)
+        if self.motion_s is not None:
+            scene = shortened(scene, self.motion_s)
         if self.settings:
             camera = replace(scene.camera, settings={**scene.camera.settings, **self.settings})
             scene = replace(scene, camera=camera)

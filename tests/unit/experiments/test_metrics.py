@@ -7,6 +7,7 @@ from spikingtac.experiments.metrics import (
     POINT_METRICS,
     longest_stay_us,
     nearest_another,
+    on_rim,
     point_scores,
     return_growth_px,
 )
@@ -39,6 +40,7 @@ def moving() -> np.ndarray:
 def test_the_truth_scores_perfectly() -> None:
     scores = point_scores(said(moving()), truth(moving()))
     assert set(scores) == {metric.name for metric in POINT_METRICS} - {"return_growth_px"}
+    assert scores["lead_px"] == pytest.approx(0.0, abs=1e-5)
     assert scores["success_rate"] == 1.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
     assert scores["lost_markers"] == scores["id_swaps"] == 0.0
@@ -105,6 +107,25 @@ def test_only_what_comes_after_the_release_counts_as_return_error() -> None:
     off = moving()
     off[TIMES_US <= 600_000] += 3.0
     assert point_scores(said(off), truth(moving()))["return_error_mean_px"] < 1e-5
+
+
+def test_what_runs_ahead_of_the_motion_leads_and_what_rests_does_not() -> None:
+    course = moving()
+    speed_px_s = np.gradient(course, 2e-3, axis=0)
+    ahead = course + 0.4 * np.sign(np.round(speed_px_s, 3))
+    assert point_scores(said(ahead), truth(course))["lead_px"] == pytest.approx(0.4, abs=0.01)
+    late = course - 0.4 * np.sign(np.round(speed_px_s, 3))
+    assert point_scores(said(late), truth(course))["lead_px"] == pytest.approx(-0.4, abs=0.01)
+    still = np.tile(REST, (len(TIMES_US), 1, 1))
+    assert "lead_px" not in point_scores(said(still + 0.4), truth(still))
+
+
+def test_the_rim_is_the_outermost_rows_and_columns() -> None:
+    rows, columns = np.mgrid[0:4, 0:5]
+    grid = 40.0 * np.stack([columns, rows], axis=-1).reshape(-1, 2) + [[0.5, 0.0]] * 20
+    grid += np.random.default_rng(1).normal(0.0, 0.5, grid.shape)
+    inside = (rows % 3 > 0) & (columns % 4 > 0)
+    assert np.array_equal(on_rim(grid), ~inside.ravel())
 
 
 def test_no_estimates_are_no_score() -> None:

@@ -76,7 +76,9 @@ def test_report_files(tmp_path: Path) -> None:
     assert "one &amp; two" in page
     assert "All &lt;of&gt; it" in page
     assert "simulated (twin)" in page
-    assert page.index("class='paper'>return_mean_px") < page.index("simulated (twin)")
+    head = page[page.index("<thead>") : page.index("</thead>")]
+    columns = ["return_<wbr>mean_<wbr>px<br>paper", "return_<wbr>mean_<wbr>px<br>simulated"]
+    assert [head.count(column) for column in columns] == [1, 1], "side by side, never merged"
     assert "1.628" in page
     assert "src=" not in page
     assert "http" not in page
@@ -99,7 +101,7 @@ def row(method: str, case: str, metric: str, value: float) -> Row:
 def test_a_baseline_that_wins_is_named() -> None:
     rows = [row("default", "all", "error_mean_px", 0.2), row("evetac", "all", "error_mean_px", 0.1)]
     told = [text for text in findings(rows) if "beats" in text]
-    assert told == ["evetac beats default in error_mean_px on all: all 0.100 against 0.200."]
+    assert told == ["evetac beats default in error_mean_px on all: 0.100 against 0.200."]
 
 
 def test_a_win_at_rest_says_what_it_cost_on_the_way() -> None:
@@ -111,6 +113,22 @@ def test_a_win_at_rest_says_what_it_cost_on_the_way() -> None:
     ]
     told = next(text for text in findings(rows) if "beats" in text)
     assert "on the way it is 2.000 px off, default 0.100 px" in told
+
+
+def test_a_law_on_the_same_estimates_is_no_baseline() -> None:
+    rows = [
+        row("default", "all", "return_mean_px", 0.2),
+        row("default-law-anchored", "all", "return_mean_px", 0.1),
+    ]
+    assert not any("beats" in text for text in findings(rows))
+
+
+def test_many_cases_are_counted_and_few_are_named() -> None:
+    cases = ["all", *(f"scene-{n}" for n in range(6))]
+    rows = [row("default", case, "error_mean_px", 0.2) for case in cases]
+    rows += [row("evetac", case, "error_mean_px", 0.1) for case in cases]
+    told = next(text for text in findings(rows) if "beats" in text)
+    assert "Also on scene-0, scene-1, scene-2 and 3 other cases." in told
 
 
 def test_that_none_wins_is_said_only_if_baselines_ran() -> None:

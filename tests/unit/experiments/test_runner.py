@@ -12,14 +12,16 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.experiments import EXPERIMENTS, runner_of
 from spikingtac.experiments import runner as runner_module
-from spikingtac.experiments.cases import DAMAGES, main_trials, seeds_of
+from spikingtac.experiments.cases import DAMAGES, LOOPS, QUICK_MOTION_S, main_trials, seeds_of
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.laws import LawMethod
 from spikingtac.experiments.methods import Method, main_methods
 from spikingtac.experiments.runner import Work, predict, run_all, run_work
+from spikingtac.experiments.shorten import shortened
 from spikingtac.experiments.trials import Trial
 from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.sim import catalog
+from spikingtac.sim.motions import Motion
 from spikingtac.types import Calibration, EventPacket, MarkerFrame
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
@@ -171,6 +173,26 @@ def test_quick_keeps_every_case_of_the_contract_but_fifty_contacts() -> None:
     assert wanted <= quick
     assert wanted | {"fifty-contacts"} <= full
     assert "fifty-contacts" not in quick
+
+
+def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release() -> None:
+    total_s = np.zeros(2)
+    for name in catalog.TRAJECTORIES:
+        whole = catalog.load(name)
+        short = shortened(whole, QUICK_MOTION_S)
+        assert len(short.contacts) <= len(whole.contacts)
+        seconds = [
+            sum(Motion(one.motion).duration_s for one in scene.contacts) for scene in (short, whole)
+        ]
+        assert 1.0 < seconds[0] <= seconds[1], name
+        total_s += seconds
+        assert short.lead_out_s == whole.lead_out_s
+        for contact, other in zip(short.contacts, whole.contacts, strict=False):
+            assert contact.motion.segments[-1] == other.motion.segments[-1], "still let go of"
+    assert total_s[0] < 0.6 * total_s[1]
+    assert all(trial.motion_s is None for trial in main_trials(seeds_of(0, 1), False))
+    loops = [trial for trial in main_trials(seeds_of(0, 1), True) if trial.scene == LOOPS]
+    assert [trial.motion_s for trial in loops] == [None], "a loop that is cut short is not closed"
 
 
 def test_every_method_of_the_contract_is_there() -> None:
