@@ -87,8 +87,38 @@ def test_view_of_a_folder(recording: Path) -> None:
 
 def test_view_refuses_what_is_not_there() -> None:
     done = spikingtac("view", "nowhere.raw", "--headless", "--port", "0", "--json")
-    assert done.returncode in (1, 2)
-    assert "nowhere.raw" in json.loads(done.stdout)["error"]
+    assert done.returncode == 1
+    assert "no file or folder 'nowhere.raw'" in json.loads(done.stdout)["error"]
+
+
+@pytest.mark.parametrize("wrong", [("--preset", "defualt"), ("--camera", "clean")])
+def test_view_refuses_what_does_not_fit_a_recording(
+    wrong: tuple[str, str], recording: Path
+) -> None:
+    done = spikingtac("view", str(recording), "--headless", "--port", "0", *wrong)
+    assert done.returncode == 2
+    assert "default" in done.stderr or "--camera" in done.stderr
+
+
+def test_view_shows_what_is_left_of_a_cut_recording(recording: Path, tmp_path: Path) -> None:
+    whole = recording / "events.raw"
+    cut = whole.stat().st_size // 2 | 1  # in the middle of a word
+    (tmp_path / "events.raw").write_bytes(whole.read_bytes()[:cut])
+    (tmp_path / "calibration.json").write_bytes((recording / "calibration.json").read_bytes())
+    done = spikingtac(
+        "view", str(tmp_path), "--headless", "--seconds", "0.5", "--port", "0", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["losses"]["truncated"] == 1
+
+
+def test_view_refuses_what_holds_no_events(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "junk.raw").write_bytes(bytes(range(256)) * 20)
+    calibration = str(recording / "calibration.json")
+    junk = str(tmp_path / "junk.raw")
+    done = spikingtac("view", junk, "--calibration", calibration, "--headless", "--port", "0")
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
 
 
 def test_view_refuses_a_calibration_of_another_sensor(recording: Path, tmp_path: Path) -> None:

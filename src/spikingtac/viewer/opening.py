@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.config import TrackingConfig, load_config
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.live.relay import RelaySource
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.registry import make_tracker
@@ -46,11 +46,17 @@ def open_subject(
     Raises:
         RecordingError: The recording cannot be read.
         CalibrationError: There is no calibration for it, or it does not fit.
-        ConfigError: There is neither such a path nor such a scene.
+        ConfigError: There is neither such a path nor such a scene, or a recording was given a
+            camera.
     """
     path = Path(source)
     if path.suffix == ".toml" or not path.exists():
+        _refuse_missing_file(path)
         subject = _open_scene(source, seed, camera)
+    elif camera is not None:
+        raise ConfigError(
+            f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
+        )
     else:
         subject = _open_recording(path, calibration)
     if calibration is not None:
@@ -68,6 +74,15 @@ def open_subject(
         make_watch=FirstWindowsWatch,
         rate_hz=config.rate_hz,
     )
+
+
+def _refuse_missing_file(path: Path) -> None:
+    """Say so where a file was meant; the list of scenes would not help."""
+    if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
+        raise RecordingError(
+            f"there is no file or folder {str(path)!r}; "
+            "a scene is named without an ending (spikingtac simulate --list)"
+        )
 
 
 def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:

@@ -56,7 +56,7 @@ class Record:
             return
         self._number, message = numbered
         meta, arrays = decode(message)
-        self._played_us += max(meta["t_us"] - self._last.get("t_us", meta["t_us"]), 0)
+        self._played_us += max(meta["t_us"] - self._last.get("t_us", meta["t_start_us"]), 0)
         self._last = meta
         if "position_px" not in arrays:
             return

@@ -34,7 +34,7 @@ def test_a_record_stays_small_and_covers_the_whole_session(short: int, tmp_path:
     assert times_s[-1] > 15.0
     assert len(np.unique(np.round(np.diff(times_s), 6))) == 1
     summary = record.summary()
-    assert summary["played_s"] == pytest.approx(999 * FRAME_US / 1e6)
+    assert summary["played_s"] == pytest.approx(1000 * FRAME_US / 1e6)
     assert summary["displacement_max_px"] == pytest.approx(10.0, abs=1e-3)
     assert summary["error_mean_px"] == pytest.approx(0.5, abs=0.03)
 
