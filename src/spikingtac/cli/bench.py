@@ -25,7 +25,7 @@ class Args:
     seed: int = 0
     """Of the stream."""
     resume: bool = False
-    """Write the report of a folder again."""
+    """Go on with a bench that was interrupted."""
     json: bool = False
     """Print one JSON object on stdout."""
 

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from spikingtac.config import digest
 from spikingtac.experiments import RunOptions
 from spikingtac.experiments.bench_stream import BenchStream, kept_stream
 from spikingtac.experiments.calibrations import calibration_of
 from spikingtac.experiments.decoding import decoder_rows
-from spikingtac.experiments.fingerprint import provenance
+from spikingtac.experiments.fingerprint import code_digest, modules_behind, provenance
 from spikingtac.experiments.methods import main_methods
 from spikingtac.experiments.peers import PEERS
 from spikingtac.experiments.report import Report, Table, find
 from spikingtac.experiments.rows import Row
-from spikingtac.experiments.run_folder import claim
+from spikingtac.experiments.run_folder import claim, write_json
 from spikingtac.experiments.stopwatch import (
     PACE_US,
     FreeRun,
@@ -61,16 +64,12 @@ def run(options: RunOptions) -> dict[str, Any]:
     claim(options.output, settings, options.resume)
     rows: list[Row] = []
     rates = {}
-    for number, camera in enumerate(CAMERAS):
-        turns = QUICK_TURNS if options.quick else TURNS
-        stream = kept_stream(camera, options.seed, turns, options.output)
-        rates[camera] = stream.rate_hz
-        calibration = calibration_of(stream.trial, options.output)
-        rows += list(_camera_rows(stream, calibration, options))
-        if camera == CAMERAS[0]:
-            rows += list(decoder_rows(stream.events, options.output))
+    for number, camera in enumerate(CAMERAS, 1):
+        part = _part(camera, options, settings)
+        rates[camera] = part["rate_hz"]
+        rows += [Row(**row) for row in part["rows"]]
         if options.advance:
-            options.advance((number + 1) / len(CAMERAS))
+            options.advance(number / len(CAMERAS))
     command = f"spikingtac bench {NAME} -o {options.output.name}"
     report = Report(
         experiment=NAME,
@@ -88,6 +87,24 @@ def run(options: RunOptions) -> dict[str, Any]:
         "rows": len(rows),
         "findings": list(report.findings),
     }
+
+
+def _part(camera: str, options: RunOptions, settings: dict[str, Any]) -> dict[str, Any]:
+    """Return one camera's rows; those of an interrupted run where the code is the same."""
+    behind = modules_behind(("experiments/throughput.py",))
+    key = digest({"camera": camera, "settings": settings, "code": code_digest(behind)})
+    path = options.output / "parts" / f"{camera}-{key}.json"
+    if options.resume and path.is_file():
+        return json.loads(path.read_text(encoding="utf-8"))
+    turns = QUICK_TURNS if options.quick else TURNS
+    stream = kept_stream(camera, options.seed, turns, options.output)
+    calibration = calibration_of(stream.trial, options.output)
+    rows = list(_camera_rows(stream, calibration, options))
+    if camera == CAMERAS[0]:
+        rows += list(decoder_rows(stream.events, options.output))
+    part = {"rate_hz": stream.rate_hz, "rows": [asdict(row) for row in rows]}
+    write_json(path, part)
+    return part
 
 
 def _tables(rows: list[Row]) -> list[Table]:
