@@ -154,7 +154,7 @@ def _learned(detector: ContactDetector) -> dict[str, Any]:
 
     if isinstance(detector, MotionDetector):
         return {
-            "hot_pixels": list(detector.learned.hot_pixels),
+            "hot_pixels": list(detector.hot_pixels),
             "scales_ms": detector.test.windows.tolist(),
             "thresholds": [round(float(value), 3) for value in detector.test.threshold],
         }

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-MOVED_RATIO = 4.0
-"""A marker moved where its squared votes exceed the median marker's so many times (chi-square with
-two degrees of freedom: 1 in 16 by chance)."""
+MOVED_RATIO = 5.0
+"""A marker moved where its squared votes exceed those of noise so many times (exponentially
+distributed: 1 in 150 by chance)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +49,16 @@ class ContactDetails:
     touches: tuple[GelTouch | None, ...]
 
 
-def gel_touch(votes: Vector, center_px: Vector) -> GelTouch | None:
+def gel_touch(votes: Vector, center_px: Vector, noise: float) -> GelTouch | None:
     """Return what the markers' votes since the onset say, or None where they say nothing.
 
     Args:
         votes: ``(m, 2)`` sum of each marker's votes.
         center_px: ``(m, 2)`` the markers.
+        noise: Expected squared length of a marker's votes without contact.
     """
     power = (votes**2).sum(axis=1)
-    weight = np.maximum(power - MOVED_RATIO * np.median(power), 0.0)
+    weight = np.maximum(power - MOVED_RATIO * noise, 0.0)
     moved = weight > 0.0
     if not moved.any():
         return None

@@ -68,6 +68,15 @@ class QuietVotes:
     period_s: float
     hot_pixels: tuple[int, ...]
 
+    def marker_noise(self, sensor: int) -> float:
+        """Return the mean squared length of one marker's votes in one window.
+
+        The first two modes sum the votes of all markers along x and y.
+        """
+        both = self.votes.reshape(len(self.votes), -1, POLARITIES, AFFINE_MODES)[:, sensor, :, :2]
+        markers = len(self.tables[sensor].center_px)
+        return float(both.sum(axis=1).var(axis=0).sum()) / markers
+
 
 def quiet_votes(
     tables: Sequence[RimTable], quiet: Iterable[Window], config: LearningConfig

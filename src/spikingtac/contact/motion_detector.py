@@ -45,14 +45,16 @@ class MotionDetector:
 
     Attributes:
         in_contact: True from a contact until its end.
-        learned: As given.
+        hot_pixels: How many pixels of each sensor's rims have no say.
         test: As given.
     """
 
     def __init__(self, config: MotionConfig, learned: QuietVotes, test: ScaleTest) -> None:
         self.in_contact = False
-        self.learned, self.test = learned, test
+        self.hot_pixels, self.test = learned.hot_pixels, test
         self._config = config
+        self._period_us = round(learned.period_s * 1e6)
+        self._noise = [learned.marker_noise(sensor) for sensor in range(len(learned.tables))]
         self._votes = VoteCounter(learned.tables, int(test.windows[-1]))
         self._sums = ScaleSums(test)
         self._release: ReleaseWatch | None = None
@@ -112,11 +114,10 @@ class MotionDetector:
         windows = len(course) - 1 - likeliest_onset(course)
         recent = self._votes.recent(windows)
         touches = tuple(
-            gel_touch(votes, table.center_px)
-            for votes, table in zip(recent, self.learned.tables, strict=True)
+            gel_touch(votes, table.center_px, windows * noise)
+            for votes, table, noise in zip(recent, self._votes.tables, self._noise, strict=True)
         )
-        period_us = round(self.learned.period_s * 1e6)
-        return ContactDetails(self._end_us - windows * period_us, touches)
+        return ContactDetails(self._end_us - windows * self._period_us, touches)
 
     def reset(self) -> None:
         """Forget the past windows, not the calibration."""
@@ -127,7 +128,7 @@ class MotionDetector:
 
     def _begin(self, scale: int, values: Vector) -> Contact:
         total = self._sums.total(scale)
-        markers = sum(len(table.center_px) for table in self.learned.tables)
+        markers = sum(len(table.center_px) for table in self._votes.tables)
         self._release = ReleaseWatch(self._config.release, self.test.mean, total, markers)
         self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
         self.in_contact, self._calm = True, None

@@ -1,0 +1,124 @@
+"""``spikingtac contact`` on simulated recordings, whose contacts are known, and on v2e's."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.sim.catalog import load
+from spikingtac.sim.render import simulate
+from spikingtac.types import Calibration
+
+
+@pytest.fixture(scope="module")
+def presses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("presses")
+    simulate(load("train-presses"), folder / "one", seed=0, duration_s=2.3)
+    return folder / "one"
+
+
+@pytest.fixture
+def calibrated(presses: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "recording"
+    shutil.copytree(presses, folder)
+    with np.load(folder / "truth.npz") as truth:
+        reference, radius = truth["reference_px"], truth["radius_px"]
+    Calibration(reference_px=reference, radius_px=radius, grid=(8, 8), size=(320, 320)).save(
+        folder / "calibration.json"
+    )
+    return folder
+
+
+def asked(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    assert main(["contact", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_default_detector_finds_the_touch_and_its_end(
+    calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(calibrated / "truth.npz") as truth:
+        touched = truth["contact_t_us"][np.abs(truth["force_n"][:, 2]) > 1e-6]
+    found = asked(capsys, calibrated)
+    assert found["detector"] == "default"
+    (contact,) = found["contacts"]
+    assert 0 < contact["t_us"] - touched[0] < 100_000
+    assert abs(contact["end_us"] - touched[-1]) < 100_000
+    assert contact["count"] > contact["threshold"]
+    assert abs(contact["onset_us"] - touched[0]) < 100_000
+    assert found["budget_per_hour"] == 1.0
+    assert found["quiet"]["source"] == "beginning"
+    assert 0.3 <= found["quiet"]["seconds"] <= touched[0] * 1e-6
+    assert found["quiet"]["variance"] > 0.0
+
+
+def test_without_a_calibration_events_are_counted_and_it_is_said(
+    presses: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert asked(capsys, presses)["detector"] == "event_count"
+    assert main(["contact", str(presses)]) == 0
+    shown = capsys.readouterr()
+    assert "no calibration was given or found" in shown.err
+    assert "event_count" in shown.out
+
+
+def test_two_sensors_in_a_folder_are_fused(
+    calibrated: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(calibrated / "events.raw", calibrated / "events_1.raw")
+    shutil.copy(calibrated / "calibration.json", calibrated / "calibration_1.json")
+    found = asked(capsys, calibrated)
+    assert found["sensors"] == 2
+    assert len(found["contacts"]) == 1
+    assert len(found["contacts"][0]["sensors"]) == 2
+
+
+def test_a_quiet_recording_of_its_own(
+    calibrated: Path, data_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = asked(capsys, calibrated, "--quiet", calibrated, "--budget", 5)
+    assert found["quiet"]["source"] == "recording"
+    assert found["budget_per_hour"] == 5.0
+    v2e = asked(capsys, data_dir / "v2e" / "mix.raw", "--quiet", data_dir / "v2e" / "quiet.raw")
+    assert v2e["quiet"]["seconds"] > 2.0
+    with np.load(data_dir / "v2e" / "mix.truth.npz") as truth:
+        moved = np.abs(truth["marker_px"] - truth["reference_px"]).max(axis=(1, 2)) > 1.0
+        first_us = truth["marker_t_us"][int(moved.argmax())]
+    assert v2e["contacts"][0]["t_us"] == pytest.approx(first_us, abs=100_000)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--budget", "0"], 2, "must be positive"),
+        (["--detector", "default"], 1, "needs a calibration"),
+        (["--calibration", "a.json", "b.json"], 2, "2 calibrations were given for 1 sensors"),
+        (["--calibration", "missing.json"], 1, "spikingtac calibrate"),
+    ],
+)
+def test_refusals(
+    presses: Path,
+    arguments: list[str],
+    code: int,
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["contact", str(presses), *arguments]) == code
+    assert message in capsys.readouterr().err
+
+
+def test_short_and_empty_recordings_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(0, 100_000, 100)
+    zero = np.zeros(len(t), np.uint16)
+    np.savez(tmp_path / "short.npz", t=t, x=zero, y=zero, p=zero > 0, size=[320, 320])
+    assert main(["contact", str(tmp_path / "short.npz")]) == 1
+    assert "at least 300 ms without contact" in capsys.readouterr().err
+    np.savez(tmp_path / "none.npz", t=t[:0], x=zero[:0], y=zero[:0], p=zero[:0] > 0, size=[9, 9])
+    assert main(["contact", str(tmp_path / "none.npz")]) == 1
+    assert "no events" in capsys.readouterr().err
