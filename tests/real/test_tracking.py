@@ -108,7 +108,7 @@ def test_a_third_of_the_events_may_be_lost(data_dir: Path) -> None:
 def test_the_papers_preset_runs_with_its_bias(data_dir: Path) -> None:
     folder = data_dir / "v2e"
     outcome = Outcome(folder, "paper", open_events(folder / "mix.raw"))
-    assert 0.7 < outcome.mean_px < 1.3, "the bias of the last-polarity map: neither gone nor grown"
+    assert 0.5 < outcome.mean_px < 1.0, "the bias of the last-polarity map: neither gone nor grown"
     assert outcome.lost() == 0
 
 

@@ -82,7 +82,7 @@ def _beaten(table: Rows) -> Iterator[str]:
 
 
 def _defeat(table: Rows, method: str, metric: str, won: list[str]) -> str:
-    first = ALL if ALL in won else won[0]
+    first = next((prefix + ALL for prefix in CAMERAS if prefix + ALL in won), won[0])
     others = [case for case in won if case != first]
     text = (
         f"{method} beats {OURS} in {metric} on {first}: {_at(table, method, first, metric):.3f} "

@@ -22,6 +22,7 @@ td{white-space:nowrap}th{vertical-align:bottom}
 th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #57606a}
 .ci,.def{color:#57606a;font-size:.85em}.def{max-width:60rem}
 .paper{color:#8250df}.scroll{overflow-x:auto}figure{margin:1rem 0}svg{max-width:100%;height:auto}
+summary{font-size:1.2rem;font-weight:600;margin-top:2rem;cursor:pointer}
 pre{background:#f6f8fa;padding:.8rem;overflow-x:auto}
 """
 
@@ -36,11 +37,12 @@ def page(report: Report) -> str:
         "own hardware), what was simulated, what was recorded; they are never merged. In grey: "
         "95 % interval of the mean over the seeds, where there is more than one.</p>",
         _findings(report.findings),
-        *(_table(table, report.rows) for table in report.tables),
+        *(_table(table, report.rows) for table in report.tables if not table.folded),
         *(
             f"<figure>{svg[svg.find('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
             for caption, svg in report.figures
         ),
+        _folded([_table(table, report.rows) for table in report.tables if table.folded]),
         _methods(report.methods),
         _definitions(report.rows),
         "<h2>Provenance</h2><pre>" + escape(_indented(report.provenance)) + "</pre>",
@@ -49,6 +51,12 @@ def page(report: Report) -> str:
     return (
         f"<!doctype html><html lang='en'><head>{head}</head><body>{''.join(parts)}</body></html>\n"
     )
+
+
+def _folded(tables: Sequence[str]) -> str:
+    if not any(tables):
+        return ""
+    return f"<details><summary>Every other case on its own</summary>{''.join(tables)}</details>"
 
 
 def _findings(findings: Sequence[str]) -> str:

@@ -24,6 +24,7 @@ class Table:
         case: The case whose rows it shows.
         metrics: Columns.
         methods: Lines, in order.
+        folded: Shown on request only: one of many.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Table:
     case: str
     metrics: tuple[str, ...]
     methods: tuple[str, ...]
+    folded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from spikingtac.experiments.cases import ALL, CAMERAS, FIFTY, LOOPS
+from spikingtac.experiments.cases import ALL, CAMERAS, DAMAGES, FIFTY, LOOPS
 from spikingtac.experiments.laws import LAW, LAW_MARK, LAW_METRICS
 from spikingtac.experiments.report import Table
 from spikingtac.experiments.rows import Row
@@ -32,7 +33,9 @@ LAW_CASES = (LOOPS, FIFTY, ALL)
 """Where laws are compared: closed loops, many contacts, the ten trajectories."""
 
 FIRST = (*(prefix + ALL for prefix in CAMERAS), f"{V2E}/mix", LOOPS, FIFTY)
-"""Cases of the first tables."""
+"""Cases of the first tables; what joins several trials follows them, single trials are folded."""
+
+BROKEN = tuple(f"broken-{count}" for count in DAMAGES)
 
 
 def report_tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
@@ -44,14 +47,15 @@ def report_tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
     """
     laws = tuple(name for name in names if LAW_MARK in name)
     trackers = tuple(name for name in names if name not in laws)
-    seen = {row.case: None for row in rows if row.case != LAW}
-    cases = [case for case in FIRST if case in seen] + [case for case in seen if case not in FIRST]
-    first, rest = [case for case in cases if case in FIRST], [c for c in cases if c not in FIRST]
+    seen = list(dict.fromkeys(row.case for row in rows if row.case != LAW))
+    joined = [case for case in seen if case.endswith(ALL) or case in BROKEN]
+    first = [case for case in dict.fromkeys((*FIRST, *joined)) if case in seen]
+    rest = [case for case in seen if case not in first]
     return [
         *(one for case in first for one in _both(case, trackers)),
         *(_laws(case, laws, names) for case in LAW_CASES if laws and case in seen),
         *([_exact(laws)] if laws else []),
-        *(one for case in rest for one in _both(case, trackers)),
+        *(replace(one, folded=True) for case in rest for one in _both(case, trackers)),
     ]
 
 

@@ -6,11 +6,13 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.experiments.findings import findings
+from spikingtac.experiments.laws import LAW
 from spikingtac.experiments.metrics import POINT_METRICS, Metric
 from spikingtac.experiments.published import POINT_TRACKING
 from spikingtac.experiments.report import Report, Table, latex
 from spikingtac.experiments.rows import Row, interval, rows_of
 from spikingtac.experiments.run_folder import claim
+from spikingtac.experiments.tables import report_tables
 
 METRICS = (
     Metric("return_mean_px", "px", "how far"),
@@ -90,6 +92,15 @@ def test_report_files(tmp_path: Path) -> None:
 def test_latex_leaves_out_methods_without_rows() -> None:
     rows = rows_of(RECORDS, METRICS, POINT_TRACKING, "all")
     assert "absent" not in latex(report(rows).tables[0], rows)
+
+
+def test_single_trajectories_are_folded_and_joined_cases_come_first() -> None:
+    cases = ("mixed", "clean/all", "broken-4", "loops", "noisy/all", "all")
+    rows = [row("default", case, "error_mean_px", 0.1) for case in cases]
+    tables = report_tables(rows, ["default", "default-law-anchored"])
+    shown = [table.case for table in tables if not table.folded]
+    assert list(dict.fromkeys(shown)) == ["all", "noisy/all", "loops", "clean/all", "broken-4", LAW]
+    assert {table.case for table in tables if table.folded} == {"mixed"}
 
 
 def row(method: str, case: str, metric: str, value: float) -> Row:
