@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 from spikingtac.errors import ConfigError, nearest
@@ -83,29 +84,22 @@ def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], lis
     Returns:
         Calibrations by seed; searches of every seed and hole.
     """
-    begun = [HoleWork(options.output, seed) for seed in seeds]
-    holes = [
-        HoleWork(options.output, seed, hole) for seed in seeds for hole in range(len(RADII_MM))
-    ]
-    total = len(begun) + len(holes)
     for name in SINGLE_THREAD:
         os.environ.setdefault(name, "1")
-    workers = max(1, min(options.workers or cpu_count(), len(holes)))
+    workers = max(1, min(options.workers or cpu_count(), len(seeds) * len(RADII_MM)))
+    calibrated: list[Record] = []
+    searched: list[Record] = []
     # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-
-        def each(
-            function: Callable[[HoleWork], Record], works: list[HoleWork], before: int
-        ) -> list[Record]:
-            futures = [pool.submit(function, work) for work in works]
-            for number, future in enumerate(as_completed(futures), before + 1):
-                future.result()
+        for first in range(0, len(seeds), workers):
+            part = seeds[first : first + workers]  # so that an interrupted run holds whole plates
+            begun = [HoleWork(options.output, seed) for seed in part]
+            calibrated += pool.map(calibrate_work, begun)
+            holes = [replace(work, hole=hole) for work in begun for hole in range(len(RADII_MM))]
+            for record in pool.map(search_work, holes):
+                searched.append(record)
                 if options.advance:
-                    options.advance(number / total)
-            return [future.result() for future in futures]
-
-        calibrated = each(calibrate_work, begun, 0)
-        searched = each(search_work, holes, len(begun))
+                    options.advance(len(searched) / (len(seeds) * len(RADII_MM)))
     return {record["seed"]: record for record in calibrated}, searched
 
 

@@ -19,7 +19,7 @@ from spikingtac.geometry.travel import TravelModel
 
 Vector = NDArray[np.float64]
 
-ROUNDS = 6
+ROUNDS = 4
 """Rounds of estimate and taking back: the third changes less than a micrometre."""
 
 

@@ -134,11 +134,9 @@ def fit_travel(angle_rad: Vector, excess_mm: Vector, across_flats_mm: float = 0.
         reach = np.full(len(angle), mean_hexagon_reach_mm(across_flats_mm))
         return _fit(angle, excess + reach, across_flats_mm, None)
     tried = np.linspace(0.0, HEXAGON_STEP_RAD, HEADINGS, endpoint=False)
-    models = [
-        _fit(angle, excess + hexagon_reach_mm(across_flats_mm, angle - turn), across_flats_mm, turn)
-        for turn in tried
-    ]
-    return min(models, key=lambda model: model.sigma_mm)
+    reach = hexagon_reach_mm(across_flats_mm, angle - tried[:, None])
+    best = int(_misfit(angle, excess + reach).argmin())
+    return _fit(angle, excess + reach[best], across_flats_mm, float(tried[best]))
 
 
 def _fit(
@@ -157,6 +155,13 @@ def _fit(
         across_flats_mm=across_flats_mm,
         heading_rad=heading,
     )
+
+
+def _misfit(angle: Vector, travel: Vector) -> Vector:
+    """Return the sums of squares ``(k,)`` that harmonics leave of travels ``(k, n)``."""
+    design = _design(angle)
+    left = travel - travel @ (design @ np.linalg.pinv(design)).T
+    return (left**2).sum(axis=1)
 
 
 def _design(angle_rad: Vector) -> Vector:

@@ -1,0 +1,116 @@
+"""The published and the adaptive search, on a bit and a hole without dynamics."""
+
+import math
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, SearchError
+from spikingtac.geometry.hole import Compensation
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
+from spikingtac.robot.prober import ProbingConfig
+from stand_ins.touching import IdealProber
+
+CENTER_MM = (0.3, -0.2)
+
+
+def travel(heading: float | None = 0.3, sigma_mm: float = 0.03) -> TravelModel:
+    flat = TravelModel.of(Compensation(travel_mm=0.12))
+    return TravelModel(
+        harmonics_mm=flat.harmonics_mm,
+        covariance_mm2=flat.covariance_mm2,
+        sigma_mm=sigma_mm,
+        heading_rad=heading,
+    )
+
+
+def search(config: AdaptiveSearchConfig | None = None) -> AdaptiveSearch:
+    prober = IdealProber(2.0, center_mm=CENTER_MM)
+    return AdaptiveSearch(prober, travel(), config or AdaptiveSearchConfig())
+
+
+def test_the_cross_touches_as_published() -> None:
+    prober = IdealProber(2.0, center_mm=CENTER_MM)
+    touches = cross_search(prober, np.array([0.6, 0.4]))
+    np.testing.assert_allclose(
+        [touch.direction for touch in touches], [[1, 0], [-1, 0], [0, 1], [0, -1]], atol=1e-12
+    )
+    np.testing.assert_allclose(prober.starts[0], [0.6, 0.4])
+    middle = (touches[0].reading_mm[0] + touches[1].reading_mm[0]) / 2.0
+    np.testing.assert_allclose(prober.starts[2:], [[middle, 0.4]] * 2)
+
+
+def test_published_and_calibrated_formulas() -> None:
+    """Head-on, a round probe of the paper's constants would be exact; the hexagon is not."""
+    prober = IdealProber(2.0, travel_mm=0.4)
+    touches = cross_search(prober, np.zeros(2))
+    printed = published_circle(touches, 0.03)
+    measured = np.mean([np.linalg.norm(touch.reading_mm) for touch in touches])
+    assert printed.radius_mm == pytest.approx(float(measured) + 0.375 - 0.4, abs=1e-3)
+    mean = TravelModel.of(Compensation(travel_mm=0.4))
+    assert calibrated_circle(touches, mean).radius_mm == pytest.approx(2.0, abs=0.03)
+    np.testing.assert_allclose(calibrated_circle(touches, mean).center_mm, 0.0, atol=0.03)
+
+
+@pytest.mark.parametrize("radius_mm", [0.7, 2.0, 5.0])
+def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
+    prober = IdealProber(radius_mm, center_mm=CENTER_MM)
+    far = 0.8 * (radius_mm - 0.433) * np.array([math.cos(0.5), math.sin(0.5)])
+    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=8)).run(
+        np.array(CENTER_MM) + far
+    )
+    assert len(found.touches) == 8
+    np.testing.assert_allclose(found.circle.center_mm, CENTER_MM, atol=3e-3)
+    assert found.circle.radius_mm == pytest.approx(radius_mm, abs=3e-3)
+
+
+def test_it_stays_in_the_sector_and_goes_all_around_it() -> None:
+    config = AdaptiveSearchConfig()
+    direction = np.array([t.direction for t in search(config).run(np.array(CENTER_MM)).touches])
+    assert np.abs(direction[:, 0]).min() >= math.cos(config.sector_rad) - 1e-9
+    quarters = {(x > 0, y > 0) for x, y in direction}
+    assert len(quarters) == 4
+
+
+def test_it_ends_when_it_knows_enough() -> None:
+    loose = AdaptiveSearchConfig(center_sigma_mm=0.04)
+    found = search(loose).run(np.array(CENTER_MM))
+    assert len(found.touches) < 12
+    assert (found.circle.sigma_mm[:2] <= 0.04).all()
+
+
+def test_a_start_too_near_the_wall_is_touched_again() -> None:
+    prober = IdealProber(0.7)
+    toward = np.array([1.0, 1.0]) / math.sqrt(2.0)
+    near = 0.9 * 0.26 * toward
+    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=4)).run(near)
+    assert len(found.touches) == 4
+    assert len(prober.starts) == 5
+    for touch in found.touches:
+        assert touch.run_mm - 0.12 >= 0.1
+
+
+def test_no_room_is_refused() -> None:
+    jammed = IdealProber(0.434, travel_mm=0.0, heading_rad=0.0)
+    for run in (
+        lambda: cross_search(jammed, np.zeros(2)),
+        lambda: AdaptiveSearch(jammed, travel(), AdaptiveSearchConfig()).run(np.zeros(2)),
+    ):
+        with pytest.raises(SearchError, match="on the rim or is"):
+            run()
+
+
+def test_contacts_that_make_no_circle_are_refused() -> None:
+    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2])
+    with pytest.raises(SearchError, match="make no circle"):
+        AdaptiveSearch(prober, travel(), AdaptiveSearchConfig()).run(np.zeros(2))
+
+
+def test_unfit_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="at least 3"):
+        AdaptiveSearchConfig(contacts=2)
+    with pytest.raises(ConfigError, match="must be > 0"):
+        ProbingConfig(speed_mm_s=0.0)
+    assert ProbingConfig(force_limit_n=0.1).reach_mm == pytest.approx(2.5)
