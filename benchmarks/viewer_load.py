@@ -40,10 +40,11 @@ REFUSED_PER_S = 50
 """Attempts a second of a page that is refused each time; a script that retries is slower."""
 
 
-def crowd_that_reads(address: str, ended: Event) -> None:
+def crowd_that_reads(address: str, ready: Event, ended: Event) -> None:
     """Twenty pages that acknowledge every frame."""
     with ExitStack() as stack:
         pages = [stack.enter_context(page(address)) for _ in range(CROWD)]
+        ready.set()
         while not ended.is_set():
             for each in pages:
                 with suppress(TimeoutError):
@@ -51,24 +52,26 @@ def crowd_that_reads(address: str, ended: Event) -> None:
                         each.send('{"ack": 1}')
 
 
-def crowd_that_stalls(address: str, ended: Event) -> None:
+def crowd_that_stalls(address: str, ready: Event, ended: Event) -> None:
     """Twenty pages that acknowledge nothing; half of them let their sockets fill up."""
     with ExitStack() as stack:
         for number in range(CROWD):
             stack.enter_context(page(address, 1 if number % 2 else None))
+        ready.set()
         ended.wait()
 
 
-def garbage(address: str, ended: Event) -> None:
+def garbage(address: str, ready: Event, ended: Event) -> None:
     """One client that connects and sends what is no command, again and again."""
     while not ended.wait(1 / REFUSED_PER_S):
         with suppress(ConnectionClosed, InvalidStatus), page(address) as bad:
             bad.send("}{" * 100)
+            ready.set()
             while True:
                 bad.recv(1.0)
 
 
-def foreign(address: str, ended: Event) -> None:
+def foreign(address: str, ready: Event, ended: Event) -> None:
     """A page of another origin and a rebound name, refused again and again."""
     http = address.replace("ws", "http").removesuffix("socket")
     while not ended.wait(1 / REFUSED_PER_S):
@@ -76,9 +79,10 @@ def foreign(address: str, ended: Event) -> None:
             raise RuntimeError("a foreign origin was let in")
         if httpx.get(http, headers={"host": "evil.example"}).status_code != 403:
             raise RuntimeError("a foreign host was let in")
+        ready.set()
 
 
-CASES: dict[str, Callable[[str, Event], None]] = {
+CASES: dict[str, Callable[[str, Event, Event], None]] = {
     "20 pages that read": crowd_that_reads,
     "20 pages that stall": crowd_that_stalls,
     "garbage": garbage,
@@ -134,11 +138,12 @@ def settle(watcher: ClientConnection) -> None:
 def beside(watcher: ClientConnection, address: str, case: str) -> Figures:
     """Return the figures beside a case, which runs in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    ended = context.Event()
-    process = context.Process(target=CASES[case], args=(address, ended))
+    ready, ended = context.Event(), context.Event()
+    process = context.Process(target=CASES[case], args=(address, ready, ended))
     process.start()
     try:
-        settle(watcher)
+        while process.is_alive() and not ready.is_set():
+            settle(watcher)
         settle(watcher)
         if not process.is_alive():
             raise RuntimeError(f"the clients of {case!r} ended by themselves")
@@ -147,6 +152,7 @@ def beside(watcher: ClientConnection, address: str, case: str) -> Figures:
         ended.set()
         while process.is_alive():
             settle(watcher)
+        settle(watcher)
 
 
 def measure(address: str, rounds: int) -> dict[str, list[tuple[Figures, Figures]]]:
