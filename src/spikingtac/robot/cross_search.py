@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,13 @@ Vector = NDArray[np.float64]
 
 EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
 NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
-LEAST_ROOM_MM = 0.02
-"""Two opposite contacts nearer than this, travel included, mean that the probe has no room."""
+LEAST_ROOM_MM = 0.25
+"""Opposite readings nearer than this leave no room, mm: a probe pressed against the rim answers
+twice within twice the travel; the narrowest hole leaves 0.23 mm plus twice the travel even at 0.9 of
+the free way."""
+
+MISFIT_MM = 0.3
+"""How far the two chords may contradict each other, mm: twice the difference of the travels."""
 
 
 def cross_search(prober: Prober, start_mm: Vector) -> list[Touched]:
@@ -40,6 +46,7 @@ def cross_search(prober: Prober, start_mm: Vector) -> list[Touched]:
     middle = np.array([(first[0].reading_mm[0] + first[1].reading_mm[0]) / 2.0, start[1]])
     second = [prober.touch(middle, NORTH), prober.touch(middle, SOUTH)]
     require_room(*second)
+    _require_circle(first, second)
     return [*first, *second]
 
 
@@ -55,6 +62,25 @@ def require_room(one: Touched, other: Touched) -> None:
             f"the probe touches on both sides within {max(room_mm, 0.0):.3f} mm of "
             f"({one.start_mm[0]:.2f}, {one.start_mm[1]:.2f}) mm: it stands on the rim or is "
             "jammed, or the hole is no wider than the bit; start inside the hole"
+        )
+
+
+def _require_circle(first: list[Touched], second: list[Touched]) -> None:
+    """Refuse a first chord that is much shorter or longer than the second says it must be.
+
+    Raises:
+        SearchError: Then at least one contact was none: a probe that leans on the rim answers
+            where it is let go.
+    """
+    half_x = float(first[0].reading_mm[0] - first[1].reading_mm[0]) / 2.0
+    high, low = float(second[0].reading_mm[1]), float(second[1].reading_mm[1])
+    off = float(second[0].start_mm[1]) - (high + low) / 2.0
+    expected = math.sqrt(max(((high - low) / 2.0) ** 2 - off**2, 0.0))
+    if abs(half_x - expected) > MISFIT_MM:
+        raise SearchError(
+            f"the contacts make no circle: half the chord along X is {half_x:.2f} mm, the contacts "
+            f"along Y demand {expected:.2f} mm; the probe leans on the rim, a contact was false, "
+            "or the hole is not round: start again inside the hole"
         )
 
 
