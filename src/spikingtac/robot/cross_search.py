@@ -19,8 +19,8 @@ EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
 NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
 LEAST_ROOM_MM = 0.25
 """Opposite readings nearer than this leave no room, mm: a probe pressed against the rim answers
-twice within twice the travel; the narrowest hole leaves 0.23 mm plus twice the travel even at 0.9 of
-the free way."""
+twice within twice the travel; the narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9
+of the free way."""
 
 MISFIT_MM = 0.3
 """How far the two chords may contradict each other, mm: twice the difference of the travels."""
