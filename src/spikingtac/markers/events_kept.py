@@ -2,9 +2,12 @@
 
 A disc of radius R that moves by a distance sweeps 4 R of edge per px (its width, on the leading and
 on the trailing side), and every swept pixel swings fully, which takes 1/step - 1 events of a clean
-stream (the dead band takes the rest). The share of events over that expectation, measured while the
+stream (the dead band takes the rest). The share of events over that expectation, measured where
 markers move, tells the loss; what arrives at rest is background. A reversal costs up to a step of
 every pixel and a filtered velocity lags, so that the share is judged over many reversals.
+
+Events are counted per marker, in the cell of the skin that is nearest to its rest: a touch often
+moves few markers, whose events would drown in the background of all the others.
 """
 
 from __future__ import annotations
@@ -13,22 +16,37 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.graded import STEP_DEFAULT
-from spikingtac.types import Calibration
+from spikingtac.types import Calibration, EventPacket
 
-MOVING_PX_S = 30.0
-"""Mean speed above which events are counted against the motion: well above creep and jitter."""
+SLOW_PX_S = 10.0
+"""Speed below which a marker is not asked: creep, and the jitter of a filtered velocity."""
+
+FAST_PX_S = 400.0
+"""Speed above which it is not: a snap overruns the readout for some ms, and says nothing about the
+stream before and after."""
 
 STILL_PX_S = 3.0
-"""Mean speed below which events are background."""
+"""Mean speed below which all events are background."""
 
 BACKGROUND_MEMORY_S = 0.5
 """Time constant of the background's running mean."""
 
-FIRST_EVENTS = 50_000.0
-"""Expected events before the first judgement: some tenths of a second of lively motion."""
+BACKGROUND_SHARE = 1.5
+"""A marker is asked where its motion causes this many times the background of its cell."""
 
-MEMORY_EVENTS = 200_000.0
+LEAST_BACKGROUND_HZ_PX = 0.5
+"""Background that is assumed until a rest was seen: above what sensors have in good light."""
+
+FIRST_EVENTS = 8_000.0
+"""Expected events before the first judgement: a tenth of a second of lively motion."""
+
+FIRST_SHARE = 0.9
+"""Share that is assumed until then. Steps that are too small let a disc lag behind its marker, and
+a lagging disc sees little motion and so no loss; steps a little too large cost next to nothing."""
+
+MEMORY_EVENTS = 50_000.0
 """Expected events over which the share is averaged; single strokes scatter by a quarter."""
 
 FULL_SHARE = 0.87
@@ -42,66 +60,135 @@ SHARE_CHANGE = 0.03
 
 
 class EventsKept:
-    """Watches the stream for loss."""
+    """Watches the stream for loss.
+
+    Attributes:
+        share: Events that arrive over those that a whole stream would bring; 1 without loss.
+    """
 
     def __init__(self, calibration: Calibration) -> None:
-        """Begin without loss."""
+        """Begin with :data:`FIRST_SHARE`."""
         step = 0.5 * (
             (calibration.step_on or STEP_DEFAULT) + (calibration.step_off or STEP_DEFAULT)
         )
         self._events_per_px = 4.0 * calibration.radius_px * (1.0 / step - 1.0)
-        self._background_per_s: float | None = None
-        self._expected = 0.0
-        self._arrived = 0.0
-        self._share = 1.0
+        self._reference_px = calibration.reference_px
+        self._owner = _nearest(calibration.reference_px, calibration.size)
+        count = len(calibration.reference_px)
+        self._area_px = np.bincount(self._owner.ravel(), minlength=count).astype(np.float64)
+        self._counts = np.zeros(count, np.int64)
+        # Farther from its rest a disc throws a part of its events into another marker's cell.
+        spacing_px = min(
+            smallest_spacing_px(calibration.reference_px), float(max(calibration.size))
+        )
+        self._roam_px = max(spacing_px / 2.0 - float(calibration.radius_px.max()), 1.0)
+        self._background_hz_px: float | None = None
+        self._expected = self._arrived = 0.0
+        self.share = FIRST_SHARE
 
-    def update(self, events: int, velocity_px_s: NDArray[np.float64], dt_s: float) -> float | None:
-        """Count a stretch of time.
+    def count(self, packet: EventPacket) -> None:
+        """Count the events of a packet, marker by marker."""
+        _count_kernel(self._owner, packet.x, packet.y, self._counts)
+
+    def update(
+        self, position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], dt_s: float
+    ) -> float | None:
+        """Judge the events that were counted since the last call.
 
         Args:
-            events: Events that arrived.
-            velocity_px_s: ``(m, 2)`` the markers' velocities, px/s.
-            dt_s: Length of the stretch, s.
+            position_px: ``(m, 2)`` where the markers are, px.
+            velocity_px_s: ``(m, 2)`` their velocities, px/s.
+            dt_s: Time since the last call, s.
 
         Returns:
             The new share of events that arrive, when it changed; None otherwise.
         """
         if dt_s <= 0.0:
+            self._counts[:] = 0
             return None
-        mean_px_s, events_per_s = _motion_kernel(velocity_px_s, self._events_per_px)
+        background = self._background_hz_px
+        mean_px_s, expected, arrived = _motion_kernel(
+            (position_px, velocity_px_s, self._reference_px),
+            (self._counts, self._area_px, self._events_per_px),
+            LEAST_BACKGROUND_HZ_PX if background is None else background,
+            self._roam_px,
+            dt_s,
+        )
         if mean_px_s < STILL_PX_S:
-            self._learn_background(events / dt_s, dt_s)
-        if mean_px_s <= MOVING_PX_S:
-            return None
-        expected = events_per_s * dt_s
+            self._learn_background(float(self._counts.sum()) / dt_s, dt_s)
+        self._counts[:] = 0
+        return self._judged(expected, arrived) if expected > 0.0 else None
+
+    def _judged(self, expected: float, arrived: float) -> float | None:
         kept = 1.0 - min(expected / MEMORY_EVENTS, 1.0)
         self._expected = kept * self._expected + expected
-        self._arrived = kept * self._arrived + events - (self._background_per_s or 0.0) * dt_s
-        return self._judged() if self._expected > FIRST_EVENTS else None
-
-    def _judged(self) -> float | None:
+        self._arrived = kept * self._arrived + arrived
+        if self._expected < FIRST_EVENTS:
+            return None
         share = self._arrived / self._expected
         share = 1.0 if share > FULL_SHARE else max(share, SMALLEST_SHARE)
-        if abs(share - self._share) < SHARE_CHANGE:
+        if abs(share - self.share) < SHARE_CHANGE:
             return None
-        self._share = share
+        self.share = share
         return share
 
     def _learn_background(self, rate_per_s: float, dt_s: float) -> None:
-        if self._background_per_s is None:
-            self._background_per_s = rate_per_s
+        rate_hz_px = rate_per_s / self._owner.size
+        if self._background_hz_px is None:
+            self._background_hz_px = rate_hz_px
         gain = 1.0 - np.exp(-dt_s / BACKGROUND_MEMORY_S)
-        self._background_per_s += gain * (rate_per_s - self._background_per_s)
+        self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
+
+
+def _nearest(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
+    """Return ``(height, width)`` which marker rests nearest to each pixel."""
+    columns, rows = np.arange(size[0]), np.arange(size[1])[:, np.newaxis]
+    nearest = np.full((size[1], size[0]), np.inf)
+    owner = np.zeros((size[1], size[0]), np.uint16)
+    for marker, (x, y) in enumerate(reference_px):
+        away = (columns - x) ** 2 + (rows - y) ** 2
+        owner[away < nearest] = marker
+        np.minimum(nearest, away, out=nearest)
+    return owner
+
+
+@njit(cache=True, nogil=True)
+def _count_kernel(
+    owner: NDArray[np.uint16],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    counts: NDArray[np.int64],
+) -> None:  # pragma: no cover - compiled
+    for i in range(x.size):
+        counts[owner[y[i], x[i]]] += 1
 
 
 @njit(cache=True, nogil=True)
 def _motion_kernel(
-    velocity_px_s: NDArray[np.float64], events_per_px: NDArray[np.float64]
-) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Return the mean speed, px/s, and the events that the motion asks for, 1/s."""
-    total = events = 0.0
+    markers: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
+    background_hz_px: float,
+    roam_px: float,
+    dt_s: float,
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return the mean speed, px/s, and the events that were expected and that arrived.
+
+    ``markers`` are positions, velocities and rests; ``cells`` are counts, areas, and the events per
+    px of motion.
+    """
+    position_px, velocity_px_s, reference_px = markers
+    counts, area_px, events_per_px = cells
+    total = expected = arrived = 0.0
     for m in range(velocity_px_s.shape[0]):
         speed = np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1])
         total += speed
-        events += events_per_px[m] * speed
-    return total / velocity_px_s.shape[0], events
+        asked = events_per_px[m] * speed
+        noise = background_hz_px * area_px[m]
+        away_px = np.hypot(
+            position_px[m, 0] - reference_px[m, 0], position_px[m, 1] - reference_px[m, 1]
+        )
+        steady = SLOW_PX_S < speed < FAST_PX_S
+        if steady and asked > BACKGROUND_SHARE * noise and away_px < roam_px:
+            expected += asked * dt_s
+            arrived += counts[m] - noise * dt_s
+    return total / velocity_px_s.shape[0], expected, arrived

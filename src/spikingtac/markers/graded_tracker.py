@@ -70,7 +70,11 @@ class CareConfig:
         period_us: Time between two rounds of care, us; 0 is every estimate.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map (ours).
-        leak_tolerance: Disagreement that is left alone: one step of a typical sensor (ours).
+        leak_tolerance: Disagreement that is left alone in a stream that is known to be whole: a
+            third of a typical step (ours).
+        wary_tolerance: The same while events are being lost, or before enough motion was seen to
+            tell: a full step. A disc that lags behind its marker for want of events must not erase
+            the map's evidence of it (ours).
         leak_reach_px: How far outside of a disc the leak works, px (ours).
         leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
@@ -79,8 +83,9 @@ class CareConfig:
     """
 
     period_us: int = 0
-    leak_per_s: float = field(default=20.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
-    leak_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
+    leak_per_s: float = field(default=10.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
+    leak_tolerance: float = field(default=0.04, metadata={"range": (0.0, 0.5)})
+    wary_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
     leak_reach_px: float = 3.5
     leak_groups: int = 8
     lag_us: float | None = None
@@ -88,7 +93,8 @@ class CareConfig:
     custody: CustodyConfig = field(default_factory=CustodyConfig)
 
     def __post_init__(self) -> None:
-        for name in ("period_us", "leak_per_s", "leak_tolerance", "leak_reach_px"):
+        tolerances = ("leak_tolerance", "wary_tolerance")
+        for name in ("period_us", "leak_per_s", *tolerances, "leak_reach_px"):
             if getattr(self, name) < 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
         if self.leak_groups < 1:
@@ -136,7 +142,8 @@ class GradedTracker:
             ConfigError: The recording comes from a sensor of another size.
         """
         self._map.absorb(packet)
-        self._events += len(packet)
+        if self._care_config.adapt_to_loss:
+            self._kept.count(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
@@ -162,11 +169,12 @@ class GradedTracker:
         self._t_us: int | None = None
         self._cared_us: int | None = None
         self._care_at_us = -1
-        self._events = 0
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
         self._custody = Custody(self._care_config.custody, self._calibration)
         self._kept = EventsKept(self._calibration)
+        if self._care_config.adapt_to_loss:
+            self._map.set_events_kept(self._kept.share)
 
     def _care(
         self, t_us: int, located_px: NDArray[np.float64], agreement: NDArray[np.float64]
@@ -178,10 +186,9 @@ class GradedTracker:
         if moved.any():
             self._filter.place(moved, self._custody.position_px[moved])
         if self._care_config.adapt_to_loss:
-            share = self._kept.update(self._events, self._filter.velocity_px_s, dt_s)
+            share = self._kept.update(self._filter.position_px, self._filter.velocity_px_s, dt_s)
             if share is not None:
                 self._map.set_events_kept(share)
-        self._events = 0
         self._leak(dt_s)
 
     def _leak(self, dt_s: float) -> None:
@@ -190,6 +197,7 @@ class GradedTracker:
         if share <= 0.0:
             return
         self._turn = (self._turn + 1) % care.leak_groups
+        whole = not care.adapt_to_loss or self._kept.share == 1.0
         leak_to_discs_kernel(
             self._map.padded,
             self._map.memory,
@@ -197,7 +205,7 @@ class GradedTracker:
             self._locator.outline_px[self._turn :: care.leak_groups],
             self._leak_tables,
             (self._profile.reach_px, care.leak_reach_px),
-            care.leak_tolerance,
+            care.leak_tolerance if whole else care.wary_tolerance,
             share,
         )
 

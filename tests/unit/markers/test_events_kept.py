@@ -3,53 +3,110 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.events_kept import EventsKept
-from spikingtac.types import Calibration
+from spikingtac.markers import events_kept
+from spikingtac.markers.events_kept import FIRST_SHARE, EventsKept
+from spikingtac.types import Calibration, EventPacket
 
 STEP = 1.0 / 7.0
 """Seven steps per swing: six events and the dead band."""
+SIZE = (320, 40)
+REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
 CALIBRATION = Calibration(
-    reference_px=np.zeros((10, 2)),
+    reference_px=REFERENCE_PX,
     radius_px=np.full(10, 7.0),
     grid=(1, 10),
-    size=(320, 320),
+    size=SIZE,
     step_on=STEP,
     step_off=STEP,
 )
-EVENTS_PER_PX = 10 * 4 * 7.0 * 6.0
+EVENTS_PER_PX = 4 * 7.0 * 6.0
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
+STILL = np.zeros((10, 2))
 
 
-def last_share(kept: float, seconds: float = 3.0) -> float | None:
-    """Move all markers to and fro and lose events; return the last share that was reported."""
-    watch = EventsKept(CALIBRATION)
-    still, moving = np.zeros((10, 2)), np.tile([SPEED_PX_S, 0.0], (10, 1))
+def packet(x: np.ndarray, y: np.ndarray) -> EventPacket:
+    t_us = np.zeros(len(x), np.int64)
+    pixels = x.astype(np.uint16), y.astype(np.uint16)
+    return EventPacket(*pixels, np.ones(len(x), np.bool_), t_us, 0, 1000, SIZE)
+
+
+def spread(events: int, rng: np.random.Generator) -> EventPacket:
+    return packet(rng.integers(0, SIZE[0], events), rng.integers(0, SIZE[1], events))
+
+
+def at_markers(counts: np.ndarray) -> EventPacket:
+    x, y = np.repeat(REFERENCE_PX, counts, axis=0).T
+    return packet(x, y)
+
+
+def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
+    """Move some markers and lose events; return the share that is believed in the end."""
+    watch, rng = EventsKept(CALIBRATION), np.random.default_rng(1)
+    velocity = np.zeros((10, 2))
+    velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
-        assert watch.update(int(BACKGROUND_PER_MS * kept), still, 1e-3) is None
-    reported = None
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
+        assert watch.update(REFERENCE_PX, STILL, 1e-3) is None
+    signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
-        signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3
-        share = watch.update(int((signal + BACKGROUND_PER_MS) * kept), moving, 1e-3)
-        reported = reported if share is None else share
-    return reported
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
+        watch.count(at_markers(rng.poisson(signal)))
+        told = watch.update(REFERENCE_PX, velocity, 1e-3)
+        assert told is None or told == watch.share
+    return watch.share
 
 
-def test_a_whole_stream_changes_nothing() -> None:
-    assert last_share(1.0) is None
+@pytest.mark.parametrize("moving", [1, 10])
+def test_a_whole_stream_is_found_whole(moving: int) -> None:
+    assert last_share(1.0, moving) == 1.0
 
 
+@pytest.mark.parametrize("moving", [1, 10])
 @pytest.mark.parametrize("kept", [0.8, 0.7, 0.5, 0.3])
-def test_the_share_that_arrives_is_found(kept: float) -> None:
-    assert last_share(kept) == pytest.approx(kept, abs=0.04)
+def test_the_share_that_arrives_is_found(kept: float, moving: int) -> None:
+    """Also where one marker moves and nine rest: a touch moves few."""
+    assert last_share(kept, moving) == pytest.approx(kept, abs=0.04)
 
 
 def test_texture_that_adds_events_is_not_loss() -> None:
-    assert last_share(1.6) is None
+    assert last_share(1.6) == 1.0
 
 
 def test_silence_and_standing_still_say_nothing() -> None:
     watch = EventsKept(CALIBRATION)
     for _ in range(5_000):
-        assert watch.update(0, np.zeros((10, 2)), 1e-3) is None
-    assert watch.update(100, np.full((10, 2), 300.0), 0.0) is None
+        assert watch.update(REFERENCE_PX, STILL, 1e-3) is None
+    assert watch.update(REFERENCE_PX, np.full((10, 2), 300.0), 0.0) is None
+    assert watch.share == FIRST_SHARE
+
+
+def test_snaps_creep_and_far_markers_are_not_asked() -> None:
+    for velocity_px_s, away_px in ((900.0, 0.0), (5.0, 0.0), (200.0, 15.0)):
+        watch = EventsKept(CALIBRATION)
+        velocity = np.tile([velocity_px_s, 0.0], (10, 1))
+        for _ in range(1_000):
+            assert watch.update(REFERENCE_PX + np.array([0.0, away_px]), velocity, 1e-3) is None
+
+
+def test_the_kernels_do_what_their_plain_twins_do() -> None:
+    rng = np.random.default_rng(3)
+    owner = rng.integers(0, 10, (40, 320)).astype(np.uint16)
+    events, counts = spread(500, rng), np.zeros(10, np.int64)
+    events_kept._count_kernel(owner, events.x, events.y, counts)
+    np.testing.assert_array_equal(counts, np.bincount(owner[events.y, events.x], minlength=10))
+    for _ in range(20):
+        position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
+        velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
+        area, per_px = rng.uniform(500, 2000, 10), rng.uniform(100, 300, 10)
+        background, roam, dt = rng.uniform(0.1, 3.0), 9.0, 1e-3
+        got = events_kept._motion_kernel(
+            (position, velocity, REFERENCE_PX), (counts, area, per_px), background, roam, dt
+        )
+        speed = np.hypot(*velocity.T)
+        asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
+        asked &= per_px * speed > events_kept.BACKGROUND_SHARE * background * area
+        asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
+        expected = (per_px * speed)[asked].sum() * dt
+        arrived = (counts - background * area * dt)[asked].sum()
+        np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
