@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from spikingtac.contact.describe import ContactDetails, gel_touch, likeliest_onset
 from spikingtac.contact.detect import Window, packets_of
 from spikingtac.contact.learn import LearningConfig, QuietVotes, quiet_votes, scale_test
@@ -61,6 +63,7 @@ class MotionDetector:
         self._along = test.mean
         self._calm: int | None = None
         self._end_us = 0
+        exceeded_kernel(np.zeros(len(test.threshold)), test.threshold)  # compiled now, not later
 
     @classmethod
     def from_quiet(

@@ -142,6 +142,8 @@ def _guard(
     try:
         stream = arrivals()
         first = next(stream)  # opening a camera takes longer than any silence that is allowed
+        detector.update(first.window)  # and so does compiling for its arrays
+        detector.reset()
         watchdog.self_test()
         watchdog.arm()
         with WatchdogThread(watchdog):
