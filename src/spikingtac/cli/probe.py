@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 QUIET_WINDOWS = 4000
 """Windows of the arm at rest that the detector learns from, of 1 ms."""
+LEAST_RADIUS_MM = 0.5
+"""Narrowest hole of the twin, mm."""
 TWIN_CYCLES = 1
 """Calibration touches per direction on the twin: ten in all, for a first look."""
 
@@ -77,6 +79,11 @@ def _on_twin(args: Args) -> dict[str, Any]:
     from spikingtac.experiments import hole_touching as touching
     from spikingtac.sim.hole_site import Grasp, HoleSite, hole_trial
 
+    if args.radius_mm < LEAST_RADIUS_MM:
+        raise ConfigError(
+            f"radius_mm is {args.radius_mm}; the bit reaches 0.433 mm and needs some room: "
+            f"at least {LEAST_RADIUS_MM} mm"
+        )
     style = touching.DEFAULT if args.search == "default" else touching.CROSS
     trial = hole_trial(args.radius_mm, np.zeros(2), touching.CORNER_MM, args.seed)
     site = HoleSite(Grasp.of(args.seed), args.seed)
