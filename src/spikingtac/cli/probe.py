@@ -20,8 +20,8 @@ QUIET_WINDOWS = 4000
 """Windows of the arm at rest that the detector learns from, of 1 ms."""
 LEAST_RADIUS_MM = 0.5
 """Narrowest hole of the twin, mm."""
-TWIN_CYCLES = 1
-"""Calibration touches per direction on the twin: ten in all, for a first look."""
+TWIN_CYCLES = 3
+"""Calibration touches per direction on the twin: thirty in all."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,7 +53,7 @@ ANGLES_DEG = {
     DEFAULT: (0.0, 25.0, 50.0, -25.0, -50.0, 180.0, 155.0, 130.0, 205.0, 230.0),
 }
 """Directions of the calibration: those of the cross, and the sector of the adaptive search."""
-CYCLES = {CROSS: 4, DEFAULT: 3}
+CYCLES = {CROSS: 4, DEFAULT: 6}
 """Touches of each direction in a calibration; at most 10 are allowed."""
 WALL_MM = 1.0
 """Distance of the calibration's wall from where the bit stands, mm."""
@@ -167,9 +167,16 @@ def calibrate_work(work: HoleWork) -> dict[str, Any]:
 
 
 def touch_flat_walls(site: HoleSite, prober: Prober, style: str, cycles: int) -> None:
-    """Touch a flat wall at :data:`WALL_MM`, turned to each direction that a style uses."""
-    for _ in range(cycles):
-        for angle in np.radians(ANGLES_DEG[style]):
+    """Touch a flat wall at :data:`WALL_MM`, turned to each direction that a style uses.
+
+    The travel depends a little on the direction before, so they follow each other as in use: in the
+    cross's own order, or in any for the adaptive search.
+    """
+    for cycle in range(cycles):
+        angles = np.radians(ANGLES_DEG[style])
+        if style == DEFAULT:
+            angles = np.random.default_rng(cycle).permutation(angles)
+        for angle in angles:
             direction = np.array([np.cos(angle), np.sin(angle)])
             site.face(flat_wall(direction, WALL_MM), np.zeros(2))
             with contextlib.suppress(SearchError):  # a touch that failed teaches nothing

@@ -85,7 +85,7 @@ class ProbingConfig:
             speed_mm_s=3.0,
             travel_speed_mm_s=8.0,
             find_speed_mm_s=6.0,
-            conditioning_mm=0.25,
+            conditioning_mm=0.4,
             back_off_mm=0.4,
         )
 
