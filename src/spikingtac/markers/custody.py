@@ -1,10 +1,10 @@
 """Custody of the identities: which markers are observed, which are held, and how they come back.
 
-A marker counts as lost when its fit no longer agrees with the map, or when it stays away from where
-its neighbours expect it. It is then predicted from them, flagged ``held``, and looked for at a low
-rate by a detection in the full map; a detection is taken only near the prediction and only if no
-other marker owns it, so that identities cannot swap. A broken marker is never found again: it stays
-held, with confidence 0.
+A marker counts as lost when its fit no longer agrees with the map, when it stays away from where
+its neighbours expect it, or when it sends no events while they move. It is then predicted from
+them, flagged ``held``, and looked for at a low rate by a detection in the full map; a detection is
+taken only near the prediction and only if no other marker owns it, so that identities cannot swap.
+A broken marker is never found again: it stays held, with confidence 0.
 """
 
 from __future__ import annotations
@@ -105,6 +105,7 @@ class Custody:
         fitted_px: NDArray[np.float64],
         agreement: NDArray[np.float64],
         levels: NDArray[np.float32],
+        silent: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
         """Decide which markers are held at ``t_us`` and look for those that are.
 
@@ -113,6 +114,8 @@ class Custody:
             fitted_px: ``(m, 2)`` positions from the fit, px.
             agreement: ``(m,)`` share of each edge that agrees with its disc.
             levels: ``(height, width)`` the map.
+            silent: ``(m,)`` markers that are gone (:mod:`spikingtac.markers.silence`): held at
+                once, and not looked for while they are, since the map shows them where they were.
 
         Returns:
             ``(m,)`` the held markers (:attr:`held`, not a copy).
@@ -128,14 +131,15 @@ class Custody:
             (config.agreement, config.strain_px, config.strain_share),
             self._doubted,
         )
-        if clear and not self._watching:
+        if clear and not self._watching and not silent.any():
             return self.held
         self._weigh(t_us)
+        self.held |= silent
         if self.held.any():
             self._place_held(fitted_px)
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + config.search_us
-                self._search(fitted_px, levels)
+                self._search(fitted_px, levels, silent)
         self._watching = bool(self._doubted.any() or self.held.any())
         return self.held
 
@@ -152,11 +156,16 @@ class Custody:
         self.position_px[held] = self.expected_px(blended)[held]
         self.moved |= held
 
-    def _search(self, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]) -> None:
+    def _search(
+        self,
+        fitted_px: NDArray[np.float64],
+        levels: NDArray[np.float32],
+        silent: NDArray[np.bool_],
+    ) -> None:
         blobs = self._detector.detect(levels)
         expected_px = np.where(self.held[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self._capture_px)
-        found = self.held & (match != UNMATCHED)
+        found = self.held & ~silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
         self.held &= ~found
         self._doubted_since_us[found] = -1

@@ -12,6 +12,8 @@ moves few markers, whose events would drown in the background of all the others.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -59,6 +61,23 @@ SHARE_CHANGE = 0.03
 """Changes of the share smaller than this leave the steps alone."""
 
 
+@dataclass(frozen=True, slots=True)
+class CellCounts:
+    """What arrived around each marker in a stretch of time.
+
+    Attributes:
+        events: ``(m,)`` events in the marker's cell.
+        noise_per_s: ``(m,)`` background events that the cell brings, 1/s.
+        events_per_px: ``(m,)`` events of a whole stream per px of the marker's motion.
+        dt_s: Length of the stretch, s.
+    """
+
+    events: NDArray[np.int64]
+    noise_per_s: NDArray[np.float64]
+    events_per_px: NDArray[np.float64]
+    dt_s: float
+
+
 class EventsKept:
     """Watches the stream for loss.
 
@@ -90,33 +109,44 @@ class EventsKept:
         """Count the events of a packet, marker by marker."""
         _count_kernel(self._owner, packet.x, packet.y, self._counts)
 
+    def take(self, dt_s: float) -> CellCounts:
+        """Return what was counted since the last call, and begin anew.
+
+        Args:
+            dt_s: Time since the last call, s.
+        """
+        background = self._background_hz_px
+        hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
+        cells = CellCounts(self._counts, hz_px * self._area_px, self._events_per_px, dt_s)
+        self._counts = np.zeros_like(self._counts)
+        return cells
+
     def update(
-        self, position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], dt_s: float
+        self,
+        position_px: NDArray[np.float64],
+        velocity_px_s: NDArray[np.float64],
+        cells: CellCounts,
     ) -> float | None:
-        """Judge the events that were counted since the last call.
+        """Judge what was counted.
 
         Args:
             position_px: ``(m, 2)`` where the markers are, px.
             velocity_px_s: ``(m, 2)`` their velocities, px/s.
-            dt_s: Time since the last call, s.
+            cells: What arrived around each of them.
 
         Returns:
             The new share of events that arrive, when it changed; None otherwise.
         """
-        if dt_s <= 0.0:
-            self._counts[:] = 0
+        if cells.dt_s <= 0.0:
             return None
-        background = self._background_hz_px
         mean_px_s, expected, arrived = _motion_kernel(
             (position_px, velocity_px_s, self._reference_px),
-            (self._counts, self._area_px, self._events_per_px),
-            LEAST_BACKGROUND_HZ_PX if background is None else background,
+            (cells.events, cells.noise_per_s, cells.events_per_px),
             self._roam_px,
-            dt_s,
+            cells.dt_s,
         )
         if mean_px_s < STILL_PX_S:
-            self._learn_background(float(self._counts.sum()) / dt_s, dt_s)
-        self._counts[:] = 0
+            self._learn_background(float(cells.events.sum()) / cells.dt_s, cells.dt_s)
         return self._judged(expected, arrived) if expected > 0.0 else None
 
     def _judged(self, expected: float, arrived: float) -> float | None:
@@ -167,28 +197,26 @@ def _count_kernel(
 def _motion_kernel(
     markers: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
-    background_hz_px: float,
     roam_px: float,
     dt_s: float,
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Return the mean speed, px/s, and the events that were expected and that arrived.
 
-    ``markers`` are positions, velocities and rests; ``cells`` are counts, areas, and the events per
-    px of motion.
+    ``markers`` are positions, velocities and rests; ``cells`` are events, background per s, and
+    events per px of motion.
     """
     position_px, velocity_px_s, reference_px = markers
-    counts, area_px, events_per_px = cells
+    events, noise_per_s, events_per_px = cells
     total = expected = arrived = 0.0
     for m in range(velocity_px_s.shape[0]):
         speed = np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1])
         total += speed
         asked = events_per_px[m] * speed
-        noise = background_hz_px * area_px[m]
         away_px = np.hypot(
             position_px[m, 0] - reference_px[m, 0], position_px[m, 1] - reference_px[m, 1]
         )
         steady = SLOW_PX_S < speed < FAST_PX_S
-        if steady and asked > BACKGROUND_SHARE * noise and away_px < roam_px:
+        if steady and asked > BACKGROUND_SHARE * noise_per_s[m] and away_px < roam_px:
             expected += asked * dt_s
-            arrived += counts[m] - noise * dt_s
+            arrived += events[m] - noise_per_s[m] * dt_s
     return total / velocity_px_s.shape[0], expected, arrived

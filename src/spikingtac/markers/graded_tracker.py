@@ -3,7 +3,8 @@
 Graded map -> locator (disc fit or centroid) from the predicted position -> Kalman filter -> lag
 correction. In its own time it takes care of the rest: lost markers are predicted from their
 neighbours and found again (:mod:`spikingtac.markers.custody`), steps grow when events are lost
-(:mod:`spikingtac.markers.events_kept`), and the map leaks towards the fitted discs.
+(:mod:`spikingtac.markers.events_kept`), markers that send none while the skin moves are held
+(:mod:`spikingtac.markers.silence`), and the map leaks towards the fitted discs.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from spikingtac.markers.events_kept import EventsKept
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
 from spikingtac.markers.motion_filter import MotionFilter
+from spikingtac.markers.silence import Silence
 from spikingtac.markers.start import LAG_DEFAULT_US, painted_graded_map, profile_of
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration, EventPacket, MarkerFrame
@@ -142,8 +144,7 @@ class GradedTracker:
             ConfigError: The recording comes from a sensor of another size.
         """
         self._map.absorb(packet)
-        if self._care_config.adapt_to_loss:
-            self._kept.count(packet)
+        self._kept.count(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
@@ -173,6 +174,7 @@ class GradedTracker:
         self._filter = MotionFilter(self._calibration.reference_px)
         self._custody = Custody(self._care_config.custody, self._calibration)
         self._kept = EventsKept(self._calibration)
+        self._silence = Silence(self._calibration)
         if self._care_config.adapt_to_loss:
             self._map.set_events_kept(self._kept.share)
 
@@ -181,15 +183,22 @@ class GradedTracker:
     ) -> None:
         dt_s = 0.0 if self._cared_us is None else (t_us - self._cared_us) * 1e-6
         self._cared_us, self._care_at_us = t_us, t_us + self._care_config.period_us
-        self._custody.judge(t_us, located_px, agreement, self._map.values)
+        self._weigh_events(dt_s)
+        self._custody.judge(t_us, located_px, agreement, self._map.values, self._silence.silent)
         moved = self._custody.moved
         if moved.any():
             self._filter.place(moved, self._custody.position_px[moved])
+        self._leak(dt_s)
+
+    def _weigh_events(self, dt_s: float) -> None:
+        """Compare the events with the motion: is the stream whole, and is every marker there?"""
+        position_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
+        cells = self._kept.take(dt_s)
         if self._care_config.adapt_to_loss:
-            share = self._kept.update(self._filter.position_px, self._filter.velocity_px_s, dt_s)
+            share = self._kept.update(position_px, velocity_px_s, cells)
             if share is not None:
                 self._map.set_events_kept(share)
-        self._leak(dt_s)
+        self._silence.update(velocity_px_s, cells, self._kept.share)
 
     def _leak(self, dt_s: float) -> None:
         care = self._care_config

@@ -14,6 +14,7 @@ REST_PX = REST_PX.reshape(-1, 2)
 RADIUS_PX = np.full(16, 6.0)
 CALIBRATION = Calibration(reference_px=REST_PX, radius_px=RADIUS_PX, grid=(4, 4), size=SIZE)
 AGREED = np.ones(16)
+HEARD = np.zeros(16, np.bool_)
 LATER_US = 100_000
 
 
@@ -30,16 +31,16 @@ def doubtful(marker: int) -> np.ndarray:
 def test_all_is_well_at_rest() -> None:
     custody = Custody(CustodyConfig(), CALIBRATION)
     for t_us in range(0, LATER_US, 10_000):
-        assert not custody.judge(t_us, REST_PX, AGREED, levels(REST_PX)).any()
+        assert not custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD).any()
         assert not custody.moved.any()
 
 
 def test_doubt_needs_patience() -> None:
     custody = Custody(CustodyConfig(patience_us=20_000), CALIBRATION)
     nothing_there = levels(np.delete(REST_PX, 5, axis=0))
-    assert not custody.judge(0, REST_PX, doubtful(5), nothing_there).any()
-    assert not custody.judge(10_000, REST_PX, doubtful(5), nothing_there).any()
-    held = custody.judge(20_000, REST_PX, doubtful(5), nothing_there)
+    assert not custody.judge(0, REST_PX, doubtful(5), nothing_there, HEARD).any()
+    assert not custody.judge(10_000, REST_PX, doubtful(5), nothing_there, HEARD).any()
+    held = custody.judge(20_000, REST_PX, doubtful(5), nothing_there, HEARD)
     assert np.flatnonzero(held).tolist() == [5]
 
 
@@ -50,7 +51,7 @@ def test_a_lost_marker_is_predicted_from_its_neighbours() -> None:
     fitted_px = moved_px.copy()
     fitted_px[5] = REST_PX[5] + [-4.0, 7.0]
     for t_us in (0, LATER_US, 2 * LATER_US):
-        custody.judge(t_us, fitted_px, doubtful(5), blind)
+        custody.judge(t_us, fitted_px, doubtful(5), blind, HEARD)
     assert custody.held[5]
     assert custody.moved[5]
     np.testing.assert_allclose(custody.position_px[5], moved_px[5], atol=0.2)
@@ -60,11 +61,11 @@ def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
     custody = Custody(CustodyConfig(), CALIBRATION)
     blind = levels(np.delete(REST_PX, 5, axis=0))
     for t_us in (0, LATER_US):
-        custody.judge(t_us, REST_PX, doubtful(5), blind)
+        custody.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
     assert custody.held[5]
     back_px = REST_PX.copy()
     back_px[5] += [3.0, 2.0]
-    custody.judge(2 * LATER_US, REST_PX, doubtful(5), levels(back_px))
+    custody.judge(2 * LATER_US, REST_PX, doubtful(5), levels(back_px), HEARD)
     assert not custody.held.any()
     np.testing.assert_allclose(custody.position_px[5], back_px[5], atol=0.2)
 
@@ -73,7 +74,7 @@ def test_a_neighbours_blob_is_never_taken() -> None:
     custody = Custody(CustodyConfig(capture_share=5.0), CALIBRATION)
     blind = levels(np.delete(REST_PX, 5, axis=0))
     for t_us in (0, LATER_US, 2 * LATER_US):
-        custody.judge(t_us, REST_PX, doubtful(5), blind)
+        custody.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
     assert custody.held[5], "the only blobs belong to other markers"
 
 
@@ -82,7 +83,7 @@ def test_a_runaway_is_noticed_by_its_neighbours() -> None:
     fitted_px = REST_PX.copy()
     fitted_px[5] += [14.0, 0.0]
     for t_us in (0, LATER_US):
-        custody.judge(t_us, fitted_px, AGREED, levels(REST_PX))
+        custody.judge(t_us, fitted_px, AGREED, levels(REST_PX), HEARD)
     assert not custody.held.any(), "it was found again where it belongs"
     np.testing.assert_allclose(custody.position_px[5], REST_PX[5], atol=0.2)
 
@@ -94,7 +95,7 @@ def test_torsion_is_no_reason_for_doubt() -> None:
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
     twisted_px = REST_PX.mean(axis=0) + np.einsum("mij,mj->mi", turn.reshape(-1, 2, 2), offset)
     for t_us in (0, LATER_US):
-        assert not custody.judge(t_us, twisted_px, AGREED, levels(twisted_px)).any()
+        assert not custody.judge(t_us, twisted_px, AGREED, levels(twisted_px), HEARD).any()
 
 
 @pytest.mark.parametrize(
@@ -104,3 +105,15 @@ def test_torsion_is_no_reason_for_doubt() -> None:
 def test_unfit_settings_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError):
         CustodyConfig(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_silent_marker_is_held_and_not_found_in_its_own_painted_disc() -> None:
+    custody = Custody(CustodyConfig(), CALIBRATION)
+    silent = HEARD.copy()
+    silent[5] = True
+    for t_us in range(0, LATER_US, 10_000):
+        held = custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), silent)
+        assert np.flatnonzero(held).tolist() == [5]
+    for t_us in range(LATER_US, 2 * LATER_US, 10_000):
+        custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD)
+    assert not custody.held.any()

@@ -47,12 +47,12 @@ def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
         watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
-        assert watch.update(REFERENCE_PX, STILL, 1e-3) is None
+        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
         watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
         watch.count(at_markers(rng.poisson(signal)))
-        told = watch.update(REFERENCE_PX, velocity, 1e-3)
+        told = watch.update(REFERENCE_PX, velocity, watch.take(1e-3))
         assert told is None or told == watch.share
     return watch.share
 
@@ -76,8 +76,8 @@ def test_texture_that_adds_events_is_not_loss() -> None:
 def test_silence_and_standing_still_say_nothing() -> None:
     watch = EventsKept(CALIBRATION)
     for _ in range(5_000):
-        assert watch.update(REFERENCE_PX, STILL, 1e-3) is None
-    assert watch.update(REFERENCE_PX, np.full((10, 2), 300.0), 0.0) is None
+        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
+    assert watch.update(REFERENCE_PX, np.full((10, 2), 300.0), watch.take(0.0)) is None
     assert watch.share == FIRST_SHARE
 
 
@@ -86,7 +86,8 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
         watch = EventsKept(CALIBRATION)
         velocity = np.tile([velocity_px_s, 0.0], (10, 1))
         for _ in range(1_000):
-            assert watch.update(REFERENCE_PX + np.array([0.0, away_px]), velocity, 1e-3) is None
+            position_px = REFERENCE_PX + np.array([0.0, away_px])
+            assert watch.update(position_px, velocity, watch.take(1e-3)) is None
 
 
 def test_the_kernels_do_what_their_plain_twins_do() -> None:
@@ -98,15 +99,15 @@ def test_the_kernels_do_what_their_plain_twins_do() -> None:
     for _ in range(20):
         position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
-        area, per_px = rng.uniform(500, 2000, 10), rng.uniform(100, 300, 10)
-        background, roam, dt = rng.uniform(0.1, 3.0), 9.0, 1e-3
+        noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
+        roam, dt = 9.0, 1e-3
         got = events_kept._motion_kernel(
-            (position, velocity, REFERENCE_PX), (counts, area, per_px), background, roam, dt
+            (position, velocity, REFERENCE_PX), (counts, noise, per_px), roam, dt
         )
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
-        asked &= per_px * speed > events_kept.BACKGROUND_SHARE * background * area
+        asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
         asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
         expected = (per_px * speed)[asked].sum() * dt
-        arrived = (counts - background * area * dt)[asked].sum()
+        arrived = (counts - noise * dt)[asked].sum()
         np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)

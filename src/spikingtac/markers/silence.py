@@ -1,0 +1,114 @@
+"""Markers that should send events and do not: paint that is gone.
+
+A map painted from a calibration holds a disc for each marker, and where a marker came off no event
+ever contradicts it: its fit agrees for ever with what was painted. But the skin moves there, as the
+neighbours show, and a disc that moves sends events. A marker whose cell stays near its background
+while its neighbours' motion asks for events is silent. How far it should move is taken with care:
+the speed that the neighbours' affine motion predicts (the centre of a rotation rests), and no more
+than nearly all of them have (at the rim of a touch some rest). Ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.events_kept import BACKGROUND_SHARE, SLOW_PX_S, CellCounts
+from spikingtac.markers.neighbours import Neighbourhood
+from spikingtac.types import Calibration
+
+RESTING_NEIGHBOURS = 2
+"""Neighbours that may rest without acquitting a marker: they may be gone as well."""
+
+LEAST_TRAVEL_PX = 2.0
+"""Travel of the skin before a marker is judged: several reversals' worth of dead band."""
+
+MEMORY_TRAVEL_PX = 8.0
+"""Travel over which the share is averaged."""
+
+SILENT_SHARE = 0.2
+"""Below this share of the events that it should send, a marker is silent; half a disc sends more
+than half of a whole one's."""
+
+HEARD_SHARE = 0.5
+"""Above this share a silent marker counts as heard again."""
+
+
+class Silence:
+    """Watches for markers that are gone.
+
+    Attributes:
+        silent: ``(m,)`` markers that do not send what their neighbours' motion asks for.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        """Begin by believing in every marker."""
+        count = len(calibration.reference_px)
+        self._reference_px = calibration.reference_px
+        self._neighbours = Neighbourhood(calibration.reference_px)
+        self._asked, self._arrived = np.zeros(count), np.zeros(count)
+        self.silent = np.zeros(count, np.bool_)
+
+    def update(
+        self, velocity_px_s: NDArray[np.float64], cells: CellCounts, share: float
+    ) -> NDArray[np.bool_]:
+        """Judge the events since the last call and return :attr:`silent`.
+
+        Args:
+            velocity_px_s: ``(m, 2)`` the markers' velocities, px/s.
+            cells: What arrived around each of them.
+            share: Events that arrive over those that a whole stream would bring.
+        """
+        reference_px = self._reference_px
+        expected = self._neighbours.expected_px(reference_px + velocity_px_s) - reference_px
+        _judge_kernel(
+            _asked_speed_kernel(velocity_px_s, expected, self._neighbours.index),
+            (cells.events, cells.noise_per_s, cells.events_per_px),
+            (self._asked, self._arrived),
+            share,
+            cells.dt_s,
+            self.silent,
+        )
+        return self.silent
+
+
+@njit(cache=True, nogil=True)
+def _asked_speed_kernel(
+    velocity_px_s: NDArray[np.float64],
+    expected_px_s: NDArray[np.float64],
+    neighbours: NDArray[np.int64],
+) -> NDArray[np.float64]:  # pragma: no cover - compiled
+    """Return ``(m,)`` the speed that each marker's neighbours vouch for, px/s."""
+    speed = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
+    out = np.empty_like(speed)
+    for m in range(out.size):
+        around = np.sort(speed[neighbours[m]])
+        vouched = around[min(RESTING_NEIGHBOURS, around.size - 1)]
+        out[m] = min(vouched, np.hypot(expected_px_s[m, 0], expected_px_s[m, 1]))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _judge_kernel(
+    speed_px_s: NDArray[np.float64],
+    cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
+    sums: tuple[NDArray[np.float64], NDArray[np.float64]],
+    share: float,
+    dt_s: float,
+    silent: NDArray[np.bool_],
+) -> None:  # pragma: no cover - compiled
+    """Add up what was asked and what arrived (``sums``), and mark the silent markers."""
+    events, noise_per_s, events_per_px = cells
+    asked, arrived = sums
+    for m in range(speed_px_s.size):
+        rate = share * events_per_px[m] * speed_px_s[m]
+        if speed_px_s[m] <= SLOW_PX_S or rate <= BACKGROUND_SHARE * noise_per_s[m]:
+            continue
+        full = share * events_per_px[m]
+        kept = 1.0 - min(rate * dt_s / (MEMORY_TRAVEL_PX * full), 1.0)
+        asked[m] = kept * asked[m] + rate * dt_s
+        arrived[m] = kept * arrived[m] + events[m] - noise_per_s[m] * dt_s
+        if asked[m] > LEAST_TRAVEL_PX * full:
+            limit = HEARD_SHARE if silent[m] else SILENT_SHARE
+            silent[m] = arrived[m] < limit * asked[m]
