@@ -60,6 +60,7 @@ class MotionDetector:
         self._votes = VoteCounter(learned.tables, int(test.windows[-1]))
         self._sums = ScaleSums(test)
         self._release: ReleaseWatch | None = None
+        self._begun: tuple[int, Vector] | None = None
         self._along = test.mean
         self._calm: int | None = None
         self._end_us = 0
@@ -95,6 +96,7 @@ class MotionDetector:
 
     def update(self, window: Window) -> Contact | None:
         """Return the contact that begins in a window, if one does."""
+        self._open()
         votes = self._votes.count(window)
         values = self._sums.add(votes)
         self._end_us = packets_of(window)[0].t_end_us
@@ -111,6 +113,7 @@ class MotionDetector:
         Raises:
             ValueError: There is no contact now.
         """
+        self._open()
         if self._release is None:
             raise ValueError("there is no contact to describe; ask while in_contact is True")
         course = self._sums.course(self._along)
@@ -125,17 +128,23 @@ class MotionDetector:
     def reset(self) -> None:
         """Forget the past windows, not the calibration."""
         self.in_contact = False
-        self._release, self._calm = None, None
+        self._release, self._calm, self._begun = None, None, None
         self._votes.reset()
         self._sums.reset()
 
     def _begin(self, scale: int, values: Vector) -> Contact:
-        total = self._sums.total(scale)
+        self._begun = scale, self._sums.total(scale)
+        self.in_contact, self._calm = True, None
+        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
+
+    def _open(self) -> None:
+        """Begin to follow a contact: put off until the stop was sent, since it takes a while."""
+        if self._begun is None:
+            return
+        (scale, total), self._begun = self._begun, None
         markers = sum(len(table.center_px) for table in self._votes.tables)
         self._release = ReleaseWatch(self._config.release, self.test.mean, total, markers)
         self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
-        self.in_contact, self._calm = True, None
-        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
 
     def _follow(self, release: ReleaseWatch, votes: Vector, scale: int) -> int:
         """Go on with a contact; return the scale that found the next one, or -1.
