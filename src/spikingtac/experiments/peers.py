@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
+from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.associate import UNMATCHED, associate_tree
 from spikingtac.markers.blob_tracker import BlobTrackerConfig, painted_binary_map
 from spikingtac.markers.neighbours import smallest_spacing_px
@@ -28,7 +30,11 @@ Locate = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 
 
 class PeerTracker:
-    """A peer behind the tracker's protocol: the same binary map, its own way to the centres."""
+    """A peer behind the tracker's protocol: the same binary map, its own way to the centres.
+
+    The map lies behind the filter of lone events that the preset ``paper`` has: without one, leak
+    paints it white, and no detector finds anything.
+    """
 
     def __init__(self, locate: Locate, calibration: Calibration, *, tracks: bool = False) -> None:
         """Begin at rest.
@@ -40,13 +46,16 @@ class PeerTracker:
         """
         self._locate, self._calibration, self._tracks = locate, calibration, tracks
         self._map = painted_binary_map(calibration)
+        support_us = load_config("paper").tracking.blobs.support_us
+        settings = BackgroundActivityConfig(window_us=support_us)
+        self._filter = BackgroundActivityFilter(settings, calibration.size)
         spacing_px = smallest_spacing_px(calibration.reference_px)
         self._proximity_px = BlobTrackerConfig().proximity_share * spacing_px
         self._detected_px = calibration.reference_px.copy()
 
     def absorb(self, packet: EventPacket) -> None:
-        """Paint the events."""
-        self._map.absorb(packet)
+        """Paint the events that are supported."""
+        self._map.absorb(self._filter(packet))
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the centres, each under its marker's identity."""
