@@ -37,11 +37,11 @@ def run(
     heard = stream(windows, site) if stream else windows
     prober = ArmProber(site.rig.arm, heard, detector, SHORT, free_travel=site.free_travel)
     try:
+        travel = TravelModel.of(Compensation(travel_mm=0.12))
         if adaptive:
-            travel = TravelModel.of(Compensation())
             AdaptiveSearch(prober, travel, AdaptiveSearchConfig()).run(np.array(start))
         else:
-            cross_search(prober, np.array(start))
+            cross_search(prober, np.array(start), travel)
     finally:
         site.rig.advance(300_000)
         assert site.rig.arm.state() is not ArmState.MOVING
@@ -61,10 +61,11 @@ def test_a_hole_beyond_the_travel_limit() -> None:
 
 
 @pytest.mark.parametrize("adaptive", [False, True])
-def test_on_the_rim_there_is_no_room(adaptive: bool) -> None:
+@pytest.mark.parametrize("start_mm", [0.75, 1.2])
+def test_on_the_rim_there_is_no_room(adaptive: bool, start_mm: float) -> None:
     """The bit leans on the wall: it answers when it is pressed on, and when it is let go."""
     with pytest.raises(SearchError, match=r"make no circle|on the rim|no wall"):
-        run(HOLE, (0.75, 0.0), adaptive=adaptive)
+        run(HOLE, (start_mm, 0.0), adaptive=adaptive)
 
 
 def test_a_stream_that_ends_stops_the_arm() -> None:

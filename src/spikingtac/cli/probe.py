@@ -142,7 +142,7 @@ def _search(args: Args, prober: Prober, travel: TravelModel, start_mm: Any) -> d
     from spikingtac.robot.cross_search import calibrated_circle, cross_search
 
     if args.search == "cross4":
-        touches = cross_search(prober, start_mm)
+        touches = cross_search(prober, start_mm, travel)
         return {"circle": calibrated_circle(touches, travel), "contacts": len(touches)}
     config = AdaptiveSearchConfig(contacts=args.contacts, center_sigma_mm=args.center_sigma_mm)
     found = AdaptiveSearch(prober, travel, config).run(start_mm)

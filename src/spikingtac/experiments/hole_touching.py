@@ -217,7 +217,7 @@ def _touches_of(
     style: str, prober: Prober, start_mm: Vector, travel: TravelModel
 ) -> Sequence[Touched]:
     if style == CROSS:
-        return cross_search(prober, start_mm)
+        return cross_search(prober, start_mm, travel)
     config = AdaptiveSearchConfig(contacts=MOST_CONTACTS)
     return AdaptiveSearch(prober, travel, config).run(start_mm).touches
 

@@ -24,6 +24,8 @@ Vector = NDArray[np.float64]
 
 LEAST_CONTACTS = 3
 """A circle has three unknowns."""
+LEAST_CLEARANCE_MM = 0.1
+"""A hole must be this much wider than the bit's corners, mm; the narrowest of the plate is by 0.27."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +129,7 @@ class AdaptiveSearch:
         ahead = np.array([math.cos(first), math.sin(first)])
         one = self._prober.touch(start, ahead)
         other = self._prober.touch(start, -ahead)
-        require_room(one, other)
+        require_room(one, other, self._travel)
         middle = _middle(one, other)
         touches = [one, other]
         for number, touch in enumerate(touches):
@@ -167,6 +169,12 @@ class AdaptiveSearch:
         return bool((circle.sigma_mm[:2] <= self._config.center_sigma_mm).all())
 
     def _require_fit(self, circle: Circle) -> None:
+        corner_mm = self._travel.across_flats_mm / math.sqrt(3.0)
+        if circle.radius_mm < corner_mm + LEAST_CLEARANCE_MM:
+            raise SearchError(
+                f"the contacts make a hole of {circle.radius_mm:.2f} mm radius, no wider than the "
+                f"bit ({corner_mm:.2f} mm): it stands on the rim or is jammed; start inside a hole"
+            )
         worst = float(np.abs(circle.residual_mm).max())
         if worst > self._config.misfit_sigma * self._travel.sigma_mm:
             raise SearchError(

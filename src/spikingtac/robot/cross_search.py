@@ -18,20 +18,27 @@ Vector = NDArray[np.float64]
 EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
 NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
 LEAST_ROOM_MM = 0.25
-"""Opposite readings nearer than this leave no room, mm: a probe pressed against the rim answers
-twice within twice the travel; the narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9
-of the free way."""
+"""Opposite readings nearer than this leave no room, mm, where the travel is not known: the
+narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way."""
+LEAST_FREE_MM = 0.06
+"""The same without the travel, where it is known: a probe that leans on the rim answers when it is
+pressed on and when it is let go, so that nothing is left."""
+MISFIT_MM = 0.45
+"""How far the two chords may contradict each other, mm, where the travel is not known: 0.3 mm is
+the largest difference of the travels along and across the pads."""
+KNOWN_MISFIT_MM = 0.25
+"""The same where it is known: five times the spread of a touch that is not conditioned."""
 
-MISFIT_MM = 0.3
-"""How far the two chords may contradict each other, mm: twice the difference of the travels."""
 
-
-def cross_search(prober: Prober, start_mm: Vector) -> list[Touched]:
+def cross_search(
+    prober: Prober, start_mm: Vector, travel: TravelModel | None = None
+) -> list[Touched]:
     """Touch +X and -X from the start, then +Y and -Y from the middle of the two.
 
     Args:
         prober: Who touches.
         start_mm: ``(2,)`` P0, inside the hole, mm.
+        travel: The calibration, to tell a bad start sooner; the motions do not depend on it.
 
     Returns:
         P1 to P4.
@@ -42,22 +49,25 @@ def cross_search(prober: Prober, start_mm: Vector) -> list[Touched]:
     """
     start = np.asarray(start_mm, np.float64)
     first = [prober.touch(start, EAST), prober.touch(start, WEST)]
-    require_room(*first)
+    require_room(first[0], first[1], travel)
     middle = np.array([(first[0].reading_mm[0] + first[1].reading_mm[0]) / 2.0, start[1]])
     second = [prober.touch(middle, NORTH), prober.touch(middle, SOUTH)]
-    require_room(*second)
-    _require_circle(first, second)
+    require_room(second[0], second[1], travel)
+    _require_circle([*first, *second], travel)
     return [*first, *second]
 
 
-def require_room(one: Touched, other: Touched) -> None:
+def require_room(one: Touched, other: Touched, travel: TravelModel | None = None) -> None:
     """Refuse two opposite contacts at one place.
 
     Raises:
         SearchError: The probe stands on the rim, or is jammed.
     """
     room_mm = float((one.reading_mm - other.reading_mm) @ one.direction)
-    if room_mm < LEAST_ROOM_MM:
+    least_mm = LEAST_ROOM_MM
+    if travel is not None:
+        least_mm = LEAST_FREE_MM + float(_taken([one, other], travel).sum())
+    if room_mm < least_mm:
         raise SearchError(
             f"the probe touches on both sides within {max(room_mm, 0.0):.3f} mm of "
             f"({one.start_mm[0]:.2f}, {one.start_mm[1]:.2f}) mm: it stands on the rim or is "
@@ -65,18 +75,27 @@ def require_room(one: Touched, other: Touched) -> None:
         )
 
 
-def _require_circle(first: list[Touched], second: list[Touched]) -> None:
+def _taken(touches: list[Touched], travel: TravelModel) -> Vector:
+    """Return the calibrated travel ``(n,)`` of each touch, mm."""
+    direction = np.array([touch.direction for touch in touches])
+    return travel.travel_mm(np.arctan2(direction[:, 1], direction[:, 0]))
+
+
+def _require_circle(touches: list[Touched], travel: TravelModel | None) -> None:
     """Refuse a first chord that is much shorter or longer than the second says it must be.
 
     Raises:
-        SearchError: Then at least one contact was none: a probe that leans on the rim answers
-            where it is let go.
+        SearchError: Then at least one contact was none.
     """
-    half_x = float(first[0].reading_mm[0] - first[1].reading_mm[0]) / 2.0
-    high, low = float(second[0].reading_mm[1]), float(second[1].reading_mm[1])
-    off = float(second[0].start_mm[1]) - (high + low) / 2.0
-    expected = math.sqrt(max(((high - low) / 2.0) ** 2 - off**2, 0.0))
-    if abs(half_x - expected) > MISFIT_MM:
+    point = np.array([touch.reading_mm for touch in touches])
+    if travel is not None:
+        point -= _taken(touches, travel)[:, None] * [touch.direction for touch in touches]
+    half_x, half_y = (point[0, 0] - point[1, 0]) / 2.0, (point[2, 1] - point[3, 1]) / 2.0
+    off = float(touches[2].start_mm[1] - point[2:, 1].mean())
+    expected = math.sqrt(max(half_y**2 - off**2, 0.0))
+    allowed = MISFIT_MM if travel is None else KNOWN_MISFIT_MM
+    slope = float(half_y) / max(expected, LEAST_FREE_MM)  # how the misfit grows off the middle
+    if abs(float(half_x) - expected) > allowed * max(slope, 1.0):
         raise SearchError(
             f"the contacts make no circle: half the chord along X is {half_x:.2f} mm, the contacts "
             f"along Y demand {expected:.2f} mm; the probe leans on the rim, a contact was false, "
