@@ -25,7 +25,7 @@ Vector = NDArray[np.float64]
 LEAST_CONTACTS = 3
 """A circle has three unknowns."""
 LEAST_CLEARANCE_MM = 0.1
-"""A hole must be this much wider than the bit's corners, mm; the narrowest of the plate is by 0.27."""
+"""A hole must be this much wider than the bit's corners, mm; the plate's narrowest is by 0.27."""
 
 
 @dataclass(frozen=True, kw_only=True)
