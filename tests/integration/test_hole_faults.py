@@ -60,8 +60,7 @@ def test_a_hole_beyond_the_travel_limit() -> None:
         run(HoleWall(radius_mm=5.0), (0.0, 0.0))
 
 
-@pytest.mark.parametrize("adaptive", [False, True])
-@pytest.mark.parametrize("start_mm", [0.75, 1.2])
+@pytest.mark.parametrize(("adaptive", "start_mm"), [(False, 0.75), (True, 0.75), (False, 1.2)])
 def test_on_the_rim_there_is_no_room(adaptive: bool, start_mm: float) -> None:
     """The bit leans on the wall: it answers when it is pressed on, and when it is let go."""
     with pytest.raises(SearchError, match=r"make no circle|on the rim|no wall"):
