@@ -22,6 +22,7 @@ from spikingtac.contact.detect import ContactDetector
 from spikingtac.contact.detectors import DetectionConfig, make_detector
 from spikingtac.errors import SearchError
 from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.quiet_windows import load_windows, save_windows
 from spikingtac.experiments.run_folder import write_json
 from spikingtac.geometry.travel import TravelModel, fit_travel
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
@@ -155,7 +156,7 @@ def calibrate_work(work: HoleWork) -> dict[str, Any]:
         return known
     site = HoleSite(Grasp.of(work.seed), CALIBRATION_SEEDS + HOLE_SEEDS * work.seed)
     quiet = quiet_windows(site)
-    _save_windows(_quiet_path(work), quiet)
+    save_windows(_quiet_path(work), quiet)
     detector = detector_for(site, work.detector, quiet)
     record: dict[str, Any] = {"key": key, "seed": work.seed}
     for style in STYLES:
@@ -193,7 +194,7 @@ def search_work(work: HoleWork) -> dict[str, Any]:
     calibration = calibrate_work(HoleWork(work.folder, work.seed, None, work.detector))
     trial = trial_of(work.seed, work.hole)
     site = HoleSite(Grasp.of(work.seed), HOLE_SEEDS * work.seed + work.hole)
-    detector = detector_for(site, work.detector, _load_windows(_quiet_path(work)))
+    detector = detector_for(site, work.detector, load_windows(_quiet_path(work)))
     _inherit(site, detector)
     record: dict[str, Any] = {"key": key, "seed": work.seed, "hole": work.hole}
     for style in STYLES:
@@ -269,28 +270,6 @@ def quiet_windows(site: HoleSite, count: int = QUIET_WINDOWS) -> list[tuple[Even
 
 def _quiet_path(work: HoleWork) -> Path:
     return work.folder / "touches" / f"seed-{work.seed}" / "quiet.npz"
-
-
-def _save_windows(path: Path, windows: Sequence[tuple[EventPacket, ...]]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    packets = [window[0] for window in windows]
-    x, y, p, t = (np.concatenate([getattr(one, name) for one in packets]) for name in "xypt")
-    edges = np.array([packets[0].t_start_us, *(packet.t_end_us for packet in packets)])
-    np.savez_compressed(path, edges=edges, size=packets[0].size, x=x, y=y, p=p, t=t)
-
-
-def _load_windows(path: Path) -> list[tuple[EventPacket, ...]]:
-    with np.load(path, allow_pickle=False) as file:
-        x, y, p, t, edges = (file[name] for name in ("x", "y", "p", "t", "edges"))
-        width, height = (int(side) for side in file["size"])
-    whole = EventPacket(
-        x=x, y=y, p=p, t=t, t_start_us=int(edges[0]), t_end_us=int(edges[-1]), size=(width, height)
-    )
-    cuts = np.searchsorted(t, edges)
-    return [
-        (whole.part(int(first), int(last), int(start), int(end)),)
-        for first, last, start, end in zip(cuts, cuts[1:], edges, edges[1:], strict=False)
-    ]
 
 
 def _key(work: HoleWork) -> str:
