@@ -1,0 +1,118 @@
+"""The fast path for contact-free motion against the whole twin, on one path of vibration."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.events.windows import windows
+from spikingtac.sim.fingers import VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.free_motion import free_bushing, swayed_skin
+from spikingtac.sim.free_rig import FreeRig, SwayingFinger
+from spikingtac.sim.grip import Pad
+from spikingtac.sim.probe import Probe
+from spikingtac.sim.rig import RigConfig
+from spikingtac.sim.vibration import Vibration
+from spikingtac.sim.walls import NoWall
+from spikingtac.types import Calibration, EventPacket
+
+STEPS = 3_000
+SEED = 7
+BUDGET_PER_HOUR = 36_000.0
+"""Ten false contacts a second: enough in three seconds to compare two rates."""
+
+
+@dataclass(frozen=True)
+class Both:
+    fast: EventPacket
+    whole: EventPacket
+    calibration: Calibration
+
+
+def rig_config(preset: str) -> RigConfig:
+    base = RigConfig()
+    return replace(base, vibration=replace(base.vibration, rms_mm=VIBRATION_MM[preset]))
+
+
+@pytest.fixture(scope="module", params=["typical", "noisy"])
+def both(request: pytest.FixtureRequest) -> Both:
+    config, pad = rig_config(request.param), Pad(RigConfig().pad, RigConfig().patch)
+    finger = FingerConfig(camera=request.param, history="random")
+    vibration = Vibration(config.vibration, np.random.default_rng(SEED))
+    bushing = free_bushing(config.probe, vibration, STEPS)
+    swaying = SwayingFinger(finger, SEED, pad, config)
+    whole = SensingFinger(finger, SEED)
+    skins = [swayed_skin(pad, config.probe, one) for one in bushing]
+    whole.settle(whole.look(swayed_skin(pad, config.probe, np.zeros(6))))
+    images = [whole.look(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
+    calibration = Calibration(
+        reference_px=swaying.image.center_px,
+        radius_px=swaying.image.radius_px,
+        grid=(8, 8),
+        size=(320, 320),
+    )
+    return Both(swaying.swaying.sway(bushing), whole.advance(images), calibration)
+
+
+def per_window(packet: EventPacket, weight: np.ndarray | None = None) -> np.ndarray:
+    return np.bincount(packet.t // 1000, weights=weight, minlength=STEPS)[:STEPS]
+
+
+def test_a_free_probe_is_its_impulse_response() -> None:
+    config = rig_config("noisy")
+    path = Vibration(config.vibration, np.random.default_rng(3)).path(2_000, 0.001)
+    fast = free_bushing(config.probe, Vibration(config.vibration, np.random.default_rng(3)), 500)
+    probe = Probe(config.probe, NoWall(), np.zeros(3))
+    slow = [probe.step(k, 0.001, arm_mm).bushing for k, arm_mm in enumerate(path, 1)]
+    assert np.abs(fast - slow[1_500:]).max() < 1e-3 * np.abs(fast).max()
+
+
+def test_count_mean_and_variance_over_mean_agree(both: Both) -> None:
+    fast, whole = per_window(both.fast), per_window(both.whole)
+    assert fast.mean() == pytest.approx(whole.mean(), rel=0.02)
+    assert fast.var() / fast.mean() == pytest.approx(whole.var() / whole.mean(), rel=0.06)
+    assert np.percentile(fast, 99.5) == pytest.approx(np.percentile(whole, 99.5), rel=0.04)
+
+
+def test_bursts_fall_into_the_same_windows(both: Both) -> None:
+    smooth = np.ones(10)
+    fast, whole = (np.convolve(per_window(one), smooth) for one in (both.fast, both.whole))
+    assert np.corrcoef(fast, whole)[0, 1] > 0.8
+
+
+def test_signed_statistics_agree(both: Both) -> None:
+    fast, whole = (per_window(one, np.where(one.p, 1.0, -1.0)) for one in (both.fast, both.whole))
+    assert fast.mean() == pytest.approx(whole.mean(), rel=0.03)
+    assert fast.std() == pytest.approx(whole.std(), rel=0.04)
+    assert both.fast.p.mean() == pytest.approx(both.whole.p.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["event_count", "default"])
+def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
+    config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR, release_windows=1)
+    alarms = []
+    for packet in (both.fast, both.whole):
+        quiet = list(windows([both.whole], 1000))
+        detector = make_detector(name, config, [both.calibration], quiet)
+        found = 0
+        for window in windows([packet], 1000):
+            if detector.update(window) is not None:
+                found += 1
+                detector.reset()
+        alarms.append(found)
+    # The streams share most events: their difference is well within that of two Poisson counts.
+    assert alarms[1] > 0
+    assert abs(alarms[0] - alarms[1]) <= 2.0 * np.sqrt(sum(alarms))
+
+
+def test_stretches_go_on_where_the_last_one_ended() -> None:
+    config, finger = rig_config("typical"), FingerConfig()
+    rig = FreeRig(config, [finger], [SEED], np.random.default_rng(SEED))
+    (first,), (markers,) = rig.stretch(300)
+    (second,), _ = rig.stretch(300)
+    assert first.t_end_us == second.t_start_us == 300_000
+    assert second.t_end_us == 600_000
+    assert (np.diff(second.t) >= 0).all()
+    assert markers.shape == (300, 64, 2)
+    assert 0.0 < (markers - rig.images[0].center_px).std() < 0.05

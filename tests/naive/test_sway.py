@@ -1,0 +1,185 @@
+"""Plain twins of the kernels that let pixels sleep, and their promise: none sleeps through one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.pixels import KEY_SHIFT
+from spikingtac.sim.sensor import make_sensor, settle_sensor
+from spikingtac.sim.sway import (
+    EDGE_DTYPE,
+    Rims,
+    band_kernel,
+    lag_coefficients,
+    level_kernel,
+    make_beds,
+    put_to_bed_kernel,
+    sleep_kernel,
+    sway_kernel,
+    swayed_px_kernel,
+    wake_kernel,
+)
+
+STEP_US = 1000.0
+
+
+def sensor_of(count: int, leak_hz: float = 2.0):
+    pixel = PixelConfig(mismatch=0.03, leak_hz=leak_hz, refractory_us=50.0)
+    config = CameraConfig(size=(count, 1), light=LightConfig(blur_px=0.9), pixel=pixel)
+    sensor = make_sensor(config, np.zeros((1, 1), np.float32), np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    settle_sensor(sensor, np.zeros((1, count), np.float32), 0.0, "random", rng)
+    return sensor
+
+
+def rims_of(count: int, rng: np.random.Generator) -> Rims:
+    edges = np.zeros(count, EDGE_DTYPE)
+    edges["inside_px"] = rng.uniform(-3.0, 3.0, count)
+    edges["lowest"], edges["highest"] = -10.0, 10.0
+    slopes = rng.normal(size=(count, 6)).astype(np.float32)
+    place = np.arange(count, dtype=np.int32)
+    place[::5] = -1
+    return Rims(edges, slopes, place)
+
+
+def test_swayed_distance() -> None:
+    rng = np.random.default_rng(0)
+    rims, motion = rims_of(9, rng), rng.normal(size=(4, 2, 6)).astype(np.float32)
+    rims.edges["lag"] = rng.integers(0, 2, 9)
+    for place in range(9):
+        edge = rims.edges[place]
+        plain = edge["inside_px"] + rims.slopes[place] @ motion[3, edge["lag"]]
+        assert swayed_px_kernel(rims, place, motion, 3) == pytest.approx(plain, abs=1e-5)
+
+
+def test_level_is_the_log_of_the_covered_light() -> None:
+    sensor = sensor_of(1)
+    px, chip = sensor.pixels[0, 0], sensor.chip[0]
+    for inside in (-9.0, -0.5, 0.0, 0.7, 9.0):
+        width = math.sqrt(0.81 + 1.0 / 12.0)
+        covered = 0.5 * (1.0 + math.erf(inside / width / math.sqrt(2.0)))
+        plain = math.log(px["base"] + px["lift"] * covered)
+        assert level_kernel(px, chip, inside) == pytest.approx(plain, abs=4e-3)
+
+
+def test_a_pixel_does_not_fire_within_its_band() -> None:
+    sensor, rng = sensor_of(200), np.random.default_rng(2)
+    chip, span_us = sensor.chip[0], 64 * STEP_US
+    banded = 0
+    for px in sensor.pixels[0]:
+        edge = np.zeros(1, EDGE_DTYPE)[0]
+        inside = rng.uniform(-2.0, 2.0)
+        px["level"] = level_kernel(px, chip, inside)
+        band_kernel(px, edge, chip, inside, span_us)
+        if edge["until_us"] < 0.0:
+            continue
+        banded += 1
+        for end in (edge["from_px"], edge["to_px"]):
+            moved = level_kernel(px, chip, end) - px["level"]
+            assert px["gap"] + moved + px["leak"] * span_us < px["on"] + 1e-5
+            assert px["gap"] + moved > -px["off"] - 1e-5
+    assert banded > 100
+
+
+def test_sleep_lasts_until_the_leak_could_reach_the_threshold() -> None:
+    sensor = sensor_of(50)
+    for px in sensor.pixels[0]:
+        level = float(px["level"])
+        plain = (px["on"] - px["gap"]) / px["leak"]
+        assert sleep_kernel(px, level, level) == pytest.approx(plain, rel=1e-5)
+        assert sleep_kernel(px, level, level + 9.0) == 0.0
+        assert sleep_kernel(px, level - 9.0, level) == 0.0
+
+
+def test_beds_wake_each_pixel_once_and_in_time() -> None:
+    beds, rng = make_beds(40, 16), np.random.default_rng(3)
+    beds.up[0] = 0
+    asked = {pixel: int(rng.integers(2, 40)) for pixel in range(40)}
+    for pixel, steps in asked.items():
+        put_to_bed_kernel(beds, pixel, float(steps))
+    put_off = min(40, beds.first.shape[0] - 1)
+    woken: dict[int, int] = {}
+    for step in range(16):
+        beds.turn[0] = step
+        before = int(beds.up[0])
+        wake_kernel(beds)
+        woken |= {int(pixel): step for pixel in beds.awake[before : int(beds.up[0])]}
+    assert woken == {pixel: min(steps, put_off) for pixel, steps in asked.items()}
+
+
+def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple[int, int]]]:
+    """Visit every pixel in every step."""
+    chip = sensor.chip[0]
+    every: dict[int, list[tuple[int, int]]] = {}
+    for index, px in enumerate(sensor.pixels[0]):
+        gap, level, dead_us = float(px["gap"]), float(px["level"]), -1.0
+        out = every.setdefault(index, [])
+        for step in range(1, len(motion)):
+            place, at_us = rims.place[index], (step - 1) * STEP_US
+            target = level
+            if place >= 0:
+                target = level_kernel(px, chip, swayed_px_kernel(rims, place, motion, step))
+            slope = (target - level) / STEP_US + px["leak"]
+            end_us = at_us + STEP_US
+            while at_us < end_us:
+                if dead_us > at_us:
+                    at_us, gap = min(dead_us, end_us), 0.0
+                    continue
+                limit = px["on"] if slope > 0 else -px["off"]
+                wait = max((limit - gap) / slope, 0.0) if slope != 0.0 else math.inf
+                if at_us + wait > end_us:
+                    gap += slope * (end_us - at_us)
+                    break
+                at_us += wait
+                out.append((round(at_us), int(slope > 0)))
+                dead_us = at_us + chip["refractory_us"]
+            level = target
+    return every
+
+
+def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
+    rng = np.random.default_rng(4)
+    count, steps = 120, 400
+    rims = rims_of(count, rng)
+    swing = 0.4 * np.sin(np.arange(steps + 1)[:, None, None] * rng.uniform(0.05, 0.2, (1, 2, 6)))
+    motion = swing.astype(np.float32)
+    plain_sensor, sensor = sensor_of(count), sensor_of(count)
+    for one in (plain_sensor, sensor):
+        one.chip["leak_jitter"] = 0.0
+        for index, place in enumerate(rims.place):
+            px = one.pixels[0, index]
+            if place >= 0:
+                px["level"] = level_kernel(px, one.chip[0], rims.edges[place]["inside_px"])
+            px["before"] = px["intensity"] = 1.0
+    out = np.zeros(1 << 14, np.int64)
+    flat = sensor.pixels.reshape(-1)
+    beds = make_beds(count, 64)
+    for first in range(0, steps, 100):
+        part = motion[first : first + 101]
+        sway_kernel(flat, rims, sensor.chip[0], beds, part, first * STEP_US, STEP_US, out)
+    keys = out[1 : 1 + out[0]]
+    plain = plain_events(plain_sensor, rims, motion)
+    assert out[0] > 500
+    for index in range(count):
+        own = np.sort(keys[(keys & ((1 << KEY_SHIFT) - 1)) >> 1 == index])
+        found = [(int(key >> KEY_SHIFT), int(key & 1)) for key in own]
+        assert len(found) == len(plain[index])
+        for (t_us, on), (plain_us, plain_on) in zip(found, plain[index], strict=True):
+            assert on == plain_on
+            assert t_us == pytest.approx(plain_us, abs=5)
+
+
+def test_low_pass_follows_a_ramp_with_its_lag() -> None:
+    from scipy.signal import lfilter
+
+    b, a = lag_coefficients(400.0, STEP_US)
+    ramp = np.arange(1, 200, dtype=float)
+    seen = lfilter(b, a, ramp)
+    assert seen[-1] == pytest.approx(ramp[-1] - 0.4, abs=1e-9)
+    fine = np.arange(1, 2001) * 1e-3
+    level = 0.0
+    for value in fine:
+        level += (value - level) * (1.0 - math.exp(-1.0 / 400.0))
+    assert lfilter(b, a, [1.0, 2.0])[-1] == pytest.approx(level, abs=3e-3)
