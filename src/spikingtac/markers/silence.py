@@ -5,7 +5,8 @@ ever contradicts it: its fit agrees for ever with what was painted. But the skin
 neighbours show, and a disc that moves sends events. A marker whose cell stays near its background
 while its neighbours' motion asks for events is silent. How far it should move is taken with care:
 the speed that the neighbours' affine motion predicts (the centre of a rotation rests), and no more
-than nearly all of them have (at the rim of a touch some rest). Ours.
+than nearly all of them have (at the rim of a touch some rest). Markers at the border are not
+judged: motion dies away towards it, and no neighbour stands beyond to vouch for it. Ours.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from spikingtac.types import Calibration
 
 RESTING_NEIGHBOURS = 2
 """Neighbours that may rest without acquitting a marker: they may be gone as well."""
+
+SURROUNDED = 0.25
+"""Largest distance of a marker from the middle of its neighbours, as a share of their mean
+distance, at which they surround it: 0 inside of a square grid, 0.6 at its border."""
 
 LEAST_TRAVEL_PX = 2.0
 """Travel of the skin before a marker is judged: several reversals' worth of dead band."""
@@ -47,6 +52,7 @@ class Silence:
         count = len(calibration.reference_px)
         self._reference_px = calibration.reference_px
         self._neighbours = Neighbourhood(calibration.reference_px)
+        self._surrounded = _surrounded(calibration.reference_px, self._neighbours.index)
         self._asked, self._arrived = np.zeros(count), np.zeros(count)
         self.silent = np.zeros(count, np.bool_)
 
@@ -62,8 +68,9 @@ class Silence:
         """
         reference_px = self._reference_px
         expected = self._neighbours.expected_px(reference_px + velocity_px_s) - reference_px
+        speed_px_s = _asked_speed_kernel(velocity_px_s, expected, self._neighbours.index)
         _judge_kernel(
-            _asked_speed_kernel(velocity_px_s, expected, self._neighbours.index),
+            speed_px_s * self._surrounded,
             (cells.events, cells.noise_per_s, cells.events_per_px),
             (self._asked, self._arrived),
             share,
@@ -71,6 +78,14 @@ class Silence:
             self.silent,
         )
         return self.silent
+
+
+def _surrounded(
+    reference_px: NDArray[np.float64], neighbours: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    offset = reference_px[neighbours] - reference_px[:, np.newaxis]
+    away_px = np.linalg.norm(offset.mean(axis=1), axis=1)
+    return away_px < SURROUNDED * np.linalg.norm(offset, axis=2).mean(axis=1)
 
 
 @njit(cache=True, nogil=True)

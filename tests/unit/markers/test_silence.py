@@ -40,11 +40,18 @@ def moving(speed_px_s: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
-@pytest.mark.parametrize("gone", [(CENTRE,), (CENTRE, 13), (CORNER,)])
+@pytest.mark.parametrize("gone", [(CENTRE,), (CENTRE, 13), (6, 18)])
 def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) -> None:
     sent = np.ones(COUNT)
     sent[list(gone)] = 0.0
     assert np.flatnonzero(watch(moving(60.0), sent, share)).tolist() == sorted(gone)
+
+
+def test_the_border_is_not_judged() -> None:
+    """Motion dies away towards it: a resting corner beside moving neighbours is no lost one."""
+    sent = np.ones(COUNT)
+    sent[[CORNER, 2]] = 0.0
+    assert not watch(moving(60.0), sent).any()
 
 
 def test_half_a_disc_is_still_a_marker() -> None:
