@@ -13,6 +13,7 @@ from spikingtac.errors import ConfigError, nearest
 EXPERIMENTS: dict[str, str] = {
     "point-tracking": "spikingtac.experiments.point_tracking",
     "denoise": "spikingtac.experiments.denoise",
+    "collision": "spikingtac.experiments.collision",
     "holes": "spikingtac.experiments.holes",
 }
 """Name -> module with ``run(options) -> summary``, imported when it is asked for."""

@@ -13,6 +13,9 @@ from spikingtac.experiments.page import page
 from spikingtac.experiments.rows import Row
 from spikingtac.experiments.run_folder import REPORT, write_json, write_text
 
+COUNTED = ("markers", "approaches")
+"""Units of whole numbers."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Table:
@@ -91,9 +94,7 @@ def number(value: float | None, unit: str) -> str:
         return "-"
     if unit == "1":
         return f"{100 * value:.4g} %"
-    return (
-        f"{value:.0f}" if unit == "markers" else f"{value:.3f}" if value < 100 else f"{value:.1f}"
-    )
+    return f"{value:.0f}" if unit in COUNTED else f"{value:.3f}" if value < 100 else f"{value:.1f}"
 
 
 def latex(table: Table, rows: Sequence[Row]) -> str:

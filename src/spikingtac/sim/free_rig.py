@@ -7,6 +7,7 @@ signed statistics and rate of false stops.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -114,6 +115,7 @@ class FreeRig:
         return windows(chunks, period_us)
 
 
+@functools.lru_cache(maxsize=16)
 def sway_covariance(config: RigConfig) -> NDArray[np.float64]:
     """Return the covariance ``(6, 6)`` of a free probe's bushing under the arm's vibration."""
     vibration = Vibration(config.vibration, np.random.default_rng(COVARIANCE_SEED))

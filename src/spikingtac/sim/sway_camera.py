@@ -40,6 +40,8 @@ FAR_SIGMAS = 6.0
 """Sway beyond which a sleeping pixel may wake too late: less often than once in ten hours."""
 LAGS = 6
 """Photoreceptors of so many speeds stand for all; neighbours differ by a third."""
+AROUND_PX = 8.0
+"""Pixels farther outside of every edge see no marker: edges reach 3 px, sway 1 px."""
 PROBING = 1e-3
 """Displacement (mm, rad) by which the slopes are taken: 0.02 px."""
 
@@ -167,11 +169,18 @@ def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> NDArray[np.fl
         image: Whole discs; a broken one's chord is not looked at.
         size: ``(width, height)``.
     """
-    y, x = np.mgrid[0 : size[1], 0 : size[0]].astype(np.float64)
-    inside = np.full((size[1], size[0]), -np.inf)
+    inside = np.full((size[1], size[0]), -AROUND_PX)
     for disc in discs_of(image):
+        reach = disc["radius"] / disc["scale"] + 2.0 * AROUND_PX
+        rows, columns = (
+            slice(max(int(disc[axis] - reach), 0), max(int(disc[axis] + reach) + 1, 0))
+            for axis in ("y", "x")
+        )
+        y, x = np.mgrid[rows, columns][:, : size[1] - rows.start, : size[0] - columns.start]
         dx, dy = x - disc["x"], y - disc["y"]
         u = disc["xx"] * dx + disc["xy"] * dy
         v = disc["yx"] * dx + disc["yy"] * dy
-        inside = np.maximum(inside, (disc["radius"] - np.hypot(u, v)) / disc["scale"])
+        found = (disc["radius"] - np.hypot(u, v)) / disc["scale"]
+        part = inside[rows, columns]
+        np.maximum(part, found, out=part)
     return inside

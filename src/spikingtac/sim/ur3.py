@@ -8,6 +8,7 @@ that is up to one cycle old and repeats only within the arm's repeatability. Val
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -65,6 +66,12 @@ class UR3Twin:
         self._reading_mm = self._new_reading()
         self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
         self._trouble: ArmState | None = None
+
+    def forked(self) -> UR3Twin:
+        """Return an arm that goes on from here by itself: what if it were told to stop then?"""
+        other = copy.copy(self)
+        other._segments = list(self._segments)
+        return other
 
     def advance_to(self, t_us: int) -> None:
         """Let the time pass until ``t_us``; it never goes back."""

@@ -1,0 +1,116 @@
+"""The collision experiment: a passage serves every method as the closed loop would."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.config import digest
+from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.experiments import collision_work
+from spikingtac.experiments.collision import make_report
+from spikingtac.experiments.collision_methods import collision_methods
+from spikingtac.experiments.collision_passage import (
+    BEYOND_MM,
+    Passage,
+    Watchers,
+    approach,
+    prepare,
+    stop_at,
+)
+from spikingtac.experiments.collision_plan import CollisionConfig, plan
+from spikingtac.experiments.collision_scene import SETTLE_WINDOWS, CollisionScene
+from spikingtac.experiments.collision_work import Work, run_work
+from spikingtac.experiments.report import find
+from spikingtac.robot.approach import ApproachConfig, Approacher
+
+SCENE = CollisionScene()
+SPEED_MM_S = 180.0
+SEED = 2001
+NAMES = ("event_count", "default")
+
+
+@pytest.fixture(scope="module")
+def detectors():
+    free = SCENE.make_free_rig(SEED, "rested")
+    quiet = list(free.windows(4_000))
+    calibrations = [SCENE.calibration(free)]
+    return {n: make_detector(n, DetectionConfig(), calibrations, quiet) for n in NAMES}
+
+
+@pytest.fixture(scope="module")
+def passage(detectors) -> Passage:
+    rig = SCENE.make_rig(SEED)
+    prepare(rig, SCENE, SPEED_MM_S)
+    enough = frozenset(detectors)
+    watchers = Watchers(detectors=detectors, frames=None, enough=enough, patience_mm=4.0)
+    found = approach(rig, SCENE, SPEED_MM_S, watchers)
+    for detector in detectors.values():
+        detector.reset()
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_passage_is_the_closed_loop(name: str, detectors, passage: Passage) -> None:
+    rig = SCENE.make_rig(SEED)
+    prepare(rig, SCENE, SPEED_MM_S)
+    config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
+    approacher = Approacher(rig.arm, rig.windows(), detectors[name], config)
+    found = approacher.approach(BEYOND_MM * SCENE.direction)
+    assert found.contact is not None
+    assert rig.touch is not None
+    assert rig.touch.t_us == passage.touch.t_us
+    assert found.contact.t_us == passage.decided_us[name]
+    stopped = stop_at(passage, passage.decided_us[name], SCENE.direction)
+    assert stopped.deviation_mm == pytest.approx(found.deviation_mm(rig.touch.arm_mm), abs=1e-4)
+    read = found.deviation_mm(rig.touch.arm_mm, true=False)
+    assert stopped.read_mm == pytest.approx(read, abs=1e-4)
+    assert stopped.overshoot_mm == pytest.approx(found.overshoot_mm(rig.touch.arm_mm), abs=1e-4)
+
+
+def test_the_touch_comes_a_second_after_the_release(passage: Passage) -> None:
+    stopped = stop_at(passage, passage.touch.t_us, SCENE.direction)
+    assert stopped.deviation_mm == pytest.approx(0.0, abs=1e-3)
+    assert 4.5 < stopped.overshoot_mm < 7.7
+    assert passage.touch.t_us - passage.first_us > 20_000
+
+
+def test_a_tiny_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collision_work, "QUIET_STEPS", 4_000)
+    whole = plan(CollisionConfig.quick())
+    names = tuple(collision_methods())
+    one = next(task for task in whole.approaches if task.case == "typical/0.18")
+    stretch = next(task for task in whole.stretches if task.case == "typical/all")
+    works = [
+        Work(folder=tmp_path, task=task, methods=names)
+        for task in (one, replace(stretch, steps=1_500))
+    ]
+    approached, stretched = (run_work(work) for work in works)
+    assert all(outcome is not None for outcome in approached["methods"].values())
+    frame = approached["methods"]["frame_sampling"]["deviation_mm"]
+    late = approached["methods"]["frame_plus_one"]["deviation_mm"]
+    assert late - frame == pytest.approx(SPEED_MM_S * 31.25e-3, rel=0.01)
+    paper = approached["methods"]["frame_paper"]["deviation_mm"]
+    assert paper == pytest.approx(24.3, abs=0.05)
+    assert stretched["seconds"] == pytest.approx(1.4)
+    assert run_work(works[0]) == approached  # from disk
+    report = make_report([approached], [stretched], {"command": "test"})
+    report.write(tmp_path)
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert {row["method"] for row in rows} >= set(names)
+    assert find(report.rows, "zero_delay", "typical/0.18", "overshoot_mean_mm") is not None
+    page = (tmp_path / "report.html").read_text()
+    assert "Not a safety function" in page
+    assert digest(SCENE.resolved()) in page
+
+
+def test_results_of_another_length_are_not_taken_for_these(tmp_path: Path) -> None:
+    stretch = plan(CollisionConfig.quick()).stretches[0]
+    keys = {
+        collision_work._key(task, ("default",), ())
+        for task in (stretch, replace(stretch, steps=7), replace(stretch, seed=1))
+    }
+    assert len(keys) == 3
+    assert not np.any([collision_work._stored(tmp_path / "none.json", key) for key in keys])
