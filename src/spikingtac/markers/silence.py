@@ -95,12 +95,18 @@ def _asked_speed_kernel(
     neighbours: NDArray[np.int64],
 ) -> NDArray[np.float64]:  # pragma: no cover - compiled
     """Return ``(m,)`` the speed that each marker's neighbours vouch for, px/s."""
-    speed = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
-    out = np.empty_like(speed)
-    for m in range(out.size):
-        around = np.sort(speed[neighbours[m]])
-        vouched = around[min(RESTING_NEIGHBOURS, around.size - 1)]
-        out[m] = min(vouched, np.hypot(expected_px_s[m, 0], expected_px_s[m, 1]))
+    count = velocity_px_s.shape[0]
+    speed, out = np.empty(count), np.empty(count)
+    for m in range(count):
+        speed[m] = np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1])
+    slowest = np.empty(min(RESTING_NEIGHBOURS + 1, neighbours.shape[1]))
+    for m in range(count):
+        slowest[:] = np.inf
+        for k in range(neighbours.shape[1]):
+            rising = speed[neighbours[m, k]]  # sorted in: np.sort would compile for seconds
+            for place in range(slowest.size):
+                rising, slowest[place] = max(rising, slowest[place]), min(rising, slowest[place])
+        out[m] = min(slowest[-1], np.hypot(expected_px_s[m, 0], expected_px_s[m, 1]))
     return out
 
 
