@@ -94,7 +94,7 @@ def test_a_tiny_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert late - frame == pytest.approx(SPEED_MM_S * 31.25e-3, rel=0.01)
     paper = approached["methods"]["frame_paper"]["deviation_mm"]
     assert paper == pytest.approx(24.3, abs=0.05)
-    assert stretched["seconds"] == pytest.approx(1.4)
+    assert stretched["seconds"] == pytest.approx(0.6)
     assert run_work(works[0]) == approached  # from disk
     report = make_report([approached], [stretched], {"command": "test"})
     report.write(tmp_path)

@@ -44,7 +44,7 @@ from spikingtac.experiments.collision_plan import (
     Approached,
     Stretch,
 )
-from spikingtac.experiments.collision_scene import SETTLE_WINDOWS, CollisionScene
+from spikingtac.experiments.collision_scene import CollisionScene
 from spikingtac.experiments.fingerprint import code_digest
 from spikingtac.experiments.quiet_windows import load_windows, save_windows
 from spikingtac.experiments.run_folder import write_json
@@ -61,6 +61,9 @@ CODE = (
     *(f"experiments/collision_{part}.py" for part in ("scene", "passage", "work")),
 )  # fmt: skip
 """What a result depends on."""
+LEAD_WINDOWS = 900
+"""Windows of a stretch before anything listens: as long as between a release and the listening of
+the next approach. The references begin as past motions left them; the first swings use that up."""
 FRAME_STREAM = 1
 """Number of the random stream of a trial's frames."""
 
@@ -262,12 +265,12 @@ def _stretched(work: Work, task: Stretch) -> Record:
     listened = 0
     for packet, centers in _chunks(free, task.steps):
         for number, window in enumerate(windows([packet], 1000), listened):
-            if number >= SETTLE_WINDOWS:
+            if number >= LEAD_WINDOWS:
                 _listen(detectors, window, stops)
         listened += len(centers[0])
         beyond = np.array(_frame_sums(config, centers, rng)) > threshold
         stops[FRAMES] += int((np.diff(beyond.astype(np.int8), prepend=0) == 1).sum())
-    return {"stops": dict(stops), "seconds": (listened - SETTLE_WINDOWS) * 1e-3}
+    return {"stops": dict(stops), "seconds": (listened - LEAD_WINDOWS) * 1e-3}
 
 
 def _listen(
