@@ -8,7 +8,7 @@ import pytest
 from spikingtac.contact.detectors import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
 from spikingtac.sim.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.free_motion import free_bushing, swayed_skin
+from spikingtac.sim.free_motion import FreeMotion, swayed_skin
 from spikingtac.sim.free_rig import FreeRig, SwayingFinger
 from spikingtac.sim.grip import Pad
 from spikingtac.sim.probe import Probe
@@ -40,7 +40,7 @@ def both(request: pytest.FixtureRequest) -> Both:
     config, pad = rig_config(request.param), Pad(RigConfig().pad, RigConfig().patch)
     finger = FingerConfig(camera=request.param, history="random")
     vibration = Vibration(config.vibration, np.random.default_rng(SEED))
-    bushing = free_bushing(config.probe, vibration, STEPS)
+    bushing = FreeMotion(config.probe, vibration).advance(STEPS)
     swaying = SwayingFinger(finger, SEED, pad, config)
     whole = SensingFinger(finger, SEED)
     skins = [swayed_skin(pad, config.probe, one) for one in bushing]
@@ -62,7 +62,9 @@ def per_window(packet: EventPacket, weight: np.ndarray | None = None) -> np.ndar
 def test_a_free_probe_is_its_impulse_response() -> None:
     config = rig_config("noisy")
     path = Vibration(config.vibration, np.random.default_rng(3)).path(2_000, 0.001)
-    fast = free_bushing(config.probe, Vibration(config.vibration, np.random.default_rng(3)), 500)
+    vibration = Vibration(config.vibration, np.random.default_rng(3))
+    motion = FreeMotion(config.probe, vibration)
+    fast = np.concatenate([motion.advance(length) for length in (200, 1, 299)])
     probe = Probe(config.probe, NoWall(), np.zeros(3))
     slow = [probe.step(k, 0.001, arm_mm).bushing for k, arm_mm in enumerate(path, 1)]
     assert np.abs(fast - slow[1_500:]).max() < 1e-3 * np.abs(fast).max()
@@ -104,6 +106,16 @@ def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
     # The streams share most events: their difference is well within that of two Poisson counts.
     assert alarms[1] > 0
     assert abs(alarms[0] - alarms[1]) <= 2.0 * np.sqrt(sum(alarms))
+
+
+def test_any_cutting_into_stretches_gives_the_same_events() -> None:
+    config, finger = rig_config("noisy"), FingerConfig(camera="noisy")
+    whole, cut = (FreeRig(config, [finger], [SEED], np.random.default_rng(SEED)) for _ in range(2))
+    (at_once,), _ = whole.stretch(1_200)
+    parts = [cut.stretch(400)[0][0] for _ in range(3)]
+    for name in "xypt":
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert np.array_equal(joined, getattr(at_once, name))
 
 
 def test_stretches_go_on_where_the_last_one_ended() -> None:

@@ -29,21 +29,28 @@ RESPONSE_S = 1.5
 the creep chain keeps beyond it is below 0.1 % of the motion."""
 
 
-def free_bushing(config: ProbeConfig, vibration: Vibration, steps: int) -> Vector:
-    """Return the bushing's motion ``(steps, 6)`` of a probe that touches nothing (mm and rad).
+class FreeMotion:
+    """The motion of a probe that touches nothing while the arm shakes it.
 
     Args:
         config: The rod and its grip.
-        vibration: Of the arm; advanced by one millisecond per step, after a lead-in that lets the
-            rod forget that it began at rest.
-        steps: How many milliseconds.
+        vibration: Of the arm; a lead-in lets the rod forget that it began at rest.
     """
-    response = impulse_response(config)
-    shaken_mm = vibration.path(len(response) + steps, STEP_S)
-    moved = np.zeros((len(shaken_mm), FREEDOMS))
-    for axis in range(AXES):
-        moved += oaconvolve(shaken_mm[:, axis, None], response[:, axis], axes=0)[: len(moved)]
-    return moved[len(response) :]
+
+    def __init__(self, config: ProbeConfig, vibration: Vibration) -> None:
+        self._response = impulse_response(config)
+        self._vibration = vibration
+        self._past_mm = vibration.path(len(self._response), STEP_S)
+
+    def advance(self, steps: int) -> Vector:
+        """Return the bushing ``(steps, 6)`` over so many milliseconds (mm and rad)."""
+        shaken_mm = np.concatenate([self._past_mm, self._vibration.path(steps, STEP_S)])
+        moved = np.zeros((len(shaken_mm), FREEDOMS))
+        for axis in range(AXES):
+            driven = oaconvolve(shaken_mm[:, axis, None], self._response[:, axis], axes=0)
+            moved += driven[: len(moved)]
+        self._past_mm = shaken_mm[-len(self._response) :]
+        return moved[len(self._response) :]
 
 
 @functools.lru_cache(maxsize=8)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.events.windows import windows
 from spikingtac.sim.fingers import FingerConfig, SensingFinger
-from spikingtac.sim.free_motion import FREEDOMS, STEP_S, free_bushing, swayed_skin
+from spikingtac.sim.free_motion import FREEDOMS, STEP_S, FreeMotion, swayed_skin
 from spikingtac.sim.grip import Pad
 from spikingtac.sim.rig import RigConfig
 from spikingtac.sim.scene import CameraChoice
@@ -75,8 +75,7 @@ class FreeRig:
         seeds: Sequence[int],
         rng: np.random.Generator,
     ) -> None:
-        self._config = config
-        self._vibration = Vibration(config.vibration, rng)
+        self._motion = FreeMotion(config.probe, Vibration(config.vibration, rng))
         self._fingers = [
             SwayingFinger(
                 finger, seed, Pad(config.pad, config.patch, faces_back=bool(number)), config
@@ -98,7 +97,7 @@ class FreeRig:
             The events of each sensor, and its true marker centres ``(steps, m, 2)`` to first
             order, px.
         """
-        bushing = free_bushing(self._config.probe, self._vibration, steps)
+        bushing = self._motion.advance(steps)
         packets = tuple(finger.swaying.sway(bushing) for finger in self._fingers)
         markers = tuple(
             finger.image.center_px + np.einsum("mcf,sf->smc", finger.slopes, bushing)
@@ -119,7 +118,7 @@ class FreeRig:
 def sway_covariance(config: RigConfig) -> NDArray[np.float64]:
     """Return the covariance ``(6, 6)`` of a free probe's bushing under the arm's vibration."""
     vibration = Vibration(config.vibration, np.random.default_rng(COVARIANCE_SEED))
-    bushing = free_bushing(config.probe, vibration, COVARIANCE_STEPS)
+    bushing = FreeMotion(config.probe, vibration).advance(COVARIANCE_STEPS)
     return bushing.T @ bushing / len(bushing)
 
 
