@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,3 +63,17 @@ def runner_of(table: dict[str, str], name: str, kind: str) -> Callable[[RunOptio
         raise ConfigError(f"unknown {kind} {name!r}{nearest(name, table)} "
                           f"(valid: {', '.join(table)})")  # fmt: skip
     return importlib.import_module(table[name]).run
+
+
+def chosen(known: Collection[str], wanted: Collection[str]) -> list[str]:
+    """Return the wanted methods in the known order; all where none is named.
+
+    Raises:
+        ConfigError: One is unknown.
+    """
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(
+                f"unknown method {name!r}{nearest(name, known)} (valid: {', '.join(known)})"
+            )
+    return [name for name in known if not wanted or name in wanted]

@@ -7,7 +7,7 @@ from typing import Literal
 
 from spikingtac.baselines.frame_sampling import FrameSamplingConfig
 from spikingtac.contact.detectors import DETECTORS
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.experiments import chosen
 
 Sees = Literal["events", "frames", "touch"]
 
@@ -77,10 +77,4 @@ def chosen_methods(wanted: tuple[str, ...]) -> list[str]:
     Raises:
         ConfigError: There is no such method.
     """
-    known = collision_methods()
-    for name in wanted:
-        if name not in known:
-            raise ConfigError(
-                f"unknown method {name!r}{nearest(name, known)} (valid: {', '.join(known)})"
-            )
-    return [name for name in known if not wanted or name in wanted]
+    return chosen(collision_methods(), wanted)

@@ -9,8 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.experiments import RunOptions
+from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.cases import seeds_of
 from spikingtac.experiments.fingerprint import provenance
 from spikingtac.experiments.hole_figures import error_figure, plate_figure
@@ -45,7 +44,7 @@ Record = dict[str, Any]
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
-    names = _chosen(options.methods)
+    names = chosen(METHODS, options.methods)
     count = options.seeds or (1 if options.quick else FULL_SEEDS)
     settings = {
         "experiment": NAME,
@@ -160,15 +159,6 @@ def _honesty_findings(rows: Sequence[Row]) -> list[str]:
 def _value(rows: Sequence[Row], method: str, case: str, metric: str) -> float | None:
     row = find(rows, method, case, metric)
     return row.value if row else None
-
-
-def _chosen(wanted: tuple[str, ...]) -> list[str]:
-    for name in wanted:
-        if name not in METHODS:
-            raise ConfigError(
-                f"unknown method {name!r}{nearest(name, METHODS)} (valid: {', '.join(METHODS)})"
-            )
-    return [name for name in METHODS if not wanted or name in wanted]
 
 
 def _assumed() -> dict[str, Any]:

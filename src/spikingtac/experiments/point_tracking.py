@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.experiments import RunOptions
+from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.ablation import (
     ABLATION_SCENES,
     ablation_methods,
@@ -48,7 +47,7 @@ KEY_POINT_SCENE = "spoon-rubs"
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
     table = ablation_methods if options.ablations else all_methods
-    names = _chosen((*table(), TRUTH), options.methods)
+    names = chosen((*table(), TRUTH), options.methods)
     count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
     settings = {
         "experiment": NAME,
@@ -112,15 +111,6 @@ def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[st
         asked_too = trial.camera in ("typical", V2E) and not options.quick
         left_out = () if asked_too else VARIANTS
         yield trial, tuple(name for name in (*all_methods(), TRUTH) if name not in left_out)
-
-
-def _chosen(known: Sequence[str], wanted: tuple[str, ...]) -> list[str]:
-    for name in wanted:
-        if name not in known:
-            raise ConfigError(
-                f"unknown method {name!r}{nearest(name, known)} (valid: {', '.join(known)})"
-            )
-    return [name for name in known if not wanted or name in wanted]
 
 
 def _report(
