@@ -6,10 +6,8 @@ the whole twin.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict
 from typing import Any
 
@@ -33,11 +31,11 @@ from spikingtac.experiments.collision_plan import (
 from spikingtac.experiments.collision_scene import CollisionScene
 from spikingtac.experiments.collision_scoring import DEFINITIONS, collision_rows
 from spikingtac.experiments.collision_work import QUIET_STEPS, Work, run_work
+from spikingtac.experiments.crew import crew
 from spikingtac.experiments.fingerprint import provenance
 from spikingtac.experiments.report import Report, Table
 from spikingtac.experiments.rows import Row
 from spikingtac.experiments.run_folder import claim
-from spikingtac.experiments.runner import SINGLE_THREAD, cpu_count
 
 NAME = "collision"
 Record = dict[str, Any]
@@ -106,18 +104,13 @@ def run_all(
     options: RunOptions, config: CollisionConfig, names: Sequence[str]
 ) -> tuple[list[Record], list[Record]]:
     """Make, or read from disk, every approach and stretch of a run."""
-    for name in SINGLE_THREAD:
-        os.environ.setdefault(name, "1")
     main, later = plan(config), series(config)
     done, total = (
         0,
         len(main.scenes)
         + sum(len(part) for one in (main, later) for part in (one.approaches, one.stretches)),
     )
-
-    # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
-    workers = max(1, min(options.workers or cpu_count(), total))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    with crew(options.workers, total) as pool:
 
         def go(works: Sequence[Work]) -> list[Record]:
             nonlocal done
@@ -129,11 +122,7 @@ def run_all(
                     options.advance(done / total)
             return [future.result() for future in futures]
 
-        try:
-            return _everything(options, names, (main, later), go)
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+        return _everything(options, names, (main, later), go)
 
 
 def _everything(

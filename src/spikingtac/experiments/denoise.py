@@ -8,15 +8,14 @@ that the reference is exact.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from spikingtac.experiments import RunOptions
+from spikingtac.experiments.crew import crew
 from spikingtac.experiments.denoise_cases import (
     METHODS,
     UNITS,
@@ -32,7 +31,6 @@ from spikingtac.experiments.fingerprint import provenance
 from spikingtac.experiments.report import Report, Table, find
 from spikingtac.experiments.rows import Row
 from spikingtac.experiments.run_folder import claim
-from spikingtac.experiments.runner import SINGLE_THREAD, cpu_count
 from spikingtac.experiments.trials import V2E
 from spikingtac.schema import to_mapping
 
@@ -135,11 +133,7 @@ def _jobs(config: DenoiseConfig, data: Path | None) -> list[Job]:
 
 
 def _in_processes(jobs: Sequence[Job], options: RunOptions) -> Iterator[Samples]:
-    for name in SINGLE_THREAD:
-        os.environ.setdefault(name, "1")
-    workers = max(1, min(options.workers or cpu_count(), len(jobs)))
-    # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    with crew(options.workers, len(jobs)) as pool:
         futures = [pool.submit(score_job, job) for job in jobs]
         for number, future in enumerate(as_completed(futures), 1):
             future.result()

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.cases import seeds_of
+from spikingtac.experiments.crew import crew
 from spikingtac.experiments.fingerprint import provenance
 from spikingtac.experiments.hole_figures import error_figure, plate_figure
 from spikingtac.experiments.hole_scoring import DEFINITIONS, METHODS, hole_rows
@@ -26,7 +24,6 @@ from spikingtac.experiments.hole_touching import (
 from spikingtac.experiments.report import Report, Table, find
 from spikingtac.experiments.rows import Row
 from spikingtac.experiments.run_folder import claim
-from spikingtac.experiments.runner import SINGLE_THREAD, cpu_count
 
 NAME = "holes"
 FULL_SEEDS = 20
@@ -83,22 +80,15 @@ def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], lis
     Returns:
         Calibrations by seed; searches of every seed and hole.
     """
-    for name in SINGLE_THREAD:
-        os.environ.setdefault(name, "1")
-    workers = max(1, min(options.workers or cpu_count(), len(seeds) * len(RADII_MM)))
-    calibrated: list[Record] = []
+    plates = [HoleWork(options.output, seed) for seed in seeds]
+    holes = [replace(plate, hole=hole) for plate in plates for hole in range(len(RADII_MM))]
     searched: list[Record] = []
-    # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        for first in range(0, len(seeds), workers):
-            part = seeds[first : first + workers]  # so that an interrupted run holds whole plates
-            begun = [HoleWork(options.output, seed) for seed in part]
-            calibrated += pool.map(calibrate_work, begun)
-            holes = [replace(work, hole=hole) for work in begun for hole in range(len(RADII_MM))]
-            for record in pool.map(search_work, holes):
-                searched.append(record)
-                if options.advance:
-                    options.advance(len(searched) / (len(seeds) * len(RADII_MM)))
+    with crew(options.workers, len(holes)) as pool:
+        calibrated = list(pool.map(calibrate_work, plates))
+        for record in pool.map(search_work, holes):
+            searched.append(record)
+            if options.advance:
+                options.advance(len(searched) / len(holes))
     return {record["seed"]: record for record in calibrated}, searched
 
 

@@ -30,7 +30,7 @@ from spikingtac.experiments.published import POINT_TRACKING
 from spikingtac.experiments.report import Report
 from spikingtac.experiments.rows import Row, rows_of
 from spikingtac.experiments.run_folder import claim
-from spikingtac.experiments.runner import Work, cpu_count, run_all
+from spikingtac.experiments.runner import Work, run_all
 from spikingtac.experiments.tables import report_tables
 from spikingtac.experiments.trials import V2E, Trial
 from spikingtac.sim.catalog import TRAJECTORIES
@@ -67,7 +67,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         )
         for trial, asked in _trials(options, seeds_of(options.seed, count))
     ]
-    records = run_all(works, options.workers or cpu_count(), options.advance)
+    records = run_all(works, options.workers, options.advance)
     report = _report(records, options, settings | {"methods": names}, table())
     report.write(options.output)
     return {

@@ -9,16 +9,15 @@ work for one process.
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from spikingtac.config import digest
 from spikingtac.experiments.calibrations import calibration_digest, calibration_of
+from spikingtac.experiments.crew import crew
 from spikingtac.experiments.fingerprint import code_digest, modules_behind
 from spikingtac.experiments.ground_truth import GroundTruth
 from spikingtac.experiments.laws import LawMethod, under_law
@@ -32,9 +31,6 @@ from spikingtac.types import Calibration, EventPacket
 
 KEPT_HZ = 500.0
 """Rate at which predictions are kept and scored; faster trackers run at their rate all the same."""
-
-SINGLE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables that keep a library from starting threads of its own in every worker."""
 
 Methods = Callable[[], Mapping[str, Method | LawMethod]]
 Advance = Callable[[float], None]
@@ -64,7 +60,7 @@ class Work:
 
 
 def run_all(
-    works: Sequence[Work], workers: int, advance: Advance | None = None
+    works: Sequence[Work], workers: int | None, advance: Advance | None = None
 ) -> list[dict[str, Any]]:
     """Score every method on every trial.
 
@@ -73,7 +69,7 @@ def run_all(
 
     Args:
         works: What to do, the longest first.
-        workers: Processes, at most the number of CPUs.
+        workers: Processes, at most one for every CPU, which is also what None means.
         advance: Is told the share that is done, 0 to 1.
 
     Returns:
@@ -83,8 +79,7 @@ def run_all(
     films = {work.trial.recording_key(): work for work in works if work.trial.camera != V2E}
     single = [part for work in works for part in _parts(work)]
     total = len(sensors) + len(films) + len(single)
-    pool = _crew(min(workers, len(single)))
-    try:
+    with crew(workers, len(single)) as pool:
         made = [pool.submit(prepare, work) for work in sensors.values()]
         made += [pool.submit(film, work) for work in films.values()]
         for number, one in enumerate(as_completed(made), 1):
@@ -95,8 +90,6 @@ def run_all(
             future.result()
             _tell(advance, number / total)
         return [record for future in asked for record in future.result()]
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _parts(work: Work) -> Iterator[Work]:
@@ -189,11 +182,6 @@ def predict(
     return Prediction.collect(frames, calibration.reference_px, every)
 
 
-def cpu_count() -> int:
-    """Return the number of CPUs that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _truth_itself(truth: GroundTruth) -> Prediction:
     position_px = truth.marker_px.astype("float32")
     held = (position_px[..., 0] * 0).astype(bool)
@@ -211,14 +199,3 @@ def _stored(path: Path, key: str) -> dict[str, Any] | None:
 def _tell(advance: Advance | None, share: float) -> None:
     if advance:
         advance(share)
-
-
-def _crew(workers: int) -> Executor:
-    """Return fresh processes, or for a single one a thread of this process."""
-    for name in SINGLE_THREAD:
-        os.environ.setdefault(name, "1")
-    workers = max(1, min(workers, cpu_count()))
-    if workers == 1:
-        return ThreadPoolExecutor(1)
-    # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
-    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
