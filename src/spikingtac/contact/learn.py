@@ -121,7 +121,20 @@ def scale_test(quiet: QuietVotes, config: LearningConfig, alarms_per_hour: float
         known = amplitude[int(length) - 1 :, scale]
         found = tail_threshold(known, block, per_window * block)
         threshold.append(max(found**2, floor))
-    return ScaleTest(windows, whiten, mean, np.array(threshold))
+    return ScaleTest(windows, whiten, mean, _holding_shorter(np.array(threshold), whiten))
+
+
+def _holding_shorter(threshold: Vector, whiten: Vector) -> Vector:
+    """Raise thresholds to what a sum makes of a shorter one that is just below its own.
+
+    A swing of the arm that is rare at a short scale is within every longer sum, too, at a level
+    that a minute of quiet may not have shown there.
+    """
+    raised = threshold.copy()
+    for scale in range(1, len(raised)):
+        share = np.linalg.norm(whiten[scale] @ np.linalg.pinv(whiten[scale - 1]), 2)
+        raised[scale] = max(raised[scale], share**2 * raised[scale - 1])
+    return raised
 
 
 def _replay(test: ScaleTest, votes: Vector) -> Vector:
