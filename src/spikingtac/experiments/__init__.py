@@ -52,6 +52,16 @@ class RunOptions:
     data: Path | None = None
     advance: Callable[[float], None] | None = None
 
+    def command(self, name: str) -> str:
+        """Return the command line that runs an experiment so."""
+        words = ["spikingtac experiment", name, f"-o {self.output.name}"]
+        words += ["--quick"] if self.quick else []
+        words += ["--ablations"] if self.ablations else []
+        words += [f"--seed {self.seed}"] if self.seed else []
+        words += [f"--seeds {self.seeds}"] if self.seeds else []
+        words += [f"--methods {' '.join(self.methods)}"] if self.methods else []
+        return " ".join(words)
+
 
 def runner_of(table: dict[str, str], name: str, kind: str) -> Callable[[RunOptions], Any]:
     """Return the function that runs an experiment or a bench.

@@ -54,7 +54,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     }
     claim(options.output, settings, options.resume)
     approaches, stretches = run_all(options, config, names)
-    report = make_report(approaches, stretches, provenance(_command(options), settings))
+    report = make_report(approaches, stretches, provenance(options.command(NAME), settings))
     report.write(options.output)
     return {
         "experiment": NAME,
@@ -195,12 +195,3 @@ def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
         )
         for case in (*shown, *rest)
     ]
-
-
-def _command(options: RunOptions) -> str:
-    words = ["spikingtac experiment", NAME, f"-o {options.output.name}"]
-    words += ["--quick"] if options.quick else []
-    words += [f"--seed {options.seed}"] if options.seed else []
-    words += [f"--seeds {options.seeds}"] if options.seeds else []
-    words += [f"--methods {' '.join(options.methods)}"] if options.methods else []
-    return " ".join(words)

@@ -73,7 +73,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     report = Report(
         experiment=NAME,
         title="Denoising",
-        provenance=provenance(_command(options), settings),
+        provenance=provenance(options.command(NAME), settings),
         rows=rows,
         findings=findings(rows),
         tables=_tables(rows),
@@ -154,11 +154,3 @@ def _tables(rows: Sequence[Row]) -> list[Table]:
         )
         for case in dict.fromkeys(row.case for row in rows)
     ]
-
-
-def _command(options: RunOptions) -> str:
-    words = ["spikingtac experiment", NAME, f"-o {options.output.name}"]
-    words += ["--quick"] if options.quick else []
-    words += [f"--seed {options.seed}"] if options.seed else []
-    words += [f"--seeds {options.seeds}"] if options.seeds else []
-    return " ".join(words)

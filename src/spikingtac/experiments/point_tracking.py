@@ -89,17 +89,6 @@ def all_methods() -> dict[str, Method | LawMethod]:
     return methods | {method.name: method for method in compared_laws()}
 
 
-def command(options: RunOptions) -> str:
-    """Return the command line that makes the run again."""
-    words = ["spikingtac experiment", NAME, f"-o {options.output.name}"]
-    words += ["--quick"] if options.quick else []
-    words += ["--ablations"] if options.ablations else []
-    words += [f"--seed {options.seed}"] if options.seed else []
-    words += [f"--seeds {options.seeds}"] if options.seeds else []
-    words += [f"--methods {' '.join(options.methods)}"] if options.methods else []
-    return " ".join(words)
-
-
 def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:
     """Yield the trials, and which methods are asked about each."""
     if options.ablations:
@@ -127,7 +116,7 @@ def _report(
     return Report(
         experiment=NAME,
         title="Point tracking" + (": ablations" if options.ablations else ""),
-        provenance=provenance(command(options), settings)
+        provenance=provenance(options.command(NAME), settings)
         | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
         rows=rows,
         findings=told,
