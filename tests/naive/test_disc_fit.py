@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from spikingtac.markers import disc_fit
 from spikingtac.markers.centroid_locator import (
     CentroidLocator,
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.disc_fit import SOFT_LEVEL, round_outline
+from spikingtac.markers.disc_fit import SOFT_LEVEL, fit_window, round_outline
 from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
 from spikingtac.markers.profile import DiscProfile
@@ -74,6 +75,42 @@ def test_disc_fit_equals_scipys_robust_minimum() -> None:
     for found, start, radius in zip(found_px, REFERENCE_PX, RADIUS_PX, strict=True):
         expected = cauchy_fit(noisy, start, radius, 4.0)
         np.testing.assert_allclose(found, expected, atol=0.06)
+
+
+@pytest.mark.parametrize("moved_px", [(0.0, 0.0), (0.03, -0.05)])
+def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> None:
+    rng = np.random.default_rng(11)
+    window = fit_window(PROFILE, RADIUS_PX[:1], SIZE[0], 3.5)
+    level = rng.random(window.dx.size).astype(np.float32)
+    state = np.array([0.2, -0.3, 7.1, 0.2, -0.1], np.float32)
+    edge = np.empty((4, level.size), np.float32)
+    disc_fit._edge_kernel(
+        (level, window.dx, window.dy),
+        state,
+        window.coefficients,
+        np.float32(1.0 / window.reach_px),
+        tuple(edge),
+    )
+    got = disc_fit._normal_equations_kernel(
+        tuple(edge), np.float32(moved_px[0]), np.float32(moved_px[1]), np.float32(1.0 / 0.64)
+    )
+    x, y, r, b, c = state.astype(float)
+    rho, phi = np.hypot(window.dx - x, window.dy - y), np.arctan2(window.dy - y, window.dx - x)
+    q = np.clip(rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi), -3.5, 3.5)
+    curve, slope = (
+        np.polynomial.polynomial.polyval(q / 3.5, row.astype(float)) for row in window.coefficients
+    )
+    u = np.array([np.cos(phi), np.sin(phi)])
+    e = level - curve - slope * (np.array(moved_px) @ u)
+    ws = slope / (1.0 + e**2 / 0.64)
+    gradients = [
+        (ws * e * v).sum() for v in (*u, np.ones_like(q), np.cos(2 * phi), np.sin(2 * phi))
+    ]
+    curvature = [
+        (ws * slope * v).sum() for v in (u[0] ** 2, u[0] * u[1], u[1] ** 2, np.ones_like(q))
+    ]
+    expected = [*curvature[:3], *gradients, curvature[3], ws.sum() / slope.sum()]
+    np.testing.assert_allclose(got, expected, atol=0.01, rtol=1e-3)
 
 
 def test_neighbours_pull_only_as_much_as_asked() -> None:
@@ -173,10 +210,9 @@ def test_centroids_equal_their_twin() -> None:
         np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_window_rows_are_padded_with_nothing() -> None:
-    window = round_window(9.5)
-    assert window.shape[0] == 19
-    assert window.shape[1] % 8 == 0
-    assert window.sum() == sum(
-        np.hypot(x, y) <= 9.5 for x in range(-10, 11) for y in range(-10, 11)
-    )
+@pytest.mark.parametrize("radius_px", [0.4, 3.0, 9.5, 10.63])
+def test_window_holds_the_pixels_within_the_radius(radius_px: float) -> None:
+    reach = round_window(radius_px)
+    for y, row in enumerate(reach):
+        assert row == max(x for x in range(12) if np.hypot(x, y) <= radius_px)
+    assert np.hypot(len(reach), 0.0) > radius_px

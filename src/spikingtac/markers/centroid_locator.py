@@ -6,6 +6,7 @@ What it gives up against the disc fit: the robust weights, and with them accurac
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -16,9 +17,6 @@ from spikingtac.markers.disc_fit import round_outline
 from spikingtac.markers.start import painted_graded_map, profile_of
 from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 from spikingtac.types import Calibration
-
-LANES = 8
-"""Rows of the window are padded to a multiple of this, so that the compiler can vectorise them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -79,32 +77,15 @@ class CentroidLocator:
         _centroids_kernel(state_map.padded, center_px, self._window, self._floor, self._mass)
 
 
-def round_window(radius_px: float) -> NDArray[np.float32]:
-    """Return a mask of 1 within the radius, rows padded with 0 to a multiple of LANES.
+def round_window(radius_px: float) -> NDArray[np.int64]:
+    """Return ``(n,)`` how far the rows of a disc reach to both sides, px, from its middle row on.
 
     Args:
         radius_px: Cut to what the margin of the map allows, px.
     """
-    radius_px = min(radius_px, PAD_PX - LANES - 1.0)
-    half = int(radius_px)
-    width = -(-(2 * half + 1) // LANES) * LANES
-    dy, dx = np.mgrid[-half : half + 1, -half : width - half]
-    return (np.hypot(dx, dy) <= radius_px).astype(np.float32)
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _row_sums_kernel(
-    level: NDArray[np.float32], mask: NDArray[np.float32], floor: np.float32
-) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Return the sum of what lies above the floor in one row, and its first moment."""
-    zero = np.float32(0.0)
-    total = moment = zero
-    for j in range(mask.size):
-        above = level[j] - floor
-        above = (above if above > zero else zero) * mask[j]
-        total += above
-        moment += above * np.float32(j)
-    return float(total), float(moment)
+    radius_px = min(radius_px, PAD_PX - 1.0)
+    rows = np.arange(int(radius_px) + 1)
+    return np.sqrt(radius_px**2 - rows**2).astype(np.int64)
 
 
 @njit(cache=True, nogil=True)
@@ -117,31 +98,55 @@ def _agreement_kernel(
         agreement[m] = min(share, 1.0 / max(share, 0.1))
 
 
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _moments_kernel(
+    flat: NDArray[np.float32], middle: int, row_px: int, window: NDArray[np.int64], floor: Any
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return the sum of what lies above the floor, and its first moments about ``middle``.
+
+    The rows above and below the middle are as long as each other, and summed in one loop: short
+    loops cost more by their beginning and their end than by what they do.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    total = sum_x = sum_y = zero
+    for i in range(window.size):
+        reach = window[i]
+        above, below = (
+            np.uint64(middle - i * row_px - reach),
+            np.uint64(middle + i * row_px - reach),
+        )
+        mass = moment = tilt = zero
+        for j in range(2 * reach + 1):
+            a, b = flat[above + np.uint64(j)] - floor, flat[below + np.uint64(j)] - floor
+            a, b = (a if a > zero else zero), (b if b > zero else zero)
+            mass += a + b
+            moment += (a + b) * np.float32(j)
+            tilt += b - a
+        share = one if i else np.float32(0.5)  # the middle row was its own partner
+        total += share * mass
+        sum_x += share * (moment - mass * np.float32(reach))
+        sum_y += tilt * np.float32(i)
+    return float(total), float(sum_x), float(sum_y)
+
+
 @njit(cache=True, nogil=True)
 def _centroids_kernel(
     padded: NDArray[np.float32],
     center_px: NDArray[np.float64],
-    window: NDArray[np.float32],
+    window: NDArray[np.int64],
     floor: np.float32,
     mass: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Move every centre to the centroid around its nearest pixel, in place."""
-    rows, width = window.shape
-    half = rows // 2
-    last_column = padded.shape[1] - 2 * PAD_PX - 1
-    last_row = padded.shape[0] - 2 * PAD_PX - 1
+    row_px = padded.shape[1]
+    last_column, last_row = row_px - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
+    flat = padded.ravel()
     for m in range(center_px.shape[0]):
         column = min(max(int(np.rint(center_px[m, 0])), 0), last_column)
         row = min(max(int(np.rint(center_px[m, 1])), 0), last_row)
-        left, top = column + PAD_PX - half, row + PAD_PX - half
-        total = sum_x = sum_y = 0.0
-        for i in range(rows):
-            level = padded[top + i, left : left + width]
-            row_total, moment = _row_sums_kernel(level, window[i], floor)
-            total += row_total
-            sum_x += moment
-            sum_y += row_total * i
+        middle = (row + PAD_PX) * row_px + column + PAD_PX
+        total, sum_x, sum_y = _moments_kernel(flat, middle, row_px, window, floor)
         mass[m] = total
         if total > 1.0:
-            center_px[m, 0] = column - half + sum_x / total
-            center_px[m, 1] = row - half + sum_y / total
+            center_px[m, 0] = column + sum_x / total
+            center_px[m, 1] = row + sum_y / total
