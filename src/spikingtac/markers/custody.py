@@ -67,7 +67,8 @@ class Custody:
 
     Attributes:
         held: ``(m,)`` markers that are predicted, not observed.
-        moved: ``(m,)`` markers that the last judgement placed somewhere else.
+        placed: Whether the last judgement placed any marker.
+        moved: ``(m,)`` markers that it placed somewhere else.
         position_px: ``(m, 2)`` where it placed them.
     """
 
@@ -92,6 +93,7 @@ class Custody:
         self._doubted = np.zeros(count, np.bool_)
         self._watching = False
         self.held = np.zeros(count, np.bool_)
+        self.placed = False
         self.moved = np.zeros(count, np.bool_)
         self.position_px = calibration.reference_px.copy()
 
@@ -120,19 +122,21 @@ class Custody:
         Returns:
             ``(m,)`` the held markers (:attr:`held`, not a copy).
         """
-        self.moved[:] = False
         config = self._config
         clear = _all_clear_kernel(
             fitted_px,
-            self._neighbours.expected_px(fitted_px),
             self._reference_px,
             self._neighbours.index,
+            self._neighbours.weight,
             agreement,
+            silent,
             (config.agreement, config.strain_px, config.strain_share),
             self._doubted,
         )
-        if clear and not self._watching and not silent.any():
+        if clear and not self._watching:
             return self.held
+        self.placed = False
+        self.moved[:] = False
         self._weigh(t_us)
         self.held |= silent
         if self.held.any():
@@ -140,7 +144,7 @@ class Custody:
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + config.search_us
                 self._search(fitted_px, levels, silent)
-        self._watching = bool(self._doubted.any() or self.held.any())
+        self._watching = self.placed or bool(self._doubted.any() or self.held.any())
         return self.held
 
     def _weigh(self, t_us: int) -> None:
@@ -155,6 +159,7 @@ class Custody:
         blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
         self.position_px[held] = self.expected_px(blended)[held]
         self.moved |= held
+        self.placed = True
 
     def _search(
         self,
@@ -174,24 +179,31 @@ class Custody:
 @njit(cache=True, nogil=True)
 def _all_clear_kernel(
     fitted_px: NDArray[np.float64],
-    expected_px: NDArray[np.float64],
     reference_px: NDArray[np.float64],
     neighbours: NDArray[np.int64],
+    weight: NDArray[np.float64],
     agreement: NDArray[np.float64],
+    silent: NDArray[np.bool_],
     limits: tuple[float, float, float],
     doubted: NDArray[np.bool_],
 ) -> bool:  # pragma: no cover - compiled
-    """Mark what looks lost; ``limits`` are agreement, strain (px) and strain per travel."""
+    """Mark what looks lost; ``limits`` are agreement, strain (px) and strain per travel.
+
+    Returns whether nothing does, and nothing is silent.
+    """
     least, strain_px, strain_share = limits
     clear = True
     for m in range(fitted_px.shape[0]):
-        strain = np.hypot(fitted_px[m, 0] - expected_px[m, 0], fitted_px[m, 1] - expected_px[m, 1])
-        travel = 0.0
+        off_x, off_y = fitted_px[m, 0] - reference_px[m, 0], fitted_px[m, 1] - reference_px[m, 1]
+        travel2 = 0.0
         for k in range(neighbours.shape[1]):
             n = neighbours[m, k]
             dx = fitted_px[n, 0] - reference_px[n, 0]
             dy = fitted_px[n, 1] - reference_px[n, 1]
-            travel = max(travel, np.hypot(dx, dy))
+            off_x -= weight[m, k] * dx
+            off_y -= weight[m, k] * dy
+            travel2 = max(travel2, dx * dx + dy * dy)
+        strain, travel = np.hypot(off_x, off_y), np.sqrt(travel2)
         doubted[m] = agreement[m] < least or strain > strain_px + strain_share * travel
-        clear = clear and not doubted[m]
+        clear = clear and not doubted[m] and not silent[m]
     return clear

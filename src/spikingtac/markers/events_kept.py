@@ -118,7 +118,7 @@ class EventsKept:
         background = self._background_hz_px
         hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
         cells = CellCounts(self._counts, hz_px * self._area_px, self._events_per_px, dt_s)
-        self._counts = np.zeros_like(self._counts)
+        self._counts = np.zeros(self._counts.size, np.int64)
         return cells
 
     def update(

@@ -185,8 +185,8 @@ class GradedTracker:
         self._cared_us, self._care_at_us = t_us, t_us + self._care_config.period_us
         self._weigh_events(dt_s)
         self._custody.judge(t_us, located_px, agreement, self._map.values, self._silence.silent)
-        moved = self._custody.moved
-        if moved.any():
+        if self._custody.placed:
+            moved = self._custody.moved
             self._filter.place(moved, self._custody.position_px[moved])
         self._leak(dt_s)
 

@@ -7,6 +7,8 @@ edge itself, where a slow marker is a little ahead of its fit and would be held 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -19,6 +21,46 @@ def leak_tables(profile: DiscProfile) -> NDArray[np.float32]:
     """Return ``(2, n)`` S(q) and the weight of the leak: 1 where S is flat, 0 where it is steep."""
     level, slope = profile.tables
     return np.stack([level, 1.0 - np.sqrt(slope / slope.min())]).astype(np.float32)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _entries_kernel(
+    first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: NDArray[np.int32]
+) -> None:  # pragma: no cover - compiled
+    """Write which entry of the tables belongs to each pixel of a row.
+
+    ``first_px`` and ``dy`` lead from the disc's centre to the first pixel; ``shape`` is b, c, the
+    radius at which the tables begin, entries per px, and the last entry.
+    """
+    b, c, start, scale, last = shape
+    zero = np.float32(0.0)
+    for k in range(entry.size):
+        dx = first_px + np.float32(np.int32(k))
+        rho2 = dx * dx + dy * dy + np.float32(1e-6)
+        bulge = (b * (dx * dx - dy * dy) + np.float32(2.0) * c * dx * dy) / rho2
+        place = (np.sqrt(rho2) - start - bulge) * scale
+        place = place if place > zero else zero
+        entry[k] = np.int32(place if place < last else last)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _give_kernel(
+    levels: NDArray[np.float32],
+    sums: NDArray[np.float32],
+    entry: NDArray[np.int32],
+    tables: NDArray[np.float32],
+    limit: np.float32,
+    portion: np.float32,
+) -> None:  # pragma: no cover - compiled
+    """Let a row give up its excess; without a branch, which no processor could foresee."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for k in range(entry.size):
+        e = levels[k] - tables[0, entry[k]]
+        excess = e - min(max(e, -limit), limit)
+        old = sums[k]
+        new = min(max(old - portion * tables[1, entry[k]] * excess, zero), one)
+        sums[k] = new
+        levels[k] += new - old
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -46,29 +88,18 @@ def leak_to_discs_kernel(
     """
     reach_px, outer_px = reach
     height, width = memory.shape
-    last = np.int64(tables.shape[1] - 1)
     limit, portion = np.float32(tolerance), np.float32(share)
-    zero, one, scale = np.float32(0.0), np.float32(1.0), np.float32(1.0 / TABLE_STEP_PX)
+    scale, last = np.float32(1.0 / TABLE_STEP_PX), np.float32(tables.shape[1] - 1)
+    entries = np.empty(width, np.int32)
     for m in range(center_px.shape[0]):
         x, y = center_px[m, 0], center_px[m, 1]
-        b, c = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2])
-        outer = outline_px[m, 0] + outer_px
-        start = np.float32(outline_px[m, 0] - reach_px)
+        outer, start = outline_px[m, 0] + outer_px, np.float32(outline_px[m, 0] - reach_px)
+        shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
-            dy = np.float32(row - y)
             half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
             first = max(0, int(np.ceil(x - half)))
-            levels, sums = padded[row + PAD_PX, PAD_PX:], memory[row]
-            for column in range(first, min(width - 1, int(x + half)) + 1):
-                dx = np.float32(column - x)
-                rho2 = dx * dx + dy * dy + np.float32(1e-6)
-                bulge = (b * (dx * dx - dy * dy) + np.float32(2.0) * c * dx * dy) / rho2
-                entry = np.int64(max((np.sqrt(rho2) - start - bulge) * scale, zero))
-                entry = min(entry, last)
-                e = levels[column] - tables[0, entry]
-                if e > limit or e < -limit:
-                    excess = e - limit if e > zero else e + limit
-                    old = sums[column]
-                    new = min(max(old - portion * tables[1, entry] * excess, zero), one)
-                    sums[column] = new
-                    levels[column] += new - old
+            after = max(min(width - 1, int(x + half)) + 1, first)
+            entry = entries[: after - first]
+            _entries_kernel(np.float32(first - x), np.float32(row - y), shape, entry)
+            levels = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
+            _give_kernel(levels, memory[row, first:after], entry, tables, limit, portion)

@@ -50,7 +50,6 @@ class Silence:
     def __init__(self, calibration: Calibration) -> None:
         """Begin by believing in every marker."""
         count = len(calibration.reference_px)
-        self._reference_px = calibration.reference_px
         self._neighbours = Neighbourhood(calibration.reference_px)
         self._surrounded = _surrounded(calibration.reference_px, self._neighbours.index)
         self._asked, self._arrived = np.zeros(count), np.zeros(count)
@@ -66,15 +65,18 @@ class Silence:
             cells: What arrived around each of them.
             share: Events that arrive over those that a whole stream would bring.
         """
-        reference_px = self._reference_px
-        expected = self._neighbours.expected_px(reference_px + velocity_px_s) - reference_px
-        speed_px_s = _asked_speed_kernel(velocity_px_s, expected, self._neighbours.index)
-        _judge_kernel(
-            speed_px_s * self._surrounded,
-            (cells.events, cells.noise_per_s, cells.events_per_px),
-            (self._asked, self._arrived),
+        _watch_kernel(
+            velocity_px_s,
+            self._neighbours.index,
+            self._neighbours.weight,
+            self._surrounded,
+            cells.events,
+            cells.noise_per_s,
+            cells.events_per_px,
             share,
             cells.dt_s,
+            self._asked,
+            self._arrived,
             self.silent,
         )
         return self.silent
@@ -86,6 +88,19 @@ def _surrounded(
     offset = reference_px[neighbours] - reference_px[:, np.newaxis]
     away_px = np.linalg.norm(offset.mean(axis=1), axis=1)
     return away_px < SURROUNDED * np.linalg.norm(offset, axis=2).mean(axis=1)
+
+
+@njit(cache=True, nogil=True)
+def _expected_velocity_kernel(
+    velocity_px_s: NDArray[np.float64], neighbours: NDArray[np.int64], weight: NDArray[np.float64]
+) -> NDArray[np.float64]:  # pragma: no cover - compiled
+    """Return ``(m, 2)`` the velocity that the neighbours' affine motion predicts, px/s."""
+    out = np.zeros_like(velocity_px_s)
+    for m in range(velocity_px_s.shape[0]):
+        for k in range(neighbours.shape[1]):
+            for axis in range(2):
+                out[m, axis] += weight[m, k] * velocity_px_s[neighbours[m, k], axis]
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -133,3 +148,27 @@ def _judge_kernel(
         if asked[m] > LEAST_TRAVEL_PX * full:
             limit = HEARD_SHARE if silent[m] else SILENT_SHARE
             silent[m] = arrived[m] < limit * asked[m]
+
+
+@njit(cache=True, nogil=True)
+def _watch_kernel(
+    velocity_px_s: NDArray[np.float64],
+    neighbours: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    surrounded: NDArray[np.bool_],
+    events: NDArray[np.int64],
+    noise_per_s: NDArray[np.float64],
+    events_per_px: NDArray[np.float64],
+    share: float,
+    dt_s: float,
+    asked: NDArray[np.float64],
+    arrived: NDArray[np.float64],
+    silent: NDArray[np.bool_],
+) -> None:  # pragma: no cover - compiled
+    """Do all of the above in one call: each one from Python costs as much as what it does."""
+    expected = _expected_velocity_kernel(velocity_px_s, neighbours, weight)
+    speed_px_s = _asked_speed_kernel(velocity_px_s, expected, neighbours)
+    for m in range(speed_px_s.size):
+        speed_px_s[m] *= surrounded[m]
+    cells, sums = (events, noise_per_s, events_per_px), (asked, arrived)
+    _judge_kernel(speed_px_s, cells, sums, share, dt_s, silent)

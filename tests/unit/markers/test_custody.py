@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
+from spikingtac.markers import custody as custody_module
 from spikingtac.markers.custody import Custody, CustodyConfig
+from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.state_map.paint import paint_discs
 from spikingtac.types import Calibration
 
@@ -117,3 +119,31 @@ def test_a_silent_marker_is_held_and_not_found_in_its_own_painted_disc() -> None
     for t_us in range(LATER_US, 2 * LATER_US, 10_000):
         custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD)
     assert not custody.held.any()
+
+
+def test_the_kernel_does_what_its_plain_twin_does() -> None:
+    rng = np.random.default_rng(9)
+    neighbours = Neighbourhood(REST_PX)
+    seen = set()
+    for spread_px in (0.1, 2.0, 5.0):
+        for _ in range(20):
+            fitted_px = REST_PX + rng.normal(0.0, spread_px, REST_PX.shape)
+            agreement, silent = rng.uniform(0.3, 1.0, 16) ** 0.2, rng.random(16) < 0.01
+            doubted = np.zeros(16, np.bool_)
+            clear = custody_module._all_clear_kernel(
+                fitted_px,
+                REST_PX,
+                neighbours.index,
+                neighbours.weight,
+                agreement,
+                silent,
+                (0.8, 4.0, 0.3),
+                doubted,
+            )
+            strain = np.hypot(*(fitted_px - neighbours.expected_px(fitted_px)).T)
+            travel = np.hypot(*(fitted_px - REST_PX).T)[neighbours.index].max(axis=1)
+            expected = (agreement < 0.8) | (strain > 4.0 + 0.3 * travel)
+            np.testing.assert_array_equal(doubted, expected)
+            assert clear == (not expected.any() and not silent.any())
+            seen.add(clear)
+    assert seen == {True, False}

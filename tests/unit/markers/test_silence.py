@@ -5,6 +5,7 @@ import pytest
 
 from spikingtac.markers import silence
 from spikingtac.markers.events_kept import CellCounts
+from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.markers.silence import Silence
 from spikingtac.types import Calibration
 
@@ -94,3 +95,55 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
     got = silence._asked_speed_kernel(velocity, expected, neighbours)
     third = np.sort(np.hypot(*velocity.T)[neighbours], axis=1)[:, silence.RESTING_NEIGHBOURS]
     np.testing.assert_allclose(got, np.minimum(third, np.hypot(*expected.T)))
+
+
+def test_the_neighbours_velocity_is_that_of_their_affine_motion() -> None:
+    rng = np.random.default_rng(6)
+    neighbours = Neighbourhood(REFERENCE_PX)
+    velocity = rng.normal(0, 50, (COUNT, 2))
+    got = silence._expected_velocity_kernel(velocity, neighbours.index, neighbours.weight)
+    np.testing.assert_allclose(got, neighbours.expected_px(REFERENCE_PX + velocity) - REFERENCE_PX)
+
+
+def plainly_judged(
+    speed: np.ndarray, cells: tuple[np.ndarray, ...], share: float, state: list[np.ndarray]
+) -> None:
+    events, noise, per_px = cells
+    asked, arrived, silent = state
+    for m in range(COUNT):
+        full = share * per_px[m]
+        if speed[m] > 10.0 and full * speed[m] > 1.5 * noise[m]:
+            kept = max(1.0 - speed[m] * DT_S / silence.MEMORY_TRAVEL_PX, 0.0)
+            asked[m] = kept * asked[m] + full * speed[m] * DT_S
+            arrived[m] = kept * arrived[m] + events[m] - noise[m] * DT_S
+            if asked[m] > silence.LEAST_TRAVEL_PX * full:
+                silent[m] = arrived[m] / asked[m] < (0.5 if silent[m] else 0.2)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_the_watch_does_what_its_plain_twin_does(share: float) -> None:
+    rng = np.random.default_rng(7)
+    neighbours = Neighbourhood(REFERENCE_PX)
+    surrounded = rng.random(COUNT) < 0.8
+    got, plain = ([np.zeros(COUNT), np.zeros(COUNT), np.zeros(COUNT, np.bool_)] for _ in range(2))
+    for _ in range(200):
+        velocity = rng.normal(0, 120, (COUNT, 2))
+        expected = neighbours.expected_px(REFERENCE_PX + velocity) - REFERENCE_PX
+        speed = silence._asked_speed_kernel(velocity, expected, neighbours.index) * surrounded
+        events = rng.poisson(np.linspace(0.0, 12.0 * share, COUNT))
+        cells = events, rng.uniform(0, 900, COUNT), EVENTS_PER_PX
+        plainly_judged(speed, cells, share, plain)
+        silence._watch_kernel(
+            velocity,
+            neighbours.index,
+            neighbours.weight,
+            surrounded,
+            *cells,
+            share,
+            DT_S,
+            *got,
+        )
+    np.testing.assert_allclose(got[0], plain[0])
+    np.testing.assert_allclose(got[1], plain[1], atol=1e-9)
+    np.testing.assert_array_equal(got[2], plain[2])
+    assert 0 < plain[2].sum() < COUNT
