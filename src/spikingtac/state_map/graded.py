@@ -58,7 +58,8 @@ class GradedStateMap:
         self._dark_markers = dark_markers
         self._step_on = self._checked_steps("step_on", step_on)
         self._step_off = self._checked_steps("step_off", step_off)
-        self._used_on, self._used_off = self._step_on.copy(), self._step_off.copy()
+        # Beside each other and signed, so that a polarity is an index and not a branch.
+        self._used = np.stack([-self._step_off, self._step_on], axis=-1)
         self._memory = self._start.copy()
         height, width = start.shape
         self.padded = np.full((height + 2 * PAD_PX, width + 2 * PAD_PX), OUTSIDE_LEVEL)
@@ -88,8 +89,7 @@ class GradedStateMap:
             packet.x,
             packet.y,
             packet.p,
-            self._used_on,
-            self._used_off,
+            self._used,
             self._dark_markers,
         )
 
@@ -102,11 +102,11 @@ class GradedStateMap:
         Args:
             share: Events that arrive over events that the calibration saw; above 0.
         """
-        for calibrated, used in (
-            (self._step_on, self._used_on),
-            (self._step_off, self._used_off),
+        for sign, calibrated, used in (
+            (-1.0, self._step_off, self._used[..., 0]),
+            (1.0, self._step_on, self._used[..., 1]),
         ):
-            np.divide(1.0, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
+            np.divide(sign, (1.0 / calibrated - 1.0) * share + 1.0, out=used)
 
     @property
     def memory(self) -> NDArray[np.float32]:
@@ -117,7 +117,7 @@ class GradedStateMap:
         """Go back to the map that the object was made with."""
         self._memory[:] = self._start
         self.values[:] = self._start
-        self._used_on[:], self._used_off[:] = self._step_on, self._step_off
+        self._used[..., 0], self._used[..., 1] = -self._step_off, self._step_on
 
     def _checked_steps(self, name: str, step: NDArray[np.float32] | float) -> NDArray[np.float32]:
         steps = np.empty_like(self._start)
@@ -142,18 +142,14 @@ def _integrate_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
-    step_on: NDArray[np.float32],
-    step_off: NDArray[np.float32],
+    signed_steps: NDArray[np.float32],
     dark_markers: bool,
 ) -> None:  # pragma: no cover - compiled
+    """Add each event's step; ``signed_steps`` is ``(height, width, 2)``, falling and rising."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for i in range(x.size):
         row, column = y[i], x[i]
-        if p[i] != dark_markers:
-            step = step_on[row, column]
-            value = min(memory[row, column] + step, np.float32(1.0))
-            level[row, column] = min(value + np.float32(0.5) * step, np.float32(1.0))
-        else:
-            step = step_off[row, column]
-            value = max(memory[row, column] - step, np.float32(0.0))
-            level[row, column] = max(value - np.float32(0.5) * step, np.float32(0.0))
+        step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
+        value = min(max(memory[row, column] + step, zero), one)
+        level[row, column] = min(max(value + half * step, zero), one)
         memory[row, column] = value
