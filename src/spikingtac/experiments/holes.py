@@ -57,7 +57,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     report = Report(
         experiment=NAME,
         title="Holes by touch",
-        provenance=provenance(_command(options), settings) | _assumed(),
+        provenance=provenance(options.command(NAME), settings) | _assumed(),
         rows=rows,
         findings=findings(rows),
         tables=_tables(rows, names),
@@ -195,12 +195,3 @@ def _figures(
         drawn = plate_figure(plate, calibrations[seed], name)
         figures.append((f"{name}, seed {seed} (simulated); {said}; dots: contacts.", drawn))
     return figures
-
-
-def _command(options: RunOptions) -> str:
-    words = ["spikingtac experiment", NAME, f"-o {options.output.name}"]
-    words += ["--quick"] if options.quick else []
-    words += [f"--seed {options.seed}"] if options.seed else []
-    words += [f"--seeds {options.seeds}"] if options.seeds else []
-    words += [f"--methods {' '.join(options.methods)}"] if options.methods else []
-    return " ".join(words)
