@@ -34,12 +34,12 @@ LARGEST_STEP_PX = 2.0
 """A Gauss-Newton step is cut to this length: beyond it the edge model is not linear."""
 
 SMALL_STEP_PX = 0.04
-"""A fit whose last step was shorter has converged (measured: 0.02 to 0.06 give the same errors)."""
+"""A fit whose last step was shorter has converged (mean errors at 0.02 to 0.06: within 0.002)."""
 
 LINEAR_STEP_PX = 0.08
 """While the centre went no farther, the edge is not read anew: the residuals move along its slope,
-and only their weights are new (measured: tracks move by 0.002 to 0.005 px on average, their errors
-by at most 0.001; at 0.15 losses of events begin to cost accuracy)."""
+and only their weights are new (measured: tracks move by 0.002 to 0.005 px on average, their mean
+errors rise by at most 0.001; at 0.15 losses of events begin to cost accuracy)."""
 
 ROUNDING_PX = 0.75
 """The window of pixels is centred on a whole pixel, up to half a diagonal from the marker."""
