@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.denoise.block_graph import build_block_model
+from spikingtac.denoise.blocks import SMOOTH_REACH
 from spikingtac.denoise.fold import evidence_kernel, fold_kernel, folded_shape
-from spikingtac.denoise.infer import EVIDENCE, FORMAT, INPUT, MANIFEST, SMOOTH_REACH
-from spikingtac.denoise.onnx_graph import build_model
+from spikingtac.denoise.infer import EVIDENCE, FORMAT, INPUT, MANIFEST
+from spikingtac.denoise.onnx_graph import LEAN_VALUES, build_model
 from spikingtac.errors import ConfigError, MissingExtraError
 
 EVFLOWNET_MULTIPLE, LEAN_MULTIPLE = 16, 2
@@ -62,7 +64,11 @@ def export_network(
     names = [item.name for item in model.graph.input]
     inputs = [_inputs(state_map, fold, multiple_px) for state_map in maps]
     chosen = [{name: item[name] for name in names} for item in inputs]
-    int8.write_bytes(_quantised(model, chosen))
+    if network["kind"] == "lean":
+        blocks = build_block_model(tensors, _ranges(model, chosen), fold, multiple_px)
+        int8.write_bytes(blocks.SerializeToString(deterministic=True))
+    else:
+        int8.write_bytes(_quantised(model, chosen))
     _list_digests(out, (plain, int8))
     return plain, int8
 
@@ -99,6 +105,28 @@ def _inputs(state_map: NDArray[np.float32], fold: int, multiple_px: int) -> _Inp
     fold_kernel(given, made[INPUT][0], fold)
     fold_kernel(evidence, made[EVIDENCE][0], fold)
     return made
+
+
+def _ranges(model: Any, inputs: list[_Inputs]) -> dict[str, tuple[float, float]]:
+    import onnxruntime as ort
+    from onnx import helper
+
+    open_model = type(model)()
+    open_model.CopyFrom(model)
+    names = list(LEAN_VALUES.values())
+    open_model.graph.output.extend(helper.make_empty_tensor_value_info(name) for name in names)
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = ort.InferenceSession(
+        open_model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+    )
+    runs: Any = [session.run(names, given) for given in inputs]
+    lows = np.min([[values.min() for values in run] for run in runs], axis=0)
+    highs = np.max([[values.max() for values in run] for run in runs], axis=0)
+    return {
+        name: (float(low), float(high))
+        for name, low, high in zip(LEAN_VALUES, lows, highs, strict=True)
+    }
 
 
 def _quantised(model: Any, inputs: list[_Inputs]) -> bytes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.denoise.blocks import (
+    SMOOTH_REACH,
+    WORDS,
+    answer_kernel,
+    from_blocks_kernel,
+    quantise_kernel,
+    smooth_kernel,
+    to_blocks_kernel,
+)
 from spikingtac.denoise.fold import evidence_kernel, fold_kernel, folded_shape, unfold_kernel
 from spikingtac.errors import ConfigError
 
 FORMAT = "spikingtac-denoiser-1"
 """Marks a network file as ours, in its metadata."""
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
-"""Names of the graph's inputs and output; not every network takes the evidence."""
+"""Names of a float graph's inputs and output; not every network takes the evidence."""
+BLOCKS, ANSWER = "blocks", "answer"
+"""Names of the input and the output of an int8 graph (:mod:`spikingtac.denoise.block_graph`)."""
+LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
+"""Its metadata: logit of one step of the answer, and the byte that stands for 0."""
 MANIFEST = "weights.json"
 """Beside network files: their sha256, so that damage is found."""
 SHIPPED = {
@@ -29,8 +43,6 @@ SHIPPED = {
     "supervised": "supervised.onnx",
 }
 """Name of a denoiser -> file among the shipped weights."""
-SMOOTH_REACH = 2
-"""Pixels on each side of the centre of the smoothing."""
 _QUIET = 4
 """ONNX Runtime's level for fatal errors only: what fails here is raised, not printed."""
 
@@ -58,12 +70,9 @@ class NetworkDenoiser:
     def __init__(self, path: str | Path) -> None:
         content = _checked_content(Path(path))
         self._session = _open_session(content, str(path))
-        self._fold, self._multiple_px = _checked_metadata(self._session, str(path))
-        self._weighs = len(self._session.get_inputs()) == 2
-        self._binding: Any = None
-        self._folded = self._evidence = self._answer = np.empty((1, 0, 0, 0), np.float32)
-        self._out = self._smooth = np.empty((0, 0), np.float32)
-        self._sums = np.empty(0, np.float32)
+        self._about = _checked_metadata(self._session, str(path))
+        self._shape: tuple[int, ...] = ()
+        self._buffers: _FloatBuffers | _BlockBuffers | None = None
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the cleaned map; the next call overwrites it.
@@ -74,25 +83,34 @@ class NetworkDenoiser:
         Raises:
             ConfigError: It is no such array.
         """
-        if state_map.shape != self._out.shape:
-            self._bind(state_map)
-        fold_kernel(state_map, self._folded[0], self._fold)
-        if self._weighs:
-            evidence_kernel(state_map, self._smooth, self._sums)
-            fold_kernel(self._smooth, self._evidence[0], self._fold)
-        self._session.run_with_iobinding(self._binding)
-        unfold_kernel(self._answer[0], self._out, self._fold)
-        return self._out
+        if self._buffers is None or state_map.shape != self._shape:
+            if state_map.ndim != 2 or state_map.size == 0:
+                raise ConfigError(
+                    f"a state map has the shape (height, width), this one has {state_map.shape}"
+                )
+            kind = _BlockBuffers if self._about.quantum else _FloatBuffers
+            self._buffers = kind(self._session, self._about, state_map.shape)
+            self._shape = state_map.shape
+        return self._buffers.run(state_map)
 
-    def _bind(self, state_map: NDArray[np.float32]) -> None:
-        if state_map.ndim != 2 or state_map.size == 0:
-            raise ConfigError(
-                f"a state map has the shape (height, width), this one has {state_map.shape}"
-            )
-        height, width = state_map.shape
-        shape = (1, *folded_shape((height, width), self._fold, self._multiple_px))
+
+@dataclass(frozen=True, slots=True)
+class _About:
+    fold: int
+    multiple_px: int
+    quantum: tuple[float, float] | None
+
+
+class _FloatBuffers:
+    """A float graph: blocks as channels first, the evidence beside them, levels come back."""
+
+    def __init__(self, session: Any, about: _About, size: tuple[int, int]) -> None:
+        self._session, self._about = session, about
+        height, width = size
+        shape = (1, *folded_shape(size, about.fold, about.multiple_px))
         self._folded, self._evidence, self._answer = (np.zeros(shape, np.float32) for _ in range(3))
-        self._binding = self._session.io_binding()
+        self._weighs = len(session.get_inputs()) == 2
+        self._binding = session.io_binding()
         inputs = [(INPUT, self._folded), (EVIDENCE, self._evidence)][: 1 + self._weighs]
         for name, buffer in inputs:
             self._binding.bind_input(name, "cpu", 0, np.float32, shape, buffer.ctypes.data)
@@ -100,6 +118,56 @@ class NetworkDenoiser:
         self._smooth = np.empty((height, width), np.float32)
         self._sums = np.empty(width + 2 * SMOOTH_REACH, np.float32)
         self._out = np.empty((height, width), np.float32)
+
+    def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+        fold = self._about.fold
+        fold_kernel(state_map, self._folded[0], fold)
+        if self._weighs:
+            evidence_kernel(state_map, self._smooth, self._sums)
+            fold_kernel(self._smooth, self._evidence[0], fold)
+        self._session.run_with_iobinding(self._binding)
+        unfold_kernel(self._answer[0], self._out, fold)
+        return self._out
+
+
+class _BlockBuffers:
+    """An int8 graph: bytes in and out, channels last; the evidence is added here."""
+
+    def __init__(self, session: Any, about: _About, size: tuple[int, int]) -> None:
+        assert about.quantum is not None
+        self._session, self._quantum, fold = session, about.quantum, about.fold
+        pixels, rows, columns = folded_shape(size, fold, about.multiple_px)
+        padded, word = (rows * fold, columns * fold), WORDS[fold]
+        self._levels, self._change = (np.zeros(padded, np.uint8) for _ in range(2))
+        self._blocks = np.zeros((rows, columns, pixels), np.uint8)
+        self._answer = np.zeros((rows, columns, pixels + fold), np.uint8)
+        # The same memory by the word.
+        self._words = tuple(
+            buffer.view(word) for buffer in (self._levels, self._blocks, self._answer, self._change)
+        )
+        self._trust = self._answer[:, :, pixels]
+        self._binding = session.io_binding()
+        for bind, name, buffer in (
+            (self._binding.bind_input, BLOCKS, self._blocks),
+            (self._binding.bind_output, ANSWER, self._answer),
+        ):
+            bind(name, "cpu", 0, np.uint8, (1, *buffer.shape), buffer.ctypes.data)
+        self._smooth = np.empty(padded, np.uint16)
+        self._sums = np.empty(padded[1] + 2 * SMOOTH_REACH, np.uint16)
+        self._weight = np.empty(padded[1], np.float32)
+        self._out = np.empty(size, np.float32)
+
+    def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
+        levels, blocks, answer, change = self._words
+        quantise_kernel(state_map, self._levels)
+        to_blocks_kernel(levels, blocks)
+        self._session.run_with_iobinding(self._binding)
+        smooth_kernel(self._levels, self._smooth, self._sums)
+        from_blocks_kernel(answer, change)
+        answer_kernel(
+            self._change, self._trust, self._smooth, self._quantum, self._weight, self._out
+        )
+        return self._out
 
 
 def shipped_denoiser(name: str) -> NetworkDenoiser:
@@ -159,21 +227,21 @@ def _open_session(content: bytes, where: str) -> Any:
         ) from error
 
 
-def _checked_metadata(session: Any, where: str) -> tuple[int, int]:
+def _checked_metadata(session: Any, where: str) -> _About:
     about = session.get_modelmeta().custom_metadata_map
     names = [item.name for item in (*session.get_inputs(), *session.get_outputs())]
-    if about.get("format") != FORMAT or names not in (
-        [INPUT, OUTPUT],
-        [INPUT, EVIDENCE, OUTPUT],
-    ):
+    known = ([INPUT, OUTPUT], [INPUT, EVIDENCE, OUTPUT], [BLOCKS, ANSWER])
+    if about.get("format") != FORMAT or names not in known:
         raise ConfigError(
             f"{where!r} is a network of another origin (inputs and outputs {names}); "
             f"this package reads files of the format {FORMAT}"
         )
     fold, multiple_px = int(about["fold"]), int(about["multiple_px"])
-    channels = session.get_inputs()[0].shape[1]
+    in_blocks = names == [BLOCKS, ANSWER]
+    channels = session.get_inputs()[0].shape[3 if in_blocks else 1]
     if channels != fold**2:
         raise ConfigError(
             f"{where!r} takes {channels} channels, but blocks of {fold}x{fold} px have {fold**2}"
         )
-    return fold, multiple_px
+    quantum = (float(about[LOGIT_STEP]), float(about[LOGIT_ZERO])) if in_blocks else None
+    return _About(fold, multiple_px, quantum)

@@ -40,12 +40,15 @@ class NetworkConfig:
         kind: ``lean`` (ours) or ``evflownet`` (as the paper names it).
         fold: Pixels along each side of a block; 1 folds nothing.
         widths: For ``lean``: channels at the two resolutions.
+        kernels: For ``lean``: sides of the first and of the last convolution, blocks. With 1 both
+            look at their own block alone, as the three between them look around.
         base: For ``evflownet``: channels of the first encoder (64 as published).
     """
 
     kind: Literal["lean", "evflownet"] = "lean"
     fold: int = 8
     widths: tuple[int, int] = (32, 32)
+    kernels: tuple[int, int] = (3, 3)
     base: int = 64
 
     def __post_init__(self) -> None:
@@ -53,6 +56,8 @@ class NetworkConfig:
             raise ValueError(f"fold is {self.fold}, valid are 1, 2, 4 and 8")
         if min(*self.widths, self.base) < 1:
             raise ValueError("widths and base must be positive")
+        if not set(self.kernels) <= {1, 3}:
+            raise ValueError(f"kernels are {list(self.kernels)}, valid are 1 and 3")
 
     @property
     def multiple_px(self) -> int:
@@ -61,8 +66,8 @@ class NetworkConfig:
         return self.fold * 2**levels
 
 
-def _block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, stride, 1), nn.ReLU())
+def _block(inputs: int, outputs: int, stride: int = 1, kernel: int = 3) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2), nn.ReLU())
 
 
 class LeanUNet(nn.Module):
@@ -78,11 +83,12 @@ class LeanUNet(nn.Module):
         super().__init__()
         pixels = config.fold**2
         fine, coarse = config.widths
-        self.stem = _block(pixels, fine)
+        first, last = config.kernels
+        self.stem = _block(pixels, fine, kernel=first)
         self.down = _block(fine, coarse, stride=2)
         self.middle = _block(coarse, coarse)
         self.up = _block(fine + coarse, fine)
-        self.head = nn.Conv2d(fine, pixels, 3, 1, 1)
+        self.head = nn.Conv2d(fine, pixels, last, 1, last // 2)
         self.trust = nn.Conv2d(fine, 1, 1)
         for layer, bias in ((self.head, 0.0), (self.trust, SMOOTH_GAIN)):
             nn.init.zeros_(layer.weight)

@@ -20,6 +20,15 @@ IR_VERSION = 9
 """ONNX file version that goes with it."""
 EVFLOWNET_LEVELS, RESIDUAL_BLOCKS = 4, 2
 """As in :mod:`spikingtac.denoise.network`, which only torch can import."""
+LEAN_VALUES = {
+    "fine": "relu_1",
+    "down": "relu_3",
+    "coarse": "relu_5",
+    "joined": "relu_9",
+    "change": "conv_10",
+    "trust": "relu_12",
+}
+"""Values inside the lean graph whose ranges its int8 form is made from -> their names there."""
 
 Weights = dict[str, NDArray[np.float32]]
 

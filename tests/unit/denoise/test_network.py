@@ -28,6 +28,7 @@ from spikingtac.denoise.training_state import load_weights, save_weights  # noqa
 CONFIGS = [
     NetworkConfig(widths=(8, 16)),
     NetworkConfig(fold=4, widths=(8, 8)),
+    NetworkConfig(widths=(8, 16), kernels=(1, 1)),
     NetworkConfig(kind="evflownet", fold=1, base=2),
     NetworkConfig(kind="evflownet", fold=2, base=2),
 ]
@@ -88,7 +89,9 @@ def test_an_unknown_tensor_is_named(tmp_path):
         load_weights(path)
 
 
-@pytest.mark.parametrize("wrong", [{"fold": 3}, {"widths": (0, 8)}, {"base": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"fold": 3}, {"widths": (0, 8)}, {"base": 0}, {"kernels": (2, 1)}]
+)
 def test_unfit_sizes_are_refused(wrong):
     with pytest.raises(ValueError, match=r"valid|positive"):
         NetworkConfig(**wrong)
