@@ -15,6 +15,7 @@ from spikingtac.experiments.hole_scoring import DEFINITIONS, METHODS, hole_rows
 from spikingtac.experiments.hole_touching import (
     CYCLES,
     DETECTOR,
+    QUICK_CYCLES,
     RADII_MM,
     SIGMAS_MM,
     HoleWork,
@@ -57,7 +58,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     report = Report(
         experiment=NAME,
         title="Holes by touch",
-        provenance=provenance(options.command(NAME), settings) | _assumed(),
+        provenance=provenance(options.command(NAME), settings) | _assumed(options.quick),
         rows=rows,
         findings=findings(rows),
         tables=_tables(rows, names),
@@ -80,7 +81,7 @@ def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], lis
     Returns:
         Calibrations by seed; searches of every seed and hole.
     """
-    plates = [HoleWork(options.output, seed) for seed in seeds]
+    plates = [HoleWork(options.output, seed, quick=options.quick) for seed in seeds]
     holes = [replace(plate, hole=hole) for plate in plates for hole in range(len(RADII_MM))]
     searched: list[Record] = []
     with crew(options.workers, len(holes)) as pool:
@@ -151,11 +152,11 @@ def _value(rows: Sequence[Row], method: str, case: str, metric: str) -> float | 
     return row.value if row else None
 
 
-def _assumed() -> dict[str, Any]:
+def _assumed(quick: bool) -> dict[str, Any]:
     return {
         "radii_mm": list(RADII_MM),
         "repeatability_mm": SIGMAS_MM,
-        "calibration_touches_per_direction": CYCLES,
+        "calibration_touches_per_direction": QUICK_CYCLES if quick else CYCLES,
         "detector": DETECTOR,
     }
 

@@ -3,7 +3,8 @@
 A motion that meets the wall head-on needs the calibrated travel, all of it along the motion. One
 that meets it at an angle beyond the friction cone slides: the rod then bends along the edge of the
 cone, and the tip has moved along the wall, which does no harm. So the travel is taken back along
-the force. Incidence and the hexagon's reach depend on the hole, hence a few rounds.
+the force. Incidence and the hexagon's reach depend on the hole, hence a few rounds. In them, too, a
+contact that lies far off the circle of the others is believed less: one in a thousand is false.
 """
 
 from __future__ import annotations
@@ -32,11 +33,14 @@ class TouchFitConfig:
         friction: Coulomb coefficient between bit and wall (ours: steel on plastic).
         slip_sigma: Standard deviation that sliding adds to a contact, as a share of the travel
             and of how far beyond the cone the motion lies (ours: friction known to a third).
+        doubt_sigma: A contact farther off the circle than this many standard deviations weighs less
+            (ours: one honest contact in 370 does).
     """
 
     prior: HoleFitConfig = field(default_factory=HoleFitConfig)
     friction: float = 0.3
     slip_sigma: float = 0.3
+    doubt_sigma: float = 3.0
 
 
 def estimate_hole(
@@ -64,9 +68,12 @@ def estimate_hole(
     reading, heading = np.asarray(reading_mm, np.float64), np.asarray(direction, np.float64)
     if reading.shape != heading.shape:
         raise ValueError(f"got readings {reading.shape} and directions {heading.shape}; need equal")
-    circle, normal, sigma = _round(reading, heading, heading, start_mm, _Case(travel, config))
+    case = _Case(travel, config)
+    circle, normal, sigma = _round(reading, heading, heading, start_mm, case)
     for _ in range(ROUNDS):
-        case = _Case(travel, config, max(circle.radius_mm, travel.across_flats_mm))
+        off = np.abs(circle.residual_mm) * case.doubt / (config.doubt_sigma * sigma)
+        radius = max(circle.radius_mm, travel.across_flats_mm)
+        case = _Case(travel, config, radius, np.maximum(off, 1.0) ** 2)
         circle, normal, sigma = _round(reading, heading, normal, start_mm, case)
     rows = np.column_stack([normal, np.ones(len(normal))])
     gain = circle.covariance_mm2 @ (rows / sigma[:, None] ** 2).T
@@ -80,6 +87,7 @@ class _Case:
     travel: TravelModel
     config: TouchFitConfig
     radius_mm: float = math.inf
+    doubt: Vector | float = 1.0  # by what the standard deviation of a contact is multiplied
 
 
 def _round(
@@ -90,7 +98,8 @@ def _round(
     size = case.travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
     reach = case.travel.reach_mm(np.arctan2(normal[:, 1], normal[:, 0]), case.radius_mm)
     center = reading - size[:, None] * force
-    sigma = np.hypot(case.travel.sigma_mm, case.config.slip_sigma * np.abs(size) * slid)
+    slip = case.config.slip_sigma * np.abs(size) * slid
+    sigma = case.doubt * np.hypot(case.travel.sigma_mm, slip)
     circle = fit_circle(center + reach[:, None] * normal, start_mm, case.config.prior, sigma)
     away = center - circle.center_mm
     length = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)

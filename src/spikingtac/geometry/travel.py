@@ -31,6 +31,8 @@ LEAST_DIRECTIONS = 9
 """Fewer different directions cannot tell five harmonics and a heading, with something to spare."""
 SAME_RAD = 1e-3
 """Directions nearer than this are one."""
+HEADING_ERROR_RAD = math.radians(2.0)
+"""About the error of a fitted heading: how the reach follows it is taken over this, either way."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,7 +41,7 @@ class TravelModel:
 
     Attributes:
         harmonics_mm: ``(5,)`` travel: constant, cos, sin, cos of twice, sin of twice the angle, mm.
-        covariance_mm2: ``(5, 5)`` of them, mm2.
+        covariance_mm2: ``(k, k)`` of them, mm2; with k = 6 the last is the heading, in rad.
         sigma_mm: Standard deviation of one touch about the model, the arm's share included, mm.
         across_flats_mm: Width of the hexagonal bit, mm.
         heading_rad: Direction of one of its corners, rad; None where it is unknown.
@@ -89,7 +91,10 @@ class TravelModel:
             angle_rad: ``(n,)`` directions of the contacts.
             gain: ``(k, n)`` how the estimate follows each contact.
         """
-        moved = gain @ _design(angle_rad)
+        row = _design(angle_rad)
+        if self.heading_rad is not None and len(self.covariance_mm2) > HARMONICS:
+            row = _with_heading(angle_rad, self.heading_rad, self.across_flats_mm)
+        moved = gain @ row
         return moved @ self.covariance_mm2 @ moved.T
 
 
@@ -143,14 +148,15 @@ def _fit(
     angle: Vector, travel: Vector, across_flats_mm: float, heading: float | None
 ) -> TravelModel:
     design = _design(angle)
-    inverse = np.linalg.pinv(design.T @ design).astype(np.float64)
-    harmonics = inverse @ design.T @ travel
+    row = design if heading is None else _with_heading(angle, heading, across_flats_mm)
+    harmonics = np.linalg.pinv(design) @ travel
     residual = travel - design @ harmonics
-    known = np.linalg.matrix_rank(design) + (heading is not None)
+    known = int(np.linalg.matrix_rank(row))
     sigma = math.sqrt(float(residual @ residual) / max(len(angle) - known, 1))
+    covariance = np.linalg.pinv(row.T @ row, hermitian=True).astype(np.float64) * sigma**2
     return TravelModel(
         harmonics_mm=harmonics,
-        covariance_mm2=inverse * sigma**2,
+        covariance_mm2=covariance,
         sigma_mm=sigma,
         across_flats_mm=across_flats_mm,
         heading_rad=heading,
@@ -168,3 +174,12 @@ def _design(angle_rad: Vector) -> Vector:
     angle = np.asarray(angle_rad, np.float64)
     columns = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
     return np.stack([*columns, np.cos(2.0 * angle), np.sin(2.0 * angle)], axis=-1)
+
+
+def _with_heading(angle_rad: Vector, heading_rad: float, across_flats_mm: float) -> Vector:
+    """Return how an excess follows the harmonics and the heading ``(n, 6)``."""
+    turned = np.asarray(angle_rad, np.float64) - heading_rad
+    ahead = hexagon_reach_mm(across_flats_mm, turned + HEADING_ERROR_RAD)
+    behind = hexagon_reach_mm(across_flats_mm, turned - HEADING_ERROR_RAD)
+    slope = (ahead - behind) / (2.0 * HEADING_ERROR_RAD)
+    return np.concatenate([_design(angle_rad), slope[..., None]], axis=-1)

@@ -2,11 +2,14 @@
 
 The first two touches are opposite and find a chord, the third leaves its middle at a right angle;
 from then on there is a circle, and every touch starts at its centre, so that it meets the wall
-head-on, in the direction that makes the stated uncertainty of centre and radius smallest.
+head-on, in the direction that makes the stated uncertainty of centre and radius smallest. A chord
+far from the centre meets the wall at an angle, where the bit slides and the force points out of the
+calibrated directions: such a chord finds the hole, and the estimate does not rest on it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass, field
 
@@ -26,6 +29,11 @@ LEAST_CONTACTS = 3
 """A circle has three unknowns."""
 LEAST_CLEARANCE_MM = 0.1
 """A hole must be this much wider than the bit's corners, mm; the plate's narrowest is by 0.27."""
+SEARCHES = 2
+"""Searches of a hole before it is given up: one false contact among the first cannot be named."""
+HEAD_ON_RAD = math.radians(10.0)
+"""Nearer to the wall's normal a touch is head-on: inside the cone of a friction of 0.18, the least
+of steel on dry plastic."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +82,16 @@ class FoundHole:
 
     Attributes:
         circle: The hole and its uncertainty.
-        touches: The contacts that it rests on, in order.
+        touches: The contacts that it rests on, in order; those that only found the hole are left
+            out.
     """
 
     circle: Circle
     touches: tuple[Touched, ...]
+
+
+class _MisfitError(SearchError):
+    """The contacts make no hole that the bit fits into."""
 
 
 class AdaptiveSearch:
@@ -107,15 +120,21 @@ class AdaptiveSearch:
             DeviceError: Arm or sensor failed; the arm was told to stop.
         """
         start = np.asarray(start_mm, np.float64)
+        for _ in range(SEARCHES - 1):
+            with contextlib.suppress(_MisfitError):
+                return self._search(start)
+        return self._search(start)
+
+    def _search(self, start: Vector) -> FoundHole:
         touches = self._chord(start)
-        circle = self.circle(touches, start)
-        while len(touches) < self._config.contacts:
-            if len(touches) >= LEAST_CONTACTS and self._is_enough(circle):
-                break
-            touches.append(self._next(touches, circle))
-            circle = self.circle(touches, start)
-            self._require_fit(circle)
-        return FoundHole(circle, tuple(touches))
+        touches.append(self._across(touches))
+        circle = self._checked(touches, start)
+        kept = [one for one in touches if _is_head_on(one, circle)]
+        while len(kept) < LEAST_CONTACTS or not self._is_enough(kept, start):
+            kept.append(self._next(touches, kept, start))
+            touches = [*touches, kept[-1]] if len(kept) <= LEAST_CONTACTS else kept
+            circle = self._checked(touches, start)
+        return FoundHole(self._checked(kept, start), tuple(kept))
 
     def circle(self, touches: list[Touched], start_mm: Vector) -> Circle:
         """Return the estimate from some contacts."""
@@ -138,54 +157,94 @@ class AdaptiveSearch:
                 touches[number] = self._prober.touch(middle, touch.direction)
         return touches
 
-    def _next(self, touches: list[Touched], circle: Circle) -> Touched:
-        if len(touches) < LEAST_CONTACTS:
-            across = np.array([-touches[0].direction[1], touches[0].direction[0]])
-            return self._prober.touch(_middle(touches[0], touches[1]), across)
-        return self._prober.touch(circle.center_mm, self.best_direction(touches, circle))
+    def _across(self, chord: list[Touched]) -> Touched:
+        across = np.array([-chord[0].direction[1], chord[0].direction[0]])
+        return self._prober.touch(_middle(chord[0], chord[1]), across)
 
-    def best_direction(self, touches: list[Touched], circle: Circle) -> Vector:
+    def _next(self, touches: list[Touched], kept: list[Touched], start: Vector) -> Touched:
+        """Touch where it teaches most; a touch that does not fit the others is made again."""
+        middle, direction = self.circle(touches, start).center_mm, self.best_direction(kept)
+        touched = self._prober.touch(middle, direction)
+        if self._objection(self.circle([*touches, touched], start)) is None:
+            return touched
+        return self._prober.touch(middle, direction)
+
+    def best_direction(self, touches: list[Touched]) -> Vector:
         """Return the unit direction ``(2,)`` that is expected to teach most.
 
         For each candidate the covariance after one more contact there is known beforehand (the
         information of a contact depends on its direction, not on its outcome); the one with the
         least trace is the best.
+
+        Args:
+            touches: The contacts that the estimate rests on so far, head-on; may be none.
         """
         config = self._config
         angle = np.arange(config.directions) * (2.0 * math.pi / config.directions)
-        angle = angle[np.abs(np.cos(angle - config.axis_rad)) >= math.cos(config.sector_rad) - 1e-9]
+        inside = np.abs(np.cos(angle - config.axis_rad)) >= math.cos(config.sector_rad) - 1e-9
+        angle = angle[inside]
         unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        touched = np.array([one.direction for one in touches], np.float64).reshape(-1, 2)
+        covariance = self._covariance(touched)
         row = np.column_stack([unit, np.ones(len(unit))])
-        spread = row @ circle.covariance_mm2
+        spread = row @ covariance
         gain = (spread**2).sum(axis=1) / (self._travel.sigma_mm**2 + (spread * row).sum(axis=1))
-        left = float(np.trace(circle.covariance_mm2)) - gain
-        touched = np.array([touch.reading_mm - circle.center_mm for touch in touches])
-        touched /= np.linalg.norm(touched, axis=1, keepdims=True)
-        nearest = (unit @ touched.T).max(axis=1)
+        left = float(np.trace(covariance)) - gain
+        nearest = (unit @ touched.T).max(axis=1, initial=-1.0)
         good = left <= float(left.min()) * (1.0 + config.indifference)
         return unit[np.flatnonzero(good)[int(nearest[good].argmin())]]
 
-    def _is_enough(self, circle: Circle) -> bool:
-        return bool((circle.sigma_mm[:2] <= self._config.center_sigma_mm).all())
+    def _covariance(self, direction: Vector) -> Vector:
+        """Return the covariance ``(3, 3)`` that contacts in some directions ``(n, 2)`` leave."""
+        prior = self._config.fit.prior
+        known = np.diag([prior.center_sigma_mm**-2.0] * 2 + [prior.radius_sigma_mm**-2.0])
+        row = np.column_stack([direction, np.ones(len(direction))])
+        return np.linalg.inv(known + row.T @ row / self._travel.sigma_mm**2).astype(np.float64)
 
-    def _require_fit(self, circle: Circle) -> None:
+    def _is_enough(self, kept: list[Touched], start: Vector) -> bool:
+        if len(kept) >= self._config.contacts:
+            return True
+        sigma = self.circle(kept, start).sigma_mm
+        return bool((sigma[:2] <= self._config.center_sigma_mm).all())
+
+    def _checked(self, touches: list[Touched], start: Vector) -> Circle:
+        """Return the estimate, where it is one.
+
+        Raises:
+            SearchError: The contacts make no circle, or one that is no wider than the bit.
+        """
+        circle = self.circle(touches, start)
+        objection = self._objection(circle)
+        if objection is not None:
+            raise _MisfitError(objection)
+        return circle
+
+    def _objection(self, circle: Circle) -> str | None:
+        """Return what speaks against a circle."""
         corner_mm = self._travel.across_flats_mm / math.sqrt(3.0)
         if circle.radius_mm < corner_mm + LEAST_CLEARANCE_MM:
-            raise SearchError(
+            return (
                 f"the contacts make a hole of {circle.radius_mm:.2f} mm radius, no wider than the "
                 f"bit ({corner_mm:.2f} mm): it stands on the rim or is jammed; start inside a hole"
             )
         worst = float(np.abs(circle.residual_mm).max())
         if worst > self._config.misfit_sigma * self._travel.sigma_mm:
-            raise SearchError(
+            return (
                 f"the contacts make no circle: one lies {worst:.3f} mm off, expected are "
                 f"{self._travel.sigma_mm:.3f} mm; a false contact, a hole that is not round, or a "
                 "probe that slipped: start again, or calibrate the travel anew"
             )
+        return None
 
 
 def _angle(direction: Vector) -> Vector:
     return np.arctan2(direction[1], direction[0])
+
+
+def _is_head_on(touch: Touched, circle: Circle) -> bool:
+    away = touch.reading_mm - circle.center_mm
+    cosine = float(away @ touch.direction) / float(np.linalg.norm(away))
+    return cosine >= math.cos(HEAD_ON_RAD)
 
 
 def _middle(one: Touched, other: Touched) -> Vector:

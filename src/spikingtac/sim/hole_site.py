@@ -18,7 +18,7 @@ from spikingtac.types import Calibration, EventPacket
 
 Vector = NDArray[np.float64]
 
-LISTENED_MM = 0.3
+LISTENED_MM = 0.5
 """Free way before the wall that is simulated in full, mm; what lies before it is skipped. The
 longest run-up of the searches' touches takes 0.2 mm of it."""
 SHORT_MM = 1e-4

@@ -85,6 +85,18 @@ def test_no_divergence_and_honest_regions_with_measured_errors(contacts: int, tr
     assert np.sqrt((error_mm[:, :2] ** 2).sum(axis=1).mean()) < (0.06 if contacts == 4 else 0.03)
 
 
+def test_one_false_contact_among_twelve_moves_the_hole_little() -> None:
+    prober = IdealProber(2.0, heading_rad=HEADING_RAD, noise_mm=[0.0] * 8 + [-0.3])
+    reading, direction = touched(prober, np.zeros(2), np.arange(12) * np.pi / 6)
+    off = []
+    for doubt_sigma in (3.0, math.inf):
+        config = TouchFitConfig(prior=OPEN.prior, doubt_sigma=doubt_sigma)
+        hole = estimate_hole(reading, direction, np.zeros(2), known_travel(), config)
+        off.append(float(np.linalg.norm(hole.center_mm)))
+    assert off[0] < 0.4 * off[1]
+    assert off[1] == pytest.approx(2.0 / 12.0 * 0.3, rel=0.1)
+
+
 def test_clustered_contacts_do_not_diverge() -> None:
     rng = np.random.default_rng(7)
     for _ in range(100):

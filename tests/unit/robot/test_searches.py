@@ -103,9 +103,33 @@ def test_no_room_is_refused() -> None:
 
 
 def test_contacts_that_make_no_circle_are_refused() -> None:
-    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2])
+    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2, -1.2] * 2)
     with pytest.raises(SearchError, match="make no circle"):
         AdaptiveSearch(prober, travel(), AdaptiveSearchConfig()).run(np.zeros(2))
+
+
+def test_one_false_contact_is_touched_again() -> None:
+    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2])
+    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=6)).run(np.zeros(2))
+    assert (len(found.touches), len(prober.starts)) == (6, 7)
+    np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
+
+
+def test_a_false_contact_among_the_first_is_searched_again() -> None:
+    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, -0.8])
+    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=6)).run(np.zeros(2))
+    np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
+
+
+def test_an_oblique_chord_only_finds_the_hole() -> None:
+    """Beyond the friction's cone the bit slides; the estimate rests on touches that did not."""
+    prober = IdealProber(2.0)
+    start = 0.7 * np.array([1.0, -1.0])
+    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=4)).run(start)
+    assert (len(found.touches), len(prober.starts)) == (4, 6)
+    for touch in found.touches:
+        outward = touch.reading_mm / np.linalg.norm(touch.reading_mm)
+        assert float(outward @ touch.direction) > math.cos(math.radians(10.0))
 
 
 def test_unfit_settings_are_refused() -> None:
