@@ -1,0 +1,48 @@
+"""At 5 Hz/px of background the whole pipeline keeps every marker of the twin (preset default)."""
+
+import numpy as np
+import pytest
+
+from spikingtac.config import load_config
+from spikingtac.denoise.degrade import with_background
+from spikingtac.events.windows import windows
+from spikingtac.experiments.denoise_recordings import render
+from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.registry import make_tracker
+from spikingtac.types import Calibration
+
+NOISE_HZ = 5.0
+DURATION_S = 2.0
+PERIOD_US = 2_857  # 350 Hz, the paper's rate
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return render("spoon-circles", 1001, DURATION_S)
+
+
+def errors_px(recording, preset: str) -> tuple[np.ndarray, np.ndarray]:
+    clean = recording.clean
+    events = with_background(clean.events, NOISE_HZ, np.random.default_rng(0))
+    calibration = Calibration(
+        reference_px=clean.reference_px, radius_px=clean.radius_px, grid=(8, 8), size=events.size
+    )
+    tracker = make_tracker(load_config(preset).tracking, calibration)
+    frames = []
+    for window in windows([events], PERIOD_US):
+        tracker.absorb(window)
+        frames.append(tracker.estimate(window.t_end_us))
+    true_px = recording.at(np.array([frame.t_us for frame in frames]))
+    detected_px = np.array([frame.detected_px for frame in frames])
+    held = np.array([frame.held for frame in frames])
+    return np.linalg.norm(detected_px - true_px, axis=2), held
+
+
+def test_no_marker_is_lost_at_five_hertz_a_pixel(recording):
+    moved = np.ptp(recording.marker_px, axis=0).max()
+    assert moved > 2.0, "markers that rest cannot be lost"
+    error_px, held = errors_px(recording, "default")
+    assert error_px.shape[1] == 64
+    assert not held.any()
+    assert error_px.max() < 0.5 * smallest_spacing_px(recording.clean.reference_px)
+    assert error_px.mean() < 0.5
