@@ -69,7 +69,7 @@ class CareConfig:
     """What the tracker does beside locating, for every locator.
 
     Attributes:
-        period_us: Time between two rounds of care, us; 0 is every estimate.
+        period_us: Time between two rounds of care, and of the leak, us; 0 is every estimate.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map (ours).
         leak_tolerance: Disagreement that is left alone in a stream that is known to be whole: a
@@ -157,6 +157,8 @@ class GradedTracker:
         self._filter.update(located_px, self._custody.held)
         if t_us >= self._care_at_us:
             self._care(t_us, located_px, agreement)
+        if t_us >= self._leak_at_us:
+            self._leak(t_us)
         return self._frame(t_us, agreement)
 
     def reset(self) -> None:
@@ -170,6 +172,8 @@ class GradedTracker:
         self._t_us: int | None = None
         self._cared_us: int | None = None
         self._care_at_us = -1
+        self._leaked_us: int | None = None
+        self._leak_at_us = -1
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
         self._custody = Custody(self._care_config.custody, self._calibration)
@@ -188,7 +192,6 @@ class GradedTracker:
         if self._custody.placed:
             moved = self._custody.moved
             self._filter.place(moved, self._custody.position_px[moved])
-        self._leak(dt_s)
 
     def _weigh_events(self, dt_s: float) -> None:
         """Compare the events with the motion: is the stream whole, and is every marker there?"""
@@ -200,8 +203,12 @@ class GradedTracker:
                 self._map.set_events_kept(share)
         self._silence.update(velocity_px_s, cells, self._kept.share)
 
-    def _leak(self, dt_s: float) -> None:
-        care = self._care_config
+    def _leak(self, t_us: int) -> None:
+        """Leak as often as care is taken, half-way between: no step has both to do."""
+        care, first = self._care_config, self._leaked_us is None
+        dt_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
+        self._leaked_us = t_us
+        self._leak_at_us = t_us + (care.period_us // 2 if first else care.period_us)
         share = 1.0 - np.exp(-care.leak_per_s * dt_s * care.leak_groups)
         if share <= 0.0:
             return
