@@ -23,8 +23,9 @@ from spikingtac.experiments.published import HOLES
 from spikingtac.experiments.rows import Row, interval
 from spikingtac.geometry.align import align
 from spikingtac.geometry.hole import Circle
-from spikingtac.geometry.touch_fit import TouchFitConfig, estimate_hole
+from spikingtac.geometry.touch_fit import TouchFitConfig
 from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import hole_around
 from spikingtac.robot.cross_search import calibrated_circle, published_circle
 from spikingtac.robot.prober import Touched
 
@@ -141,7 +142,7 @@ def score(method: str, record: Record, calibration: Record, sigma_mm: float) -> 
     return HoleScore(
         seed=record["seed"],
         hole=record["hole"],
-        circle=_estimate(method, touches, travel, trial.start_mm) if found else None,
+        circle=_estimate(method, touches, travel) if found else None,
         center_mm=trial.center_mm,
         radius_mm=trial.wall.radius_mm,
         sigma_mm=travel.sigma_mm,
@@ -150,14 +151,12 @@ def score(method: str, record: Record, calibration: Record, sigma_mm: float) -> 
     )
 
 
-def _estimate(method: str, touches: list[Touched], travel: TravelModel, start_mm: Vector) -> Circle:
+def _estimate(method: str, touches: list[Touched], travel: TravelModel) -> Circle:
     if method == "cross4-published":
         return published_circle(touches, travel.sigma_mm)
     if method == "cross4":
         return calibrated_circle(touches, travel)
-    reading = np.array([touch.reading_mm for touch in touches])
-    direction = np.array([touch.direction for touch in touches])
-    return estimate_hole(reading, direction, start_mm, travel, TouchFitConfig())
+    return hole_around(touches, travel, TouchFitConfig())
 
 
 def hole_rows(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,19 +129,17 @@ class AdaptiveSearch:
     def _search(self, start: Vector) -> FoundHole:
         touches = self._chord(start)
         touches.append(self._across(touches))
-        circle = self._checked(touches, start)
+        circle = self._checked(touches)
         kept = [one for one in touches if _is_head_on(one, circle)]
-        while len(kept) < LEAST_CONTACTS or not self._is_enough(kept, start):
-            kept.append(self._next(touches, kept, start))
+        while len(kept) < LEAST_CONTACTS or not self._is_enough(kept):
+            kept.append(self._next(touches, kept))
             touches = [*touches, kept[-1]] if len(kept) <= LEAST_CONTACTS else kept
-            circle = self._checked(touches, start)
-        return FoundHole(self._checked(kept, start), tuple(kept))
+            self._checked(touches)
+        return FoundHole(self._checked(kept), tuple(kept))
 
-    def circle(self, touches: list[Touched], start_mm: Vector) -> Circle:
+    def circle(self, touches: Sequence[Touched]) -> Circle:
         """Return the estimate from some contacts."""
-        reading = np.array([touch.reading_mm for touch in touches])
-        direction = np.array([touch.direction for touch in touches])
-        return estimate_hole(reading, direction, start_mm, self._travel, self._config.fit)
+        return hole_around(touches, self._travel, self._config.fit)
 
     def _chord(self, start: Vector) -> list[Touched]:
         """Touch both ways along a line; a touch that began too near the wall is made again."""
@@ -161,11 +160,11 @@ class AdaptiveSearch:
         across = np.array([-chord[0].direction[1], chord[0].direction[0]])
         return self._prober.touch(_middle(chord[0], chord[1]), across)
 
-    def _next(self, touches: list[Touched], kept: list[Touched], start: Vector) -> Touched:
+    def _next(self, touches: list[Touched], kept: list[Touched]) -> Touched:
         """Touch where it teaches most; a touch that does not fit the others is made again."""
-        middle, direction = self.circle(touches, start).center_mm, self.best_direction(kept)
+        middle, direction = self.circle(touches).center_mm, self.best_direction(kept)
         touched = self._prober.touch(middle, direction)
-        if self._objection(self.circle([*touches, touched], start)) is None:
+        if self._objection(self.circle([*touches, touched])) is None:
             return touched
         return self._prober.touch(middle, direction)
 
@@ -201,19 +200,19 @@ class AdaptiveSearch:
         row = np.column_stack([direction, np.ones(len(direction))])
         return np.linalg.inv(known + row.T @ row / self._travel.sigma_mm**2).astype(np.float64)
 
-    def _is_enough(self, kept: list[Touched], start: Vector) -> bool:
+    def _is_enough(self, kept: list[Touched]) -> bool:
         if len(kept) >= self._config.contacts:
             return True
-        sigma = self.circle(kept, start).sigma_mm
+        sigma = self.circle(kept).sigma_mm
         return bool((sigma[:2] <= self._config.center_sigma_mm).all())
 
-    def _checked(self, touches: list[Touched], start: Vector) -> Circle:
+    def _checked(self, touches: list[Touched]) -> Circle:
         """Return the estimate, where it is one.
 
         Raises:
             SearchError: The contacts make no circle, or one that is no wider than the bit.
         """
-        circle = self.circle(touches, start)
+        circle = self.circle(touches)
         objection = self._objection(circle)
         if objection is not None:
             raise _MisfitError(objection)
@@ -235,6 +234,18 @@ class AdaptiveSearch:
                 "probe that slipped: start again, or calibrate the travel anew"
             )
         return None
+
+
+def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFitConfig) -> Circle:
+    """Return the hole that some touches tell of; they began inside it, and so did their mean.
+
+    Raises:
+        ValueError: There is no touch.
+    """
+    reading = np.array([touch.reading_mm for touch in touches])
+    direction = np.array([touch.direction for touch in touches])
+    inside = np.mean([touch.start_mm for touch in touches], axis=0)
+    return estimate_hole(reading, direction, inside, travel, config)
 
 
 def _angle(direction: Vector) -> Vector:

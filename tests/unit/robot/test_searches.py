@@ -130,6 +130,8 @@ def test_an_oblique_chord_only_finds_the_hole() -> None:
     for touch in found.touches:
         outward = touch.reading_mm / np.linalg.norm(touch.reading_mm)
         assert float(outward @ touch.direction) > math.cos(math.radians(10.0))
+    # Contacts all around tell the radius, wherever the search began.
+    assert found.circle.sigma_mm.max() < 2.0 * travel().sigma_mm
 
 
 def test_unfit_settings_are_refused() -> None:
