@@ -56,7 +56,7 @@ class CollisionConfig:
         slow: Approaches at 0.8 mm/s in which every method has all the time that it needs.
         series: Approaches at 0.8 mm/s besides, on the first preset, for the methods that found all
             of those within half of the series' patience.
-        stretches: Contact-free stretches of 100 s, per preset.
+        stretches: Contact-free stretches of 100 s, per preset: ten hours, the lead of each taken off.
         sensitivity: Approaches per variant and speed.
         curve: Approaches for the curve of delay against false stops.
         curve_stretches: Contact-free stretches for the same.
@@ -68,7 +68,7 @@ class CollisionConfig:
     fastest: int = 200
     slow: int = 60
     series: int = 940
-    stretches: int = 360
+    stretches: int = 364
     sensitivity: int = 8
     curve: int = 20
     curve_stretches: int = 72
