@@ -56,7 +56,7 @@ class CollisionConfig:
         slow: Approaches at 0.8 mm/s in which every method has all the time that it needs.
         series: Approaches at 0.8 mm/s besides, on the first preset, for the methods that found all
             of those within half of the series' patience.
-        stretches: Contact-free stretches of 100 s, per preset: ten hours, the lead of each taken off.
+        stretches: Contact-free stretches of 100 s, per preset: ten hours and the lead of each.
         sensitivity: Approaches per variant and speed.
         curve: Approaches for the curve of delay against false stops.
         curve_stretches: Contact-free stretches for the same.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.types import EventPacket
 
 STREAM = 0
@@ -30,7 +30,7 @@ _NODE = (
 )
 
 
-class Aedat4Writer:
+class Aedat4Writer(EventWriter):
     """Writes AEDAT4 files packet by packet, uncompressed."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -60,17 +60,6 @@ class Aedat4Writer:
         for first in range(0, len(events), PACKET_EVENTS):
             data = _event_packet(events[first : first + PACKET_EVENTS])
             self._file.write(PACKET_HEAD.pack(STREAM, len(data)) + data)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _io_header(info: bytes) -> bytes:

@@ -1,9 +1,10 @@
-"""What every codec shares: the writer's protocol, triggers, and the kinds of damage."""
+"""What every codec shares: the writer's base, triggers, and the kinds of damage."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Self
 
 from spikingtac.types import EventPacket
 
@@ -42,24 +43,30 @@ class Trigger(NamedTuple):
     rising: bool
 
 
-class EventWriter(Protocol):
-    """A file that events are appended to, packet by packet, at constant memory."""
+class EventWriter(ABC):
+    """A file that events are appended to, packet by packet, at constant memory.
+
+    Attributes:
+        size: ``(width, height)`` of the sensor, px.
+    """
 
     size: tuple[int, int]
 
+    @abstractmethod
     def write(self, packet: EventPacket) -> None:
         """Append the events of a packet that follows the ones before it in time."""
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Complete the file; further calls do nothing."""
-        ...
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
         trace: TracebackType | None,
-    ) -> None: ...
+    ) -> None:
+        self.close()

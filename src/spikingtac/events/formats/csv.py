@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket
 
@@ -93,7 +93,7 @@ class CsvSource(FileSource):
             yield values["x"], values["y"], values["p"], values["t"] * self._scale
 
 
-class CsvWriter:
+class CsvWriter(EventWriter):
     """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -109,17 +109,6 @@ class CsvWriter:
     def close(self) -> None:
         """Complete the file."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _is_name(word: str) -> bool:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket
 
@@ -80,7 +80,7 @@ class EsSource(FileSource):
         self.losses.add("truncated", int(bool(tail)))
 
 
-class EsWriter:
+class EsWriter(EventWriter):
     """Writes ``.es`` files packet by packet."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -105,17 +105,6 @@ class EsWriter:
     def close(self) -> None:
         """Complete the file."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _encoded(steps: NDArray[np.int64], packet: EventPacket, height: int) -> NDArray[Any]:

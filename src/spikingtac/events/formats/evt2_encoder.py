@@ -8,33 +8,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.clock import NONE, Integer
+from spikingtac.events.formats.clock import Integer
 from spikingtac.events.formats.evt2 import SILENCE_STEP, TIME_HIGH, TIME_HIGH_BITS, TIME_LOW_BITS
+from spikingtac.events.formats.word_encoder import WordEncoder
 
 
-class Evt2Encoder:
+class Evt2Encoder(WordEncoder):
     """Turns packets into EVT2 words."""
 
     name = "evt2"
     time_bits = TIME_LOW_BITS + TIME_HIGH_BITS
+    word = np.uint32
+    low_bits = TIME_LOW_BITS
+    words_per_event = 2
+    silence_step = SILENCE_STEP
+    memory = 1
 
     def __init__(self) -> None:
-        self._state = np.full(1, NONE, np.int64)
-
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[np.uint32]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
-        if not len(t):
-            return np.empty(0, np.uint32)
-        first = int(t[0] >> TIME_LOW_BITS) if self._state[0] == NONE else int(self._state[0])
-        silence = int(t[-1] >> TIME_LOW_BITS) - first
-        words = np.empty(2 * len(t) + silence // SILENCE_STEP + 1, np.uint32)
-        return words[: encode_kernel(t, x, y, p, words, self._state)]
+        super().__init__(encode_kernel)
 
 
 @njit(cache=True, nogil=True)

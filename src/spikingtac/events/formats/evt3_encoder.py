@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.clock import NONE, Integer
+from spikingtac.events.formats.clock import Integer
 from spikingtac.events.formats.evt3_words import (
     ADDR_X,
     ADDR_Y,
@@ -20,6 +20,7 @@ from spikingtac.events.formats.evt3_words import (
     VECT_8,
     VECT_12,
 )
+from spikingtac.events.formats.word_encoder import WordEncoder
 
 VECTOR_WIDTH_PX = 32
 """Pixels that a base and its 12 + 12 + 8 vectors cover."""
@@ -29,7 +30,7 @@ REPEAT_BITS = 8
 """The upper time is repeated after 2^8 us, as sensors do: what is lost is found again sooner."""
 
 
-class Evt3Encoder:
+class Evt3Encoder(WordEncoder):
     """Turns packets into EVT3 words; vectors are used where they take fewer words.
 
     Time words are written for every 4,096 us, also in silence, as a camera does (and repeated where
@@ -39,24 +40,14 @@ class Evt3Encoder:
 
     name = "evt3"
     time_bits = TIME_LOW_BITS + TIME_HIGH_BITS
+    word = np.uint16
+    low_bits = TIME_LOW_BITS
+    words_per_event = 5
+    silence_step = 1
+    memory = 5
 
     def __init__(self) -> None:
-        self._state = np.full(5, NONE, np.int64)
-
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[np.uint16]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
-        if not len(t):
-            return np.empty(0, np.uint16)
-        first = int(t[0] >> TIME_LOW_BITS) if self._state[0] == NONE else int(self._state[0])
-        silence = int(t[-1] >> TIME_LOW_BITS) - first
-        words = np.empty(5 * len(t) + silence + 1, np.uint16)
-        return words[: encode_kernel(t, x, y, p, words, self._state)]
+        super().__init__(encode_kernel)
 
 
 @njit(cache=True, nogil=True)

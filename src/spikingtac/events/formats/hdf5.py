@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError, MissingExtraError
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket
 
@@ -111,7 +111,7 @@ class Hdf5Source(FileSource):
             ) from error
 
 
-class Hdf5Writer:
+class Hdf5Writer(EventWriter):
     """Writes Metavision-style files (``CD/events``, shuffled and deflated) packet by packet.
 
     Raises:
@@ -152,17 +152,6 @@ class Hdf5Writer:
             self._append(self._pending)
             self._pending = self._pending[:0]
             self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _append(self, rows: NDArray[Any]) -> None:
         if len(rows):

@@ -8,13 +8,13 @@ import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tokenize import TokenError
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.types import EventPacket
 
@@ -163,7 +163,7 @@ class ColumnFile:
                     member.write(values.tobytes())
 
 
-class NpzWriter:
+class NpzWriter(EventWriter):
     """Writes event ``.npz`` files packet by packet."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
@@ -179,17 +179,6 @@ class NpzWriter:
     def close(self) -> None:
         """Complete the file."""
         self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _member(name: str) -> zipfile.ZipInfo:

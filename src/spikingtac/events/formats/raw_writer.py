@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Protocol, Self
+from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.header import ENCODINGS, format_header
+from spikingtac.events.formats.word_encoder import WordEncoder
 from spikingtac.types import EventPacket
 
 COORDINATE_LIMIT_PX = 1 << 11
@@ -20,7 +20,7 @@ SILENCE_LIMIT_US = 86_400_000_000
 """Longest pause between two events that is written: a day."""
 
 
-class RawWriter:
+class RawWriter(EventWriter):
     """A RAW file that grows packet by packet; the same events always give the same bytes.
 
     Times beyond the counter of the wire are kept: the header names the base of the first event.
@@ -72,17 +72,6 @@ class RawWriter:
         self._open_file().close()
         self._file = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def _begin(self, first_us: int) -> int:
         period_bits = self._encoder.time_bits
         self._base_us = (max(first_us, 0) >> period_bits) << period_bits
@@ -108,20 +97,7 @@ class RawWriter:
             )
 
 
-class _Encoder(Protocol):
-    name: str
-    time_bits: int
-
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[Any]: ...
-
-
-def _encoder(name: str) -> _Encoder:
+def _encoder(name: str) -> WordEncoder:
     if name == "evt3":
         from spikingtac.events.formats.evt3_encoder import Evt3Encoder
 
