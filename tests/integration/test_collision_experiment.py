@@ -43,7 +43,7 @@ def detectors():
 @pytest.fixture(scope="module")
 def passage(detectors) -> Passage:
     rig = SCENE.make_rig(SEED)
-    prepare(rig, SCENE, SPEED_MM_S)
+    prepare(rig, SCENE, SPEED_MM_S, np.random.default_rng(7))
     enough = frozenset(detectors)
     watchers = Watchers(detectors=detectors, frames=None, enough=enough, patience_mm=4.0)
     found = approach(rig, SCENE, SPEED_MM_S, watchers)
@@ -55,7 +55,7 @@ def passage(detectors) -> Passage:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_passage_is_the_closed_loop(name: str, detectors, passage: Passage) -> None:
     rig = SCENE.make_rig(SEED)
-    prepare(rig, SCENE, SPEED_MM_S)
+    prepare(rig, SCENE, SPEED_MM_S, np.random.default_rng(7))
     config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
     approacher = Approacher(rig.arm, rig.windows(), detectors[name], config)
     found = approacher.approach(BEYOND_MM * SCENE.direction)

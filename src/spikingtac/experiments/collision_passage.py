@@ -77,8 +77,12 @@ class Passage:
     first_us: int = 0
 
 
-def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float) -> None:
-    """Touch and let go, go to the start, and wait there until it is time to move."""
+def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.Generator) -> None:
+    """Touch and let go, go to the start, and wait there until it is time to move.
+
+    The arm begins to move with a cycle of its controller. The start lies up to the way of one cycle
+    farther back, at random: from a fixed place every touch would meet the same phase of a cycle.
+    """
     released_us = float(rig.t_us)
     if scene.past == "released":
         rig.arm.move_linear(HistoryTouch().press_mm * scene.direction, HistoryTouch().speed_mm_s)
@@ -89,7 +93,7 @@ def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float) -> None:
             rig.rest(WAIT_S)
         released_us = float(rig.t_us)
         _until_at_rest(rig)
-    way_mm = run_up_mm(scene, speed_mm_s)
+    way_mm = run_up_mm(scene, speed_mm_s) + rng.uniform() * speed_mm_s * scene.rig.arm.cycle_s
     rig.arm.move_linear(-way_mm * scene.direction, RETREAT_MM_S)
     _until_at_rest(rig)
     due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(scene, speed_mm_s, way_mm))

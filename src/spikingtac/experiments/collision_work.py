@@ -64,8 +64,8 @@ CODE = (
 LEAD_WINDOWS = 900
 """Windows of a stretch before anything listens: as long as between a release and the listening of
 the next approach. The references begin as past motions left them; the first swings use that up."""
-FRAME_STREAM = 1
-"""Number of the random stream of a trial's frames."""
+FRAME_STREAM, START_STREAM = 1, 2
+"""Numbers of the random streams of a trial's frames and of its starting place."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -218,7 +218,7 @@ def _approached(work: Work, task: Approached) -> Record:
         detectors=detectors, frames=frames, enough=enough, patience_mm=task.patience_mm
     )
     rig = task.scene.make_rig(task.seed)
-    prepare(rig, task.scene, task.speed_mm_s)
+    prepare(rig, task.scene, task.speed_mm_s, np.random.default_rng([task.seed, START_STREAM]))
     passage = approach(rig, task.scene, task.speed_mm_s, watchers)
     labels = [*detectors, *(n for n in work.methods if known[n].sees != "events")]
     return {
