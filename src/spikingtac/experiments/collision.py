@@ -185,13 +185,6 @@ def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
     shown = [case for case in first if case in prefixed]
     rest = [case for case in prefixed if case not in shown and not case.startswith("budget")]
     return [
-        Table(
-            name=case.replace("/", "-"),
-            title=case,
-            case=case,
-            metrics=tuple(DEFINITIONS),
-            methods=tuple(names),
-            folded=case not in shown,
-        )
+        Table.of_case(case, DEFINITIONS, names, folded=case not in shown)
         for case in (*shown, *rest)
     ]

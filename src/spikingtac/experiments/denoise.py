@@ -144,13 +144,4 @@ def _in_processes(jobs: Sequence[Job], options: RunOptions) -> Iterator[Samples]
 
 def _tables(rows: Sequence[Row]) -> list[Table]:
     methods = [prefix + name for prefix in ("", ACTIVITY) for name in METHODS]
-    return [
-        Table(
-            name=case.replace("/", "-"),
-            title=case,
-            case=case,
-            metrics=tuple(UNITS),
-            methods=tuple(methods),
-        )
-        for case in dict.fromkeys(row.case for row in rows)
-    ]
+    return [Table.of_case(case, UNITS, methods) for case in dict.fromkeys(row.case for row in rows)]

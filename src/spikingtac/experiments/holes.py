@@ -165,13 +165,7 @@ def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
     cases = list(dict.fromkeys(row.case for row in rows))
     first = [case for case in cases if case.endswith("/all")]
     return [
-        Table(
-            name=case.replace("/", "-"),
-            title=case,
-            case=case,
-            metrics=tuple(DEFINITIONS),
-            methods=tuple(names),
-        )
+        Table.of_case(case, DEFINITIONS, names)
         for case in [*first, *(case for case in cases if case not in first)]
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,20 @@ class Table:
     metrics: tuple[str, ...]
     methods: tuple[str, ...]
     folded: bool = False
+
+    @classmethod
+    def of_case(
+        cls, case: str, metrics: Iterable[str], methods: Iterable[str], *, folded: bool = False
+    ) -> Table:
+        """Return the table of a case, named after it."""
+        return cls(
+            name=case.replace("/", "-"),
+            title=case,
+            case=case,
+            metrics=tuple(metrics),
+            methods=tuple(methods),
+            folded=folded,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
