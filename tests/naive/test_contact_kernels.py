@@ -18,7 +18,7 @@ def plain_votes(packet: EventPacket, table: RimTable) -> tuple[np.ndarray, np.nd
         if row != OFF_RIM:
             sign = 1.0 if p else -1.0
             votes[int(p)] += sign * table.modes[row]
-            by_marker[table.marker[row]] += sign * table.normal[row]
+            by_marker[table.marker[row]] += sign * table.modes[row, :2]
     return votes, by_marker
 
 

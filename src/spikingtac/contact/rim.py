@@ -49,15 +49,14 @@ class RimTable(NamedTuple):
     Attributes:
         row: ``int32[height, width]`` row of each pixel in the other columns, or :data:`OFF_RIM`.
         marker: ``int32[n]`` the marker on whose rim a pixel lies.
-        normal: ``float32[n, 2]`` what an ON event of the pixel votes for, unit vectors in image
-            axes; an OFF event votes for the opposite.
-        modes: ``float32[n, AFFINE_MODES]`` the same vote along each motion of the whole field.
+        modes: ``float32[n, AFFINE_MODES]`` what an ON event of the pixel votes for, along each
+            motion of the whole field; an OFF event votes for the opposite. The first two are the
+            translations: there the vote is the rim's outward unit vector, in image axes.
         center_px: ``(m, 2)`` the markers.
     """
 
     row: NDArray[np.int32]
     marker: NDArray[np.int32]
-    normal: NDArray[np.float32]
     modes: NDArray[np.float32]
     center_px: Vector
 
@@ -93,11 +92,7 @@ def rim_table(calibration: Calibration, config: RimConfig) -> RimTable:
     modes = affine_field(calibration.reference_px)[of_marker]
     along = np.einsum("na,nak->nk", votes, modes).astype(np.float32)
     return RimTable(
-        row.reshape(height, width),
-        of_marker,
-        votes.astype(np.float32),
-        along,
-        np.asarray(calibration.reference_px),
+        row.reshape(height, width), of_marker, along, np.asarray(calibration.reference_px)
     )
 
 

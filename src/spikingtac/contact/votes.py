@@ -90,5 +90,5 @@ def votes_kernel(
         for mode in range(votes.shape[1]):
             votes[polarity, mode] += sign * table.modes[place, mode]
         of = table.marker[place]
-        by_marker[of, 0] += sign * table.normal[place, 0]
-        by_marker[of, 1] += sign * table.normal[place, 1]
+        by_marker[of, 0] += sign * table.modes[place, 0]
+        by_marker[of, 1] += sign * table.modes[place, 1]

@@ -15,10 +15,10 @@ def test_the_leading_rim_votes_for_the_motion_when_it_brightens() -> None:
     for offset, normal in (((8, 0), (1, 0)), ((-8, 0), (-1, 0)), ((0, 7), (0, 1))):
         row = table.row[round(y) + offset[1], round(x) + offset[0]]
         assert table.marker[row] == 4
-        assert table.normal[row] == pytest.approx(normal)
+        assert table.modes[row, :2] == pytest.approx(normal)
     assert table.row[round(y), round(x)] == OFF_RIM
     dark = rim_table(replace(calibration(), polarity="dark"), RimConfig())
-    np.testing.assert_array_equal(dark.normal, -table.normal)
+    np.testing.assert_array_equal(dark.modes, -table.modes)
 
 
 def test_only_the_rims_count_and_each_pixel_belongs_to_the_nearest() -> None:
