@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.experiments.hole_readings import SIGMAS_MM, touched_of
 from spikingtac.experiments.hole_touching import (
     CROSS,
     DEFAULT,
     MOST_CONTACTS,
-    SIGMAS_MM,
-    touched_of,
     travel_of,
     trial_of,
 )

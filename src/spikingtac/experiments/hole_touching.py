@@ -1,16 +1,15 @@
 """The touches of the hole experiment: calibration on a flat wall, then two searches per hole.
 
 A search is a chain, in which each touch depends on all before; so both searches of a hole are made
-once, and every method, and both repeatabilities of the arm, are read from their touches. A reading
-is what the controller reports plus ``sigma`` times a draw that is kept beside it; the searches plan
-on readings of the coarser arm.
+once, and every method, and both repeatabilities of the arm, are read from their touches.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from spikingtac.contact.detect import ContactDetector
 from spikingtac.contact.detectors import DetectionConfig, make_detector
 from spikingtac.errors import SearchError
 from spikingtac.experiments.fingerprint import code_digest
+from spikingtac.experiments.hole_readings import PLANNING_MM, RecordingProber, touched_of
 from spikingtac.experiments.quiet_windows import load_windows, save_windows
 from spikingtac.experiments.run_folder import write_json
 from spikingtac.geometry.travel import TravelModel, fit_travel
@@ -41,10 +41,6 @@ COLUMNS = 5
 """The plate: two rows of five holes."""
 CORNER_MM = 0.75 / np.sqrt(3.0)
 """Largest radius of the bit, mm: the start lies within 0.9 of what it leaves free."""
-SIGMAS_MM = {"rep028": 0.028, "rep008": 0.008}
-"""Case prefix -> repeatability of one reading per axis, mm (contract.md)."""
-PLANNING_MM = SIGMAS_MM["rep028"]
-"""Repeatability of the readings that the searches plan on, mm."""
 CROSS, DEFAULT = "cross", "default"
 STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}
 """How each search touches."""
@@ -66,7 +62,12 @@ QUIET_SPEED_MM_S = 3.0
 DETECTOR = "default"
 HOLE_SEEDS, CALIBRATION_SEEDS = 1000, 500
 """Noise seeds of a hole and of a calibration, per experiment seed."""
-CODE = ("sim", "contact", "robot", "geometry", "configs/cameras", "experiments/hole_touching.py")
+PAST_STREAM = 6
+"""Number of the random stream of the contacts before."""
+CODE = (
+    "sim", "contact", "robot", "geometry", "configs/cameras",
+    "experiments/hole_readings.py", "experiments/hole_touching.py",
+)  # fmt: skip
 """What a touch depends on."""
 
 
@@ -100,50 +101,6 @@ class HoleWork:
         return self.folder / "touches" / f"seed-{self.seed}" / f"{name}.json"
 
 
-class RecordingProber:
-    """Adds the arm's repeatability to readings, and keeps readings and draws.
-
-    Args:
-        prober: Who touches.
-        seed: Of the draws.
-    """
-
-    def __init__(self, prober: ArmProber, seed: Sequence[int]) -> None:
-        self.kept: list[dict[str, Any]] = []
-        self.returned: list[Touched] = []
-        self._prober = prober
-        self._rng = np.random.default_rng(seed)
-
-    def place_mm(self) -> Vector:
-        """Return where the probe stands ``(2,)``, mm."""
-        return self._prober.place_mm()
-
-    def touch(self, start_mm: Vector, direction: Vector) -> Touched:
-        """Touch, and read with the planning arm's repeatability."""
-        before = self._prober.touches
-        touched = self._prober.touch(start_mm, direction)
-        kept = {
-            "start_mm": touched.start_mm.tolist(),
-            "direction": touched.direction.tolist(),
-            "reading_mm": touched.reading_mm.tolist(),
-            "draw": self._rng.standard_normal(2).tolist(),
-            "presses": self._prober.touches - before,
-        }
-        self.kept.append(kept)
-        self.returned.append(touched_of(kept, PLANNING_MM))
-        return self.returned[-1]
-
-    def numbers(self, touches: Sequence[Touched]) -> list[int]:
-        """Return which of the kept touches these are."""
-        return [k for one in touches for k, other in enumerate(self.returned) if other is one]
-
-
-def touched_of(kept: dict[str, Any], sigma_mm: float) -> Touched:
-    """Return a kept touch as an arm of some repeatability would have read it."""
-    reading = np.array(kept["reading_mm"]) + sigma_mm * np.array(kept["draw"])
-    return Touched(np.array(kept["start_mm"]), np.array(kept["direction"]), reading)
-
-
 def travel_of(kept: Sequence[dict[str, Any]], sigma_mm: float) -> TravelModel:
     """Return the calibration from touches of flat walls at :data:`WALL_MM`."""
     touches = [touched_of(one, sigma_mm) for one in kept]
@@ -169,24 +126,35 @@ def calibrate_work(work: HoleWork) -> dict[str, Any]:
     save_windows(_quiet_path(work), quiet)
     detector = detector_for(site, work.detector, quiet)
     record: dict[str, Any] = {"key": key, "seed": work.seed}
+    past = functools.partial(
+        _inherit, site, detector, np.random.default_rng([work.seed, PAST_STREAM])
+    )
     for style in STYLES:
         recording = RecordingProber(prober_for(site, detector, style), [work.seed, 4])
-        touch_flat_walls(site, recording, style, work.cycles[style])
+        touch_flat_walls(site, recording, style, work.cycles[style], past)
         record[style] = recording.kept
     write_json(work.path, record)
     return record
 
 
-def touch_flat_walls(site: HoleSite, prober: Prober, style: str, cycles: int) -> None:
+def touch_flat_walls(
+    site: HoleSite,
+    prober: Prober,
+    style: str,
+    cycles: int,
+    past: Callable[[], None] | None = None,
+) -> None:
     """Touch a flat wall at :data:`WALL_MM`, turned to each direction that a style uses.
 
-    The travel depends a little on the direction before, so they follow each other as in use: in the
-    cross's own order, or in any for the adaptive search.
+    The travel depends a little on the direction before, so they follow each other as in use: in any
+    order for the adaptive search, or in the cross's own, after ``past`` made an earlier contact.
     """
     for cycle in range(cycles):
         angles = np.radians(ANGLES_DEG[style])
         if style == DEFAULT:
             angles = np.random.default_rng(cycle).permutation(angles)
+        elif past is not None:
+            past()
         for angle in angles:
             direction = np.array([np.cos(angle), np.sin(angle)])
             site.face(flat_wall(direction, WALL_MM), np.zeros(2))
@@ -205,7 +173,7 @@ def search_work(work: HoleWork) -> dict[str, Any]:
     trial = trial_of(work.seed, work.hole)
     site = HoleSite(Grasp.of(work.seed), HOLE_SEEDS * work.seed + work.hole)
     detector = detector_for(site, work.detector, load_windows(_quiet_path(work)))
-    _inherit(site, detector)
+    _inherit(site, detector, np.random.default_rng([work.seed, PAST_STREAM, work.hole]))
     record: dict[str, Any] = {"key": key, "seed": work.seed, "hole": work.hole}
     for style in STYLES:
         site.face(trial.wall, trial.start_mm)
@@ -247,9 +215,9 @@ def detector_for(
     return make_detector(name, DetectionConfig(), [site.calibration], quiet)
 
 
-def _inherit(site: HoleSite, detector: ContactDetector) -> None:
+def _inherit(site: HoleSite, detector: ContactDetector, rng: np.random.Generator) -> None:
     """Touch another wall and let a second pass: the contact whose traces the pixels inherit."""
-    angle = 2.0 * np.pi * np.random.default_rng(site.calibration.grid).uniform()
+    angle = 2.0 * np.pi * rng.uniform()
     direction = np.array([np.cos(angle), np.sin(angle)])
     site.face(flat_wall(direction, WALL_MM), np.zeros(2))
     with contextlib.suppress(SearchError):

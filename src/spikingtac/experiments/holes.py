@@ -11,13 +11,13 @@ from spikingtac.experiments.cases import seeds_of
 from spikingtac.experiments.crew import crew
 from spikingtac.experiments.fingerprint import provenance
 from spikingtac.experiments.hole_figures import error_figure, plate_figure
+from spikingtac.experiments.hole_readings import SIGMAS_MM
 from spikingtac.experiments.hole_scoring import DEFINITIONS, METHODS, hole_rows
 from spikingtac.experiments.hole_touching import (
     CYCLES,
     DETECTOR,
     QUICK_CYCLES,
     RADII_MM,
-    SIGMAS_MM,
     HoleWork,
     calibrate_work,
     search_work,
@@ -178,15 +178,18 @@ def _figures(
 ) -> list[tuple[str, str]]:
     seed = min(record["seed"] for record in records)
     plate = [record for record in records if record["seed"] == seed]
-    said = "red: truth; blue: estimate; filled: 95 % region of the centre, twenty times as large"
+    said = (
+        "95 % region and error of the centre, and the contacts' residuals, are drawn larger by the "
+        "factors above each hole"
+    )
     figures = [
         (
-            "Position and radius RMSE of each hole (simulated, repeatability 0.028 mm); grey: the "
-            "paper's table.",
+            "Position and radius RMSE of each hole (simulated, repeatability 0.028 mm); diamonds: "
+            "the paper's table, one measured trial of each hole.",
             error_figure(rows, names),
         )
     ]
     for name in names:
         drawn = plate_figure(plate, calibrations[seed], name)
-        figures.append((f"{name}, seed {seed} (simulated); {said}; dots: contacts.", drawn))
+        figures.append((f"{name}, seed {seed} (simulated): {said}.", drawn))
     return figures

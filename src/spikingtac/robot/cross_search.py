@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import Circle, Compensation
+from spikingtac.geometry.touch_fit import TouchFitConfig
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import Prober, Touched
 
@@ -28,6 +29,8 @@ MISFIT_MM = 0.45
 the largest difference of the travels along and across the pads."""
 KNOWN_MISFIT_MM = 0.25
 """The same where it is known: five times the spread of a touch that is not conditioned."""
+LEAST_COSINE = 0.2
+"""Of the angle at which a chord meets the wall: a start at 0.9 of the free way meets it at 0.44."""
 
 
 def cross_search(
@@ -126,11 +129,27 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
     reading = np.array([touch.reading_mm for touch in touches])
     angle = np.arctan2(direction[:, 1], direction[:, 0])
     size = travel.travel_mm(angle)
-    circle = _circle(reading - size[:, None] * direction, travel.sigma_mm)
+    point = reading - size[:, None] * direction
+    circle, reach = _circle(point, travel.sigma_mm), Compensation()
     rows = np.column_stack([direction, np.ones(len(direction))])
     gain = np.linalg.pinv(rows).astype(np.float64)
-    covariance = circle.covariance_mm2 + travel.systematic_mm2(angle, gain)
-    return replace(circle, covariance_mm2=covariance).grown(Compensation().offset_mm)
+    sigma = _spread_mm(point - circle.center_mm, direction, size, travel.sigma_mm)
+    covariance = (gain * sigma**2) @ gain.T + travel.systematic_mm2(angle, gain)
+    covariance[2, 2] += reach.offset_sigma_mm**2 / 2.0  # the same reach at opposite contacts
+    return replace(circle, covariance_mm2=covariance).grown(reach.offset_mm)
+
+
+def _spread_mm(away: Vector, direction: Vector, size: Vector, sigma_mm: float) -> Vector:
+    """Return the standard deviation ``(n,)`` of each contact along its motion, mm.
+
+    A chord off the middle meets the wall at an angle: an error along the normal is longer along the
+    motion, and beyond the friction cone the tip slides.
+    """
+    cosine = (away * direction).sum(axis=1) / np.linalg.norm(away, axis=1)
+    turn = np.arccos(np.clip(cosine, LEAST_COSINE, 1.0))
+    slip = TouchFitConfig()
+    slid = np.maximum(turn - math.atan(slip.friction), 0.0)
+    return np.hypot(sigma_mm, slip.slip_sigma * np.abs(size) * slid) / np.cos(turn)
 
 
 def _circle(point: Vector, sigma_mm: float) -> Circle:
