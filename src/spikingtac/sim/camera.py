@@ -65,8 +65,9 @@ class EventCamera:
         self._t_us: int | None = None
         steps = config.steps
         pixels = self._sensor.pixels
-        self._lowest_threshold = float(min(pixels["on"].min(), pixels["off"].min()))
-        self._highest_leak = float(pixels["mean_leak"].max())
+        lowest, log = float(min(pixels["on"].min(), pixels["off"].min())), self._sensor.chip["log"]
+        self._most_crossings = 1 + int(float(log.max() - log.min()) / lowest)
+        self._fastest_leak = float(pixels["mean_leak"].max()) / lowest
         self._limits = (steps.motion_px, steps.min_us, steps.max_us, steps.still_px)
 
     @property
@@ -119,7 +120,9 @@ class EventCamera:
         after = discs_of(image)
         work = np.empty(len(after), WORK_DTYPE)
         end_us = int(image.t_us)
-        motion = Motion(self._before, after, after.copy(), work, float(start_us), float(end_us))
+        motion = Motion(
+            self._before, after, np.empty_like(after), work, float(start_us), float(end_us)
+        )
         reach_px = float(self._sensor.chip["reach_px"][0])
         span_us = motion.end_us - motion.start_us
         swept = plan_kernel(self._before, after, work, reach_px, span_us, self._limits)
@@ -146,14 +149,12 @@ class EventCamera:
 
     def _make_room(self, swept: int, span_us: float) -> None:
         """Enlarge the outbox to hold whatever the next interval can bring."""
-        pixels, log = self._sensor.pixels, self._sensor.chip["log"]
-        lowest = self._lowest_threshold
-        crossings = 1 + int(float(log.max() - log.min()) / lowest)
-        leaks = 2 + int(4 * self._highest_leak * span_us / lowest)
+        pixels = self._sensor.pixels.size
+        leaks = 2 + int(4 * self._fastest_leak * span_us)
         moving = swept + int(self._sensor.agenda.listed[0])
         if self._dense is not None:
-            moving = pixels.size
-        room = 1 + moving * _PASSES * crossings + pixels.size * leaks
+            moving = pixels
+        room = 1 + moving * _PASSES * self._most_crossings + pixels * leaks
         if room > len(self._out):
             self._out = np.zeros(2 * room, np.int64)
 

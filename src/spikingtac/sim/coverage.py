@@ -33,17 +33,36 @@ DISC_DTYPE = np.dtype(
 
 def discs_of(image: MarkerImage) -> NDArray[Any]:
     """Return an image's markers as ``(m,)`` records of :data:`DISC_DTYPE`."""
-    discs = np.zeros(len(image.center_px), DISC_DTYPE)
-    discs["x"], discs["y"] = np.asarray(image.center_px).T
-    shape = np.asarray(image.shape, np.float64)
-    discs["xx"], discs["xy"] = shape[:, 0, 0], shape[:, 0, 1]
-    discs["yx"], discs["yy"] = shape[:, 1, 0], shape[:, 1, 1]
-    discs["scale"] = np.sqrt(np.abs(np.linalg.det(shape)))
-    discs["radius"] = image.radius_px
-    discs["cut"] = np.inf
-    if image.chord is not None:
-        discs["cut_x"], discs["cut_y"], discs["cut"] = np.asarray(image.chord).T
+    discs = np.empty(len(image.center_px), DISC_DTYPE)
+    chord = _WHOLE if image.chord is None else np.asarray(image.chord, np.float64)
+    center, shape = (np.asarray(a, np.float64) for a in (image.center_px, image.shape))
+    disc_kernel(center, shape, np.asarray(image.radius_px, np.float64), chord, discs)
     return discs
+
+
+_WHOLE = np.empty((0, 3))
+"""No chords: all discs are whole."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def disc_kernel(
+    center_px: NDArray[np.float64],
+    shape: NDArray[np.float64],
+    radius_px: NDArray[np.float64],
+    chord: NDArray[np.float64],
+    discs: NDArray[Any],
+) -> None:
+    """Write the records of ``m`` discs; see :class:`MarkerImage`, ``chord`` may be empty."""
+    for k in range(len(discs)):
+        disc, form = discs[k], shape[k]
+        disc["x"], disc["y"] = center_px[k, 0], center_px[k, 1]
+        disc["xx"], disc["xy"] = form[0, 0], form[0, 1]
+        disc["yx"], disc["yy"] = form[1, 0], form[1, 1]
+        disc["radius"] = radius_px[k]
+        disc["scale"] = math.sqrt(abs(form[0, 0] * form[1, 1] - form[0, 1] * form[1, 0]))
+        disc["cut_x"], disc["cut_y"], disc["cut"] = 0.0, 0.0, np.inf
+        if len(chord):
+            disc["cut_x"], disc["cut_y"], disc["cut"] = chord[k, 0], chord[k, 1], chord[k, 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -55,7 +55,10 @@ class Pad:
         self._from_bushing = mode_amplitudes(config.half_thickness_mm, faces_back)
         self._grip = np.zeros(MODES)
         self._grip[NORMAL_MODE] = config.grip_mm
-        self._rest_mm = np.column_stack([rest, np.zeros(len(rest))])
+        places = np.column_stack([rest, np.zeros(len(rest))])
+        undeformed = np.tile(np.eye(2), (len(rest), 1, 1))
+        self._rest = np.concatenate([places.ravel(), undeformed.ravel()])
+        self._coordinates = places.size
 
     def skin(self, state: ProbeState, rotation: Vector) -> SkinState:
         """Return the skin under the rod.
@@ -65,16 +68,15 @@ class Pad:
             rotation: ``(3, 3)`` the gripper's axes as columns in the base frame.
         """
         amplitude = self._grip + self._from_bushing @ state.bushing
-        fields = amplitude @ self._fields
-        moved = fields[: self._rest_mm.size].reshape(self._rest_mm.shape)
-        strain = fields[self._rest_mm.size :].reshape(-1, 2, 2)
+        fields = self._rest + amplitude @ self._fields
+        places, gradient = fields[: self._coordinates], fields[self._coordinates :]
         axes = self._from_bushing[:3, :3] @ rotation.T
         force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
-        (x, y, z), (fx, fy, fz) = lever, force
+        (x, y, z), (fx, fy, fz) = lever.tolist(), force.tolist()
         return SkinState(
             t_us=state.t_us,
-            marker_mm=self._rest_mm + moved,
-            gradient=np.eye(2) + strain,
+            marker_mm=places.reshape(-1, 3),
+            gradient=gradient.reshape(-1, 2, 2),
             force_n=force,
             torque_n_mm=np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]),
             pose_mm=axes @ state.tip_mm,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.sim.discs import DiscConfig, Discs, draw_discs
@@ -55,6 +57,19 @@ class OpticsConfig:
             )
 
 
+class Lens(NamedTuple):
+    """What :func:`bend_kernel` needs; see :class:`OpticsConfig`."""
+
+    center_x_px: float
+    center_y_px: float
+    px_per_mm: float
+    distance_mm: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+
+
 class Optics:
     """Pinhole with Brown distortion; an indentation magnifies, a strain makes ellipses.
 
@@ -71,7 +86,8 @@ class Optics:
         center = config.center_px or ((width - 1) / 2, (height - 1) / 2)
         self._config = config
         self._seed = seed
-        self._center_px = np.array(center, np.float64)
+        terms = config.px_per_mm, config.distance_mm, config.k1, config.k2, config.p1, config.p2
+        self._lens = Lens(*map(float, (*center, *terms)))
         self._discs: Discs | None = None
 
     def project(self, state: SkinState) -> MarkerImage:
@@ -81,48 +97,79 @@ class Optics:
             state: Skin with m markers.
         """
         discs = self._discs_of(len(state.marker_mm))
-        place_mm = state.marker_mm.astype(np.float64)
-        place_mm[:, :2] += np.einsum("mij,mj->mi", state.gradient, discs.offset_mm)
-        center_px, jacobian = self._bend(place_mm)
-        stretch = jacobian @ state.gradient
+        center_px, shape = project_kernel(
+            state.marker_mm, state.gradient, discs.offset_mm, self._lens
+        )
         return MarkerImage(
             t_us=state.t_us,
             center_px=center_px,
-            shape=(self._config.px_per_mm * np.linalg.inv(stretch)).astype(np.float64),
+            shape=shape,
             radius_px=discs.radius_mm * self._config.px_per_mm,
             chord=discs.chord_px(self._config.px_per_mm),
         )
 
     def project_points(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where ``(n, 3)`` points of the skin's frame (mm) fall on the sensor, (n, 2) px."""
-        return self._bend(np.asarray(points_mm, np.float64))[0]
-
-    def _bend(
-        self, points_mm: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return ``(n, 2)`` px and the Jacobian d px / d mm ``(n, 2, 2)`` at ``(n, 3)`` points."""
-        lens = self._config
-        scale = 1.0 / (lens.distance_mm - points_mm[:, 2])
-        x, y = points_mm[:, 0] * scale, points_mm[:, 1] * scale
-        square = x * x + y * y
-        radial = 1 + lens.k1 * square + lens.k2 * square**2
-        slope = 2 * (lens.k1 + 2 * lens.k2 * square)
-        bent = np.stack(
-            [
-                x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x * x),
-                y * radial + lens.p1 * (square + 2 * y * y) + 2 * lens.p2 * x * y,
-            ],
-            axis=1,
-        )
-        cross = slope * x * y + 2 * (lens.p1 * x + lens.p2 * y)
-        jacobian = np.empty((len(points_mm), 2, 2))
-        jacobian[:, 0, 0] = radial + slope * x * x + 2 * lens.p1 * y + 6 * lens.p2 * x
-        jacobian[:, 1, 1] = radial + slope * y * y + 6 * lens.p1 * y + 2 * lens.p2 * x
-        jacobian[:, 0, 1] = jacobian[:, 1, 0] = cross
-        focal_px = lens.px_per_mm * lens.distance_mm
-        return self._center_px + focal_px * bent, (focal_px * scale)[:, None, None] * jacobian
+        points = np.asarray(points_mm, np.float64)
+        undeformed = np.tile(np.eye(2), (len(points), 1, 1))
+        return project_kernel(points, undeformed, np.zeros((len(points), 2)), self._lens)[0]
 
     def _discs_of(self, markers: int) -> Discs:
         if self._discs is None or len(self._discs.radius_mm) != markers:
             self._discs = draw_discs(self._config.discs, markers, self._seed)
         return self._discs
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bend_kernel(
+    lens: Lens, x_mm: float, y_mm: float, z_mm: float
+) -> tuple[float, float, float, float, float]:
+    """Return where a point falls, px, and d px / d mm there: along x, along y, across."""
+    scale = 1.0 / (lens.distance_mm - z_mm)
+    x, y = x_mm * scale, y_mm * scale
+    square = x * x + y * y
+    radial = 1 + lens.k1 * square + lens.k2 * square**2
+    slope = 2 * (lens.k1 + 2 * lens.k2 * square)
+    bent_x = x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x * x)
+    bent_y = y * radial + lens.p1 * (square + 2 * y * y) + 2 * lens.p2 * x * y
+    along_x = radial + slope * x * x + 2 * lens.p1 * y + 6 * lens.p2 * x
+    along_y = radial + slope * y * y + 6 * lens.p1 * y + 2 * lens.p2 * x
+    across = slope * x * y + 2 * (lens.p1 * x + lens.p2 * y)
+    focal_px = lens.px_per_mm * lens.distance_mm
+    steep = focal_px * scale
+    return (
+        lens.center_x_px + focal_px * bent_x,
+        lens.center_y_px + focal_px * bent_y,
+        steep * along_x,
+        steep * along_y,
+        steep * across,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project_kernel(
+    marker_mm: NDArray[np.float64], gradient: NDArray[np.float64], offset_mm: Any, lens: Lens
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the centres ``(m, 2)`` px and shapes ``(m, 2, 2)`` of :class:`MarkerImage`.
+
+    Args:
+        marker_mm: ``(m, 3)`` nominal places on the skin.
+        gradient: ``(m, 2, 2)`` of the skin there.
+        offset_mm: ``(m, 2)`` of the discs from their nominal places, in the rest frame.
+        lens: What bends.
+    """
+    center_px, shape = np.empty((len(marker_mm), 2)), np.empty((len(marker_mm), 2, 2))
+    for k in range(len(marker_mm)):
+        strain, (dx, dy) = gradient[k], (offset_mm[k, 0], offset_mm[k, 1])
+        x_mm = marker_mm[k, 0] + strain[0, 0] * dx + strain[0, 1] * dy
+        y_mm = marker_mm[k, 1] + strain[1, 0] * dx + strain[1, 1] * dy
+        x_px, y_px, along_x, along_y, across = bend_kernel(lens, x_mm, y_mm, marker_mm[k, 2])
+        center_px[k, 0], center_px[k, 1] = x_px, y_px
+        xx = along_x * strain[0, 0] + across * strain[1, 0]
+        xy = along_x * strain[0, 1] + across * strain[1, 1]
+        yx = across * strain[0, 0] + along_y * strain[1, 0]
+        yy = across * strain[0, 1] + along_y * strain[1, 1]
+        shrink = lens.px_per_mm / (xx * yy - xy * yx)
+        shape[k, 0, 0], shape[k, 0, 1] = shrink * yy, -shrink * xy
+        shape[k, 1, 0], shape[k, 1, 1] = -shrink * yx, shrink * xx
+    return center_px, shape

@@ -111,7 +111,7 @@ class Probe:
         self.contact = TipContact(config.bit, wall, config.tip_friction)
         self._config = config
         self._rotation = config.rotation()
-        self._lever = self._rotation @ _tip_lever(config.stickout_mm)
+        self._lever = _tip_lever(config)
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
         self._creep = np.zeros((len(config.creep), 6))
@@ -122,24 +122,20 @@ class Probe:
         """Advance by ``dt_s`` to ``t_us``, with the arm then at ``arm_mm``."""
         law = _step_law(self._config, round(dt_s * 1e9))
         memory = law.fade @ self._creep
-        load = (
-            law.stiffness * memory
-            + law.damping * self._bushing / dt_s
-            + law.mass @ (self._bushing / dt_s**2 + self._rate / dt_s - self._shake(dt_s, arm_mm))
-        )
+        swing = self._bushing / dt_s**2 + self._rate / dt_s
+        load = law.stiffness * memory + law.damping * self._bushing / dt_s + law.mass @ swing
+        load -= law.mass[:, :3] @ self._shake(dt_s, arm_mm)
         rest = law.compliance @ load
-        mobility = self._lever @ law.compliance
-        free_mm = arm_mm + self._lever @ rest
-        force = self.contact.solve(free_mm, mobility @ self._lever.T)
-        bushing = rest + mobility.T @ force
+        force = self.contact.solve(arm_mm + self._lever @ rest, law.tip_compliance)
+        bushing = rest + law.from_tip @ force
         elastic = law.stiffness * (bushing - memory)
-        gain = (1.0 - law.fade) * law.share
-        self._creep = law.fade[:, None] * self._creep + gain[:, None] * law.instant * elastic
+        self._creep = law.fade[:, None] * self._creep + law.gain * elastic
         self._rate, self._bushing = (bushing - self._bushing) / dt_s, bushing
         tip_mm = arm_mm + self._lever @ bushing
-        gaps = self.contact.gap_mm(tip_mm), self.contact.gap_mm(free_mm)
+        pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
+        gaps = self.contact.gap_mm(tip_mm) if pressed else free_gap, free_gap
         return ProbeState(
-            t_us, arm_mm, tip_mm, self._center(arm_mm), bushing, force, *gaps, bool(force.any())
+            t_us, arm_mm, tip_mm, self._center(arm_mm), bushing, force, *gaps, pressed
         )
 
     def at_rest(self, t_us: int) -> ProbeState:
@@ -162,26 +158,31 @@ class Probe:
         return arm_mm - self._rotation[:, 1] * self._config.stickout_mm
 
     def _shake(self, dt_s: float, arm_mm: Vector) -> Vector:
-        """Return the arm's acceleration ``(6,)`` over the last two steps, gripper frame."""
+        """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
         before, last = self._arm
         previous_s = self._arm_dt_s
         rate = (arm_mm - last) / dt_s - (last - before) / previous_s
         self._arm, self._arm_dt_s = [last, np.array(arm_mm)], dt_s
-        turned = self._rotation.T @ rate / dt_s
-        return np.concatenate([turned, np.zeros(3)])
+        return self._rotation.T @ rate / dt_s
 
 
 @dataclass(frozen=True)
 class _StepLaw:
-    """What a step of one length needs; vectors are diagonals over the six degrees of freedom."""
+    """What a step of one length needs; ``(6,)`` are diagonals over the degrees of freedom.
+
+    ``gain`` ``(c, 6)`` is what the elastic force adds to each element of the creep chain;
+    ``from_tip`` ``(6, 3)`` and ``tip_compliance`` ``(3, 3)`` are the motions of bushing and tip
+    per force at the tip.
+    """
 
     stiffness: Vector
     damping: Vector
-    instant: Vector
     mass: Vector
     compliance: Vector
     fade: Vector
-    share: Vector
+    gain: Vector
+    from_tip: Vector
+    tip_compliance: Vector
 
 
 @functools.lru_cache(maxsize=64)
@@ -196,7 +197,12 @@ def _step_law(config: ProbeConfig, dt_ns: int) -> _StepLaw:
     damping = stiffness0 * 2.0 * config.damping_ratio / omega
     whole = np.diag(stiffness + damping / dt_s) + mass / dt_s**2
     compliance = np.linalg.inv(whole).astype(np.float64)
-    return _StepLaw(stiffness, damping, 1.0 / stiffness0, mass, compliance, fade, share)
+    gain = ((1.0 - fade) * share)[:, None] / stiffness0
+    mobility = _tip_lever(config) @ compliance
+    tip_compliance = mobility @ _tip_lever(config).T
+    return _StepLaw(
+        stiffness, damping, mass, compliance, fade, gain, mobility.T.copy(), tip_compliance
+    )
 
 
 def bushing_stiffness(config: ProbeConfig) -> Vector:
@@ -218,9 +224,9 @@ def rod_inertia(config: ProbeConfig) -> Vector:
     return out
 
 
-def _tip_lever(stickout_mm: float) -> Vector:
-    """Return ``(3, 6)``: displacement of the tip per bushing motion, gripper frame."""
+def _tip_lever(config: ProbeConfig) -> Vector:
+    """Return ``(3, 6)``: displacement of the tip per bushing motion, base frame."""
     lever = np.zeros((3, 6))
     lever[:, :3] = np.eye(3)
-    lever[0, 5], lever[2, 3] = -stickout_mm, stickout_mm
-    return lever
+    lever[0, 5], lever[2, 3] = -config.stickout_mm, config.stickout_mm
+    return config.rotation() @ lever

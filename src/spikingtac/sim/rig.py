@@ -134,6 +134,7 @@ class Rig:
         self.touch: Touch | None = None
         self.t_us = 0
         self._config = config
+        self._rotation = config.probe.rotation()
         self._fingers = tuple(fingers)
         shaken = self.arm.true_position_mm() + self.vibration.offset_mm
         self.probe = Probe(config.probe, wall, shaken)
@@ -152,7 +153,7 @@ class Rig:
 
     def skin(self, sensor: int = 0) -> SkinState:
         """Return the skin of one finger now."""
-        return self._pads[sensor].skin(self.state, self._config.probe.rotation())
+        return self._pads[sensor].skin(self.state, self._rotation)
 
     def carry(self, to_mm: Vector) -> None:
         """Put the arm, at rest, elsewhere in free air; no time passes, and no pixel sees anything.
@@ -245,7 +246,7 @@ class Rig:
         config = self._config
         left_us = config.step_us - self.t_us % config.step_us
         ahead = self.arm.position_at_mm(self.t_us + config.step_us)
-        travel = float(np.linalg.norm(ahead - self.arm.true_position_mm()))
+        travel = math.dist(ahead, self.arm.true_position_mm())
         if travel <= config.near_mm or self.state.gap_mm > 2.0 * travel:
             return left_us
         most = config.step_us // config.least_step_us

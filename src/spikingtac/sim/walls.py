@@ -6,15 +6,20 @@ base (mm), in which the probe stands vertically and z points up.
 
 from __future__ import annotations
 
+import functools
+import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
 HEXAGON_CORNERS = 6
+_TINY = float(np.finfo(np.float64).tiny)
+"""Least distance from an axis, so that a point on it has a direction."""
 
 
 class Wall(Protocol):
@@ -64,13 +69,19 @@ class PlaneWall:
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return distance and normal; see :class:`Wall`."""
-        normal = _unit(self.normal)
-        gap = (point_mm - np.array(self.point_mm)) @ normal
-        return gap, np.broadcast_to(normal, point_mm.shape)
+        place_mm, away = self._facts
+        normal = np.empty(point_mm.shape)
+        normal[:] = away
+        return (point_mm - place_mm) @ away, normal
 
     def bend(self, point_mm: Vector) -> Vector:
         """Return zeros: the wall is flat; see :class:`Wall`."""
         return np.zeros((len(point_mm), 3, 3))
+
+    @functools.cached_property
+    def _facts(self) -> tuple[Vector, Vector]:
+        """A point of the wall and its unit normal, as arrays."""
+        return np.array(self.point_mm, np.float64), _unit(self.normal)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,22 +104,40 @@ class HoleWall:
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return distance and normal (towards the axis); see :class:`Wall`."""
-        outward, distance = self._from_axis(point_mm)
-        return self.radius_mm - distance, -outward
+        inward, distance = from_axis_kernel(point_mm, *self._facts)
+        return self.radius_mm - distance, inward
 
     def bend(self, point_mm: Vector) -> Vector:
         """Return the turn around the hole, 1 / distance from the axis; see :class:`Wall`."""
-        outward, distance = self._from_axis(point_mm)
-        around = np.cross(_unit(self.axis), outward)
-        return around[:, :, None] * around[:, None, :] / distance[:, None, None]
+        return around_axis_kernel(point_mm, *self._facts)
 
-    def _from_axis(self, point_mm: Vector) -> tuple[Vector, Vector]:
-        """Return the unit directions ``(n, 3)`` and distances ``(n,)`` from the axis."""
-        axis = _unit(self.axis)
-        offset = point_mm - np.array(self.center_mm)
-        radial = offset - (offset @ axis)[:, None] * axis
-        distance = np.maximum(np.linalg.norm(radial, axis=1), np.finfo(float).tiny)
-        return radial / distance[:, None], distance
+    @functools.cached_property
+    def _facts(self) -> tuple[Vector, Vector]:
+        """A point of the axis and its unit direction, as arrays."""
+        return np.array(self.center_mm, np.float64), _unit(self.axis)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def from_axis_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple[Vector, Vector]:
+    """Return the unit directions ``(n, 3)`` to an axis and the distances ``(n,)`` from it, mm."""
+    inward, distance = np.empty((len(point_mm), 3)), np.empty(len(point_mm))
+    for k in range(len(point_mm)):
+        offset = point_mm[k] - center_mm
+        radial = offset - np.dot(offset, axis) * axis
+        distance[k] = max(math.sqrt(np.dot(radial, radial)), _TINY)
+        inward[k] = -radial / distance[k]
+    return inward, distance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def around_axis_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> Vector:
+    """Return ``(n, 3, 3)``: how the direction to an axis turns around it, 1/mm."""
+    inward, distance = from_axis_kernel(point_mm, center_mm, axis)
+    bend = np.empty((len(point_mm), 3, 3))
+    for k in range(len(point_mm)):
+        around = np.cross(axis, inward[k])
+        bend[k] = np.outer(around, around) / distance[k]
+    return bend
 
 
 class Bit(Protocol):

@@ -9,11 +9,27 @@ from spikingtac.sim.walls import Bit, HexBit, HoleWall, PlaneWall, RoundBit, Wal
 TOLERANCE_MM = 1e-4
 HANDOVER_MM = 5e-3
 """How deep a corner may sink in the one step in which it takes over from another, with friction."""
+
+
+class Ramp:
+    """A wall of a kind that the package does not know: steeper the farther along y."""
+
+    def gap(self, point_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, y, _ = point_mm.T
+        normal = np.column_stack([-np.ones_like(x), -0.2 * y, np.zeros_like(x)])
+        length = np.linalg.norm(normal, axis=1)
+        return (0.3 - x - 0.1 * y**2) / length, normal / length[:, None]
+
+    def bend(self, point_mm: np.ndarray) -> np.ndarray:
+        return np.zeros((len(point_mm), 3, 3))
+
+
 WALLS = [
     PlaneWall(point_mm=(0.5, 0.0, 0.0), normal=(-1.0, 0.2, 0.1)),
     PlaneWall(point_mm=(0.5, 0.0, 0.0), normal=(-1.0, 0.0, 0.0)),
     HoleWall(radius_mm=0.7),
     HoleWall(radius_mm=3.0, axis=(0.05, -0.03, 1.0)),
+    Ramp(),
 ]
 
 
@@ -31,7 +47,7 @@ def random_path(rng: np.random.Generator) -> np.ndarray:
     return np.vstack([np.linspace(start, end, 35) for start, end in legs])
 
 
-@pytest.mark.parametrize("wall", WALLS, ids=["tilted", "plane", "hole", "tilted-hole"])
+@pytest.mark.parametrize("wall", WALLS, ids=["tilted", "plane", "hole", "tilted-hole", "ramp"])
 @pytest.mark.parametrize("bit", [RoundBit(), HexBit(heading_rad=0.3)])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_no_penetration_no_pull_and_no_more_than_the_cone(

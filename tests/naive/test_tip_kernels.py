@@ -1,0 +1,176 @@
+"""Plain twins of the kernels behind contact at the tip: as one would write them on arrays."""
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.corners import (
+    SLIP_STEPS,
+    SLIPPING,
+    SWEEPS,
+    TOLERANCE_N,
+    Corners,
+    Facing,
+    Mount,
+    bent_kernel,
+    hold_kernel,
+    inverse_kernel,
+    press_kernel,
+    remember_kernel,
+)
+from spikingtac.sim.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
+
+Array = np.ndarray
+
+
+def plain_bent(mount: Mount, corners: Corners, facing: Facing, tip: Array) -> Mount:
+    pressure = np.maximum((corners.force_n * facing.normal).sum(axis=1), 0.0)
+    bend = np.tensordot(pressure, facing.bend, axes=1)
+    compliance = np.linalg.inv(mount.stiffness + bend)
+    free = compliance @ (mount.stiffness @ mount.free_mm + bend @ tip)
+    return Mount(free, compliance, mount.stiffness + bend)
+
+
+def plain_hold(mount: Mount, free: Array, normal: Array, anchor: Array, friction: float) -> Array:
+    stick = mount.stiffness @ (anchor - free)
+    pressure = stick @ normal
+    tangential = stick - pressure * normal
+    size = np.linalg.norm(tangential)
+    if pressure > 0.0 and size <= friction * pressure:
+        return stick
+    direction, force = tangential / size, np.zeros(3)
+    for _ in range(SLIP_STEPS):
+        cone = normal + friction * direction
+        before, yielding = force, normal @ mount.compliance @ cone
+        if yielding <= 0.0:
+            return stick
+        force = cone * (normal @ (anchor - free) / yielding)
+        slide = free + mount.compliance @ force - anchor
+        slide = slide - (slide @ normal) * normal
+        length = np.linalg.norm(slide)
+        if length > 0.0:
+            direction = -slide / length
+        if np.abs(force - before).max() < TOLERANCE_N:
+            break
+    return force
+
+
+def plain_press(
+    corners: Corners, facing: Facing, mount: Mount, friction: float, tip: Array, share: float
+) -> Array:
+    """Return the new tip; the corners' forces are overwritten."""
+    bent = plain_bent(mount, corners, facing, tip)
+    reach = facing.normal @ tip - facing.gap_mm
+    for _ in range(SWEEPS):
+        change = 0.0
+        for k, normal in enumerate(facing.normal):
+            pull = corners.force_n.sum(axis=0) - corners.force_n[k]
+            others, force = bent.free_mm + bent.compliance @ pull, np.zeros(3)
+            if reach[k] - normal @ others > 0.0:
+                anchor = corners.anchor_mm[k] if corners.stuck[k] else others
+                anchor = anchor + normal * (reach[k] - normal @ anchor)
+                force = plain_hold(bent, others, normal, anchor, friction)
+            change = max(change, np.abs(force - corners.force_n[k]).max())
+            corners.force_n[k] = force
+        if change < TOLERANCE_N or len(facing.normal) == 1:
+            break
+    there = bent.free_mm + bent.compliance @ corners.force_n.sum(axis=0)
+    return tip + share * (there - tip)
+
+
+def plain_remember(corners: Corners, normal: Array, friction: float, tip: Array) -> None:
+    pressure = (corners.force_n * normal).sum(axis=1)
+    tangential = np.linalg.norm(corners.force_n - pressure[:, None] * normal, axis=1)
+    slipped = tangential > friction * pressure * SLIPPING
+    corners.anchor_mm[(pressure > 0.0) & (slipped | ~corners.stuck)] = tip
+    corners.stuck[:] = pressure > 0.0
+
+
+def mount_of(rng: np.random.Generator, free: Array) -> Mount:
+    basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    upright = np.eye(3) + 0.05 * (basis - np.eye(3))
+    compliance = upright @ np.diag([24.0, rng.uniform(3.0, 24.0), 0.4]) @ upright.T
+    return Mount(free, compliance, np.linalg.inv(compliance))
+
+
+def copied(corners: Corners) -> Corners:
+    return Corners(*(part.copy() for part in corners))
+
+
+def test_inverse() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        matrix = rng.normal(size=(3, 3))
+        np.testing.assert_allclose(inverse_kernel(matrix) @ matrix, np.eye(3), atol=1e-10)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 3.0])
+def test_hold_sticks_slips_or_jams(friction: float) -> None:
+    rng, stuck = np.random.default_rng(1), 0
+    for _ in range(300):
+        mount = mount_of(rng, np.zeros(3))
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        free, anchor = rng.normal(size=(2, 3))
+        anchor += normal * max(normal @ (free - anchor) + 0.1, 0.0)
+        plain = plain_hold(mount, free, normal, anchor, friction)
+        fast = hold_kernel(mount, tuple(free), tuple(normal), tuple(anchor), friction)
+        np.testing.assert_allclose(fast, plain, rtol=1e-6, atol=1e-7)
+        stuck += np.allclose(plain, mount.stiffness @ (anchor - free))
+    assert stuck < 300
+    assert friction == 0.0 or stuck > 0
+
+
+WALLS = [
+    PlaneWall(point_mm=(0.3, 0.0, 0.0), normal=(-1.0, 0.2, 0.1)),
+    HoleWall(radius_mm=0.7, axis=(0.05, -0.03, 1.0)),
+]
+
+
+@pytest.mark.parametrize("wall", WALLS, ids=["plane", "hole"])
+@pytest.mark.parametrize("bit", [RoundBit(), HexBit(heading_rad=0.3)], ids=["round", "hexagon"])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_wandering_tip_is_pressed_and_remembered_alike(
+    wall: Wall, bit: RoundBit | HexBit, friction: float
+) -> None:
+    rng, count, pressed = np.random.default_rng(2), len(bit.points_mm), 0
+    fast = Corners(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_))
+    compliance = mount_of(rng, np.zeros(3)).compliance
+    for free in np.cumsum(rng.normal([0.02, 0.0, 0.0], 0.05, (80, 3)), axis=0):
+        mount = Mount(free, compliance, np.linalg.inv(compliance))
+        tip = free + compliance @ fast.force_n.sum(axis=0)
+        gap, normal = wall.gap(tip + bit.points_mm)
+        facing = Facing(gap - bit.radius_mm, normal, wall.bend(tip + bit.points_mm))
+        plain, place, share = copied(fast), tip.copy(), rng.choice([0.5, 1.0])
+        bent, expected = (k(mount, fast, facing, tip) for k in (bent_kernel, plain_bent))
+        for part, wanted in zip(bent, expected, strict=True):
+            np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-10)
+        press_kernel(fast, facing, mount, friction, place, share)
+        np.testing.assert_allclose(
+            place, plain_press(plain, facing, mount, friction, tip, share), rtol=1e-6, atol=1e-6
+        )
+        np.testing.assert_allclose(fast.force_n, plain.force_n, rtol=1e-6, atol=1e-6)
+        plain = copied(fast)
+        remember_kernel(fast, normal, friction, place)
+        plain_remember(plain, normal, friction, place)
+        np.testing.assert_array_equal(fast.anchor_mm, plain.anchor_mm)
+        np.testing.assert_array_equal(fast.stuck, plain.stuck)
+        pressed += bool(fast.stuck.any())
+    assert pressed > 10
+
+
+def test_a_hole_is_seen_as_on_arrays() -> None:
+    rng = np.random.default_rng(3)
+    wall = HoleWall(center_mm=(0.3, -0.2, 1.0), radius_mm=2.0, axis=(0.1, -0.2, 2.0))
+    points, axis = rng.normal(size=(9, 3)), np.array(wall.axis) / np.linalg.norm(wall.axis)
+    points[0] = wall.center_mm
+    offset = points - wall.center_mm
+    radial = offset - (offset @ axis)[:, None] * axis
+    distance = np.linalg.norm(radial, axis=1)
+    gap, normal = wall.gap(points)
+    np.testing.assert_allclose(gap, wall.radius_mm - distance, atol=1e-12)
+    assert np.isfinite(normal).all()
+    outward = radial[1:] / distance[1:, None]
+    np.testing.assert_allclose(normal[1:], -outward, atol=1e-12)
+    around = np.cross(axis, outward)
+    turn = around[:, :, None] * around[:, None, :] / distance[1:, None, None]
+    np.testing.assert_allclose(wall.bend(points)[1:], turn, atol=1e-12)
