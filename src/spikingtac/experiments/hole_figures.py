@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from spikingtac.experiments.figures import svg_text
+from spikingtac.experiments.hole_readings import SIGMAS_MM, touched_of
 from spikingtac.experiments.hole_scoring import METHODS, HoleScore, score
-from spikingtac.experiments.hole_touching import RADII_MM, SIGMAS_MM, touched_of
+from spikingtac.experiments.hole_touching import RADII_MM
 from spikingtac.experiments.published import HOLE_ERRORS_MM
 from spikingtac.experiments.rows import Row
 
 SIGMA_MM = SIGMAS_MM["rep028"]
 CASE = "rep028"
-MAGNIFIED = 20.0
-"""How much larger than true the regions and errors of the centre are drawn."""
-METRICS = ("position_rmse_mm", "radius_rmse_mm")
-PLANE_REGION = 5.991
-"""95 % quantile of chi-squared with two degrees of freedom: the centre alone."""
+TITLES = {"position_rmse_mm": "error of the centre", "radius_rmse_mm": "error of the radius"}
+METRICS = tuple(TITLES)
+TICKS_MM = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Of the errors' axis, from the least of the paper's to the largest of ours."""
 
 
 def plate_figure(
@@ -37,42 +37,52 @@ def plate_figure(
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(2, 5, figsize=(11, 5.2))
+    figure, axes = pyplot.subplots(2, 5, figsize=(11, 5.8), layout="constrained")
     for axis in axes.flat:
         axis.set_axis_off()
     for record in records:
         axis = axes.flat[record["hole"]]
-        _draw_hole(axis, record, method, score(method, record, calibration, SIGMA_MM))
-    figure.tight_layout()
+        _draw_panel(axis, record, method, score(method, record, calibration, SIGMA_MM))
+    seed = calibration["seed"]
+    figure.suptitle(
+        f"{method}, seed {seed} (simulated, repeatability {SIGMA_MM:g} mm)", fontsize=10
+    )
+    _explain(figure, list(axes.flat))
     return svg_text(figure)
 
 
-def _draw_hole(axis: Any, record: Mapping[str, Any], method: str, found: HoleScore) -> None:
-    from matplotlib.patches import Circle as Disc
-    from matplotlib.patches import Ellipse
+def _draw_panel(axis: Any, record: Mapping[str, Any], method: str, found: HoleScore) -> None:
+    from spikingtac.plots.hole import HolePicture, draw_hole
 
-    x, y = found.center_mm
-    axis.add_patch(Disc((x, y), found.radius_mm, fill=False, ec="#cf222e", lw=1.2))
     how = METHODS[method]
     kept = record[how.style]
-    for number in kept["used"][: how.contacts]:
-        axis.plot(*touched_of(kept["touches"][number], SIGMA_MM).reading_mm, "k.", ms=3)
-    if found.circle is not None:
-        circle = found.circle
-        axis.add_patch(
-            Disc(tuple(circle.center_mm), circle.radius_mm, fill=False, ec="#0969da", ls="--")
-        )
-        value, vector = np.linalg.eigh(circle.covariance_mm2[:2, :2])
-        width, height = 2.0 * MAGNIFIED * np.sqrt(PLANE_REGION * value)
-        turn = float(np.degrees(np.arctan2(vector[1, 0], vector[0, 0])))
-        middle = found.center_mm + MAGNIFIED * found.error_mm[:2]
-        axis.add_patch(Ellipse(tuple(middle), width, height, angle=turn, fc="#0969da", alpha=0.3))
-        axis.plot(x, y, "+", color="#cf222e", ms=7)
-    reach = 1.15 * found.radius_mm
-    axis.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach), aspect="equal")
+    shown = kept["used"][: how.contacts] or range(len(kept["touches"]))
+    reading = [touched_of(kept["touches"][number], SIGMA_MM).reading_mm for number in shown]
+    picture = HolePicture(
+        circle=found.circle,
+        reading_mm=np.array(reading, np.float64).reshape(-1, 2),
+        true_center_mm=found.center_mm,
+        true_radius_mm=found.radius_mm,
+    )
+    draw_hole(axis, picture)
     off = 1000.0 * found.error_mm
-    told = "no estimate" if found.circle is None else f"{np.hypot(*off[:2]):.0f} / {off[2]:+.0f} um"
-    axis.set_title(f"R {found.radius_mm:g} mm: {told}", fontsize=8)
+    told = "no estimate"
+    if found.circle is not None:
+        told = (
+            f"off by {np.hypot(*off[:2]):.0f} µm, R by {off[2]:+.0f} µm\n"
+            f"centre × {picture.center_factor:g}, residuals × {picture.residual_factor:g}"
+        )
+    axis.set_title(f"hole {found.hole + 1}, R {found.radius_mm:g} mm\n{told}", fontsize=8)
+    axis.set_axis_off()
+
+
+def _explain(figure: Any, axes: Sequence[Any]) -> None:
+    """Put one legend below all panels; the factors stand above each."""
+    known: dict[str, Any] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            known.setdefault(label.split(" × ")[0].split(", R ")[0], handle)
+    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=7, fontsize=8)
 
 
 def error_figure(rows: Sequence[Row], methods: Sequence[str]) -> str:
@@ -82,20 +92,24 @@ def error_figure(rows: Sequence[Row], methods: Sequence[str]) -> str:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, 2, figsize=(10, 3.6), sharey=True)
+    figure, axes = pyplot.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
     place = np.arange(len(RADII_MM))
     printed = np.abs(HOLE_ERRORS_MM).T
     for axis, metric, paper in zip(axes, METRICS, printed, strict=True):
-        axis.bar(place, paper, color="#d8dee4", label="paper")
+        axis.plot(place, paper, "D", color="#8c959f", ms=5, label="paper (measured)")
         for method in methods:
             found = {row.case: row for row in rows if (row.method, row.metric) == (method, metric)}
             drawn = [found[f"{CASE}/hole-{hole + 1}"].value for hole in place]
             values = [np.nan if value is None else value for value in drawn]
             axis.plot(place, values, "o-", ms=4, label=method)
+        axis.set_yscale("log")
+        axis.set_yticks(TICKS_MM, [f"{tick:g}" for tick in TICKS_MM])
         axis.set_xticks(place, [f"{radius:g}" for radius in RADII_MM], fontsize=7)
         axis.set_xlabel("radius of the hole, mm")
-        axis.set_ylabel(metric.replace("_mm", "").replace("_", " ") + ", mm")
+        axis.set_title(TITLES[metric], fontsize=10)
         axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=7)
-    figure.tight_layout()
+    axes[0].set_ylabel("RMSE (simulated), |error| (paper), mm")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8
+    )
     return svg_text(figure)

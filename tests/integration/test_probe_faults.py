@@ -1,0 +1,185 @@
+"""Bad starts and faults through ``spikingtac probe``: exit code, message, arm, force, no output."""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli import probe_places
+from spikingtac.cli.main import main
+from spikingtac.cli.probe import Args
+from spikingtac.contact.detect import ContactDetector
+from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.geometry.hole import Compensation
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.sim.hole_site import Grasp, HoleSite
+from spikingtac.sim.walls import HoleWall, Wall
+from spikingtac.types import Calibration, EventPacket
+
+FORCE_LIMIT_N = 0.05
+"""Ten times below what is allowed unless told: 1.25 mm of push."""
+QUIET = 150
+PLACING_WINDOWS = 30
+"""A probe that is put onto a rim from one step to the next is knocked off it at first; the arm does
+not move yet."""
+Window = tuple[EventPacket, ...]
+
+
+class Watched:
+    """A site of the twin whose force is looked at with every window."""
+
+    def __init__(self) -> None:
+        self.site = HoleSite(Grasp.of(1000), 1)
+        self.most_n = 0.0
+        self.pulled = 0
+        self._since_placed = 0
+        self._face = self.site.face
+        self.site.face = self.face  # type: ignore[method-assign]
+
+    def face(self, wall: Wall, place_mm: np.ndarray) -> None:
+        self._since_placed = 0
+        self._face(wall, place_mm)
+
+    def windows(self) -> Iterator[Window]:
+        for window in self.site.rig.paired_windows():
+            self.pulled += 1
+            self._since_placed += 1
+            if self._since_placed > PLACING_WINDOWS:
+                self.most_n = max(self.most_n, float(np.linalg.norm(self.site.rig.state.force_n)))
+            yield window
+
+    def require_rest(self) -> None:
+        self.site.rig.advance(300_000)
+        assert self.site.rig.arm.state() is not ArmState.MOVING
+        assert self.pulled > 0
+        assert self.most_n < FORCE_LIMIT_N
+        assert float(np.linalg.norm(self.site.rig.state.force_n)) < FORCE_LIMIT_N
+
+
+def failed(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> tuple:
+    """Run the verb and return exit code, kind and message; nothing may have been written."""
+    limit = ["--force-limit-n", str(FORCE_LIMIT_N), "--json", "-o", str(folder / "out")]
+    code = main(["probe", *arguments, *limit])
+    told = json.loads(capsys.readouterr().out)
+    assert told["exit_code"] == code
+    assert list((folder / "out").iterdir()) == []
+    return code, told["kind"], told["error"]
+
+
+@pytest.fixture
+def twin(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    """The verb's twin, watched; a short calibration stands in for the flat walls."""
+    watched = Watched()
+
+    def calibrated(args: Args, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
+        quiet = [next(watched.windows()) for _ in range(QUIET)]
+        detector = make_detector("event_count", DetectionConfig(), [], quiet)
+        return detector, TravelModel.of(Compensation(travel_mm=0.12))
+
+    monkeypatch.setattr("spikingtac.sim.hole_site.HoleSite", lambda *given: watched.site)
+    monkeypatch.setattr(watched.site, "windows", watched.windows)
+    monkeypatch.setattr(probe_places, "calibrated", calibrated)
+    return watched
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--start-mm", "2.0", "0"], r"no wall within 1\.25 mm of \(2\.00, 0\.00\)"),
+        (["--start-mm", "0.75", "0"], "on the rim|make no circle|no wall"),
+        (["--start-mm", "0", "0", "--travel-limit-mm", "0.3"], r"no wall within 0\.3 mm"),
+    ],
+    ids=["outside", "on the rim", "beyond the travel limit"],
+)
+@pytest.mark.parametrize("search", ["default", "cross4"])
+def test_a_bad_start(
+    arguments: list[str],
+    message: str,
+    search: str,
+    twin: Watched,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    given = ["--radius-mm", "1.0", "--search", search, *arguments]
+    code, kind, error = failed(given, capsys, tmp_path)
+    assert (code, kind) == (1, "SearchError")
+    assert re.search(message, error), error
+    twin.require_rest()
+
+
+Fault = Callable[[Iterator[Window], HoleSite], Iterator[Window]]
+
+
+def ending(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
+    for _ in range(120):
+        yield next(windows)
+
+
+def dying(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
+    for window in windows:
+        yield tuple(EventPacket.empty(p.t_start_us, p.t_end_us, p.size) for p in window)
+
+
+def stopping(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
+    for window in windows:
+        if site.rig.arm.state() is ArmState.MOVING:
+            site.rig.arm.protective_stop()
+        yield window
+
+
+def whole(windows: Iterator[Window], site: HoleSite) -> Iterator[Window]:
+    yield from windows
+
+
+def deaf(*built_from: object) -> ContactDetector:
+    return EventCountDetector(EventCountConfig(threshold=1e9))
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "message"),
+    [
+        (ending, 3, "stream ended"),
+        (dying, 3, "gave no event in"),
+        (stopping, 3, "stopped by itself: protective stop"),
+        (whole, 1, "the touch was not felt"),
+    ],
+    ids=["the stream ends", "the sensor dies", "the arm stops by itself", "no signal"],
+)
+def test_a_fault_of_an_arm(
+    fault: Fault,
+    code: int,
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """The twin's arm and finger behind ``--arm``: everything else is the verb's own."""
+    watched = Watched()
+    watched.site.calibration.save(tmp_path / "finger.json")
+    stream = watched.windows()
+
+    def listen(args: Args, calibration: Calibration) -> Iterator[Window]:
+        for _ in range(QUIET):
+            yield next(stream)
+        yield from fault(stream, watched.site)
+
+    def connect(args: Args) -> Arm:
+        watched.site.face(HoleWall(radius_mm=0.7), np.zeros(2))
+        return watched.site.rig.arm
+
+    monkeypatch.setattr(probe_places, "QUIET_WINDOWS", QUIET)
+    monkeypatch.setattr(probe_places, "listen", listen)
+    monkeypatch.setattr(probe_places, "connect", connect)
+    if fault is whole:
+        monkeypatch.setattr("spikingtac.contact.detectors.make_detector", deaf)
+    finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
+    given = ["--arm", "192.0.2.1", *finger, "--detector", "event_count"]
+    found = failed(given, capsys, tmp_path)
+    assert found[0] == code, found
+    assert message in found[2]
+    watched.require_rest()
