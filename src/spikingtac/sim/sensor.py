@@ -29,11 +29,14 @@ class Agenda(NamedTuple):
     Attributes:
         waiting: Indices of the unsettled pixels; the first ``listed[0]`` are valid.
         listed: ``(1,)`` how many they are.
+        shown: Per pixel, 1 while it is known to be unsettled at the interval's end: a byte that
+            spares a second visit to the whole record.
         row_due_us: A lower bound of the pixels' ``due_us`` in each row.
     """
 
     waiting: NDArray[np.int32]
     listed: NDArray[np.int64]
+    shown: NDArray[np.uint8]
     row_due_us: NDArray[np.float64]
 
 
@@ -75,6 +78,7 @@ def make_sensor(
     agenda = Agenda(
         waiting=np.empty(height * width, np.int32),
         listed=np.zeros(1, np.int64),
+        shown=np.zeros(height * width, np.uint8),
         row_due_us=np.full(height, np.inf),
     )
     return Sensor(pixels=pixels, chip=chip, agenda=agenda)

@@ -75,22 +75,20 @@ def _edge_pixels_kernel(
 ) -> None:
     """Show the present light to the pixels around marker ``k``'s edge."""
     pixels, chip = sensor.pixels, sensor.chip[0]
-    span_us = end_us - start_us
-    waiting, count = sensor.agenda.waiting, sensor.agenda.listed
+    waiting, count, shown = sensor.agenda.waiting, sensor.agenda.listed, sensor.agenda.shown
     disc, box = motion.now[k], motion.work[k]
     radius, scale = disc["radius"], disc["scale"]
     visited = (chip["reach_px"] + box["margin_px"]) * scale
     outer = (radius + visited) ** 2
     whole = disc["cut"] >= radius
     inner = max(radius - visited, 0.0) ** 2 if whole else 0.0
-    shrink = 1.0 / scale
+    shrink, span_us = 1.0 / scale, end_us - start_us
     alone = box["leader"] == k and box["following"] < 0
     for y in range(max(box["y_first"], 0), min(box["y_last"] + 1, pixels.shape[0])):
         dy = y - disc["y"]
         for x in range(max(box["x_first"], 0), min(box["x_last"] + 1, pixels.shape[1])):
             dx = x - disc["x"]
-            u = disc["xx"] * dx + disc["xy"] * dy
-            v = disc["yx"] * dx + disc["yy"] * dy
+            u, v = disc["xx"] * dx + disc["xy"] * dy, disc["yx"] * dx + disc["yy"] * dy
             square = u * u + v * v
             if square > outer or square < inner:
                 continue
@@ -99,18 +97,20 @@ def _edge_pixels_kernel(
             else:
                 covered = _group_coverage_kernel(motion, k, chip, float(x), float(y))
             px = pixels[y, x]
-            intensity = intensity_kernel(px, covered)
-            if unchanged_kernel(px, intensity):
+            light = intensity_kernel(px, covered)
+            if unchanged_kernel(px, light):
                 continue
             if not carry_kernel(px, start_us):
                 hold_kernel(px, chip, out, start_us)
-            rise = relight_kernel(px, chip, intensity, end_us, span_us)
+            rise = relight_kernel(px, chip, light, end_us, span_us)
             if not quiet_kernel(px, start_us, rise):
                 cross_kernel(px, chip, out, start_us, span_us, rise)
             if px["listed"] == 0:
                 px["listed"] = 1
                 waiting[count[0]] = px["index"]
                 count[0] += 1
+            if end_us == motion.end_us and not foresee_kernel(px):
+                shown[px["index"]] = 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -139,19 +139,22 @@ def _move_group_kernel(sensor: Sensor, motion: Motion, out: NDArray[np.int64], l
 def _settle_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: float) -> None:
     """Carry the unsettled pixels to the end of the interval; keep those still unsettled."""
     pixels, chip, agenda = sensor.pixels, sensor.chip[0], sensor.agenda
-    waiting, row_due_us = agenda.waiting, agenda.row_due_us
+    waiting, shown = agenda.waiting, agenda.shown
     kept = 0
     for n in range(agenda.listed[0]):
-        row, column = divmod(waiting[n], pixels.shape[1])
-        px = pixels[row, column]
-        if not carry_kernel(px, until_us):
-            hold_kernel(px, chip, out, until_us)
-        if foresee_kernel(px):
-            px["listed"] = 0
-            row_due_us[row] = min(row_due_us[row], px["due_us"])
-        else:
-            waiting[kept] = px["index"]
-            kept += 1
+        place = waiting[n]
+        if shown[place] == 0:
+            row, column = divmod(place, pixels.shape[1])
+            px = pixels[row, column]
+            if not carry_kernel(px, until_us):
+                hold_kernel(px, chip, out, until_us)
+            if foresee_kernel(px):
+                px["listed"] = 0
+                agenda.row_due_us[row] = min(agenda.row_due_us[row], px["due_us"])
+                continue
+        shown[place] = 0
+        waiting[kept] = place
+        kept += 1
     agenda.listed[0] = kept
 
 
