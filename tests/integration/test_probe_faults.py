@@ -88,23 +88,27 @@ def twin(monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("search", "arguments", "message"),
     [
-        (["--start-mm", "2.0", "0"], r"no wall within 1\.25 mm of \(2\.00, 0\.00\)"),
-        (["--start-mm", "0.75", "0"], "on the rim|make no circle|no wall"),
-        (["--start-mm", "0", "0", "--travel-limit-mm", "0.3"], r"no wall within 0\.3 mm"),
+        ("default", ["--start-mm", "2.0", "0"], r"no wall within 1\.25 mm of \(2\.00, 0\.00\)"),
+        ("cross4", ["--start-mm", "0.75", "0"], "on the rim|make no circle|no wall"),
+        (
+            "default",
+            ["--start-mm", "0", "0", "--travel-limit-mm", "0.3"],
+            r"no wall within 0\.3 mm.*raise travel_limit_mm",
+        ),
     ],
     ids=["outside", "on the rim", "beyond the travel limit"],
 )
-@pytest.mark.parametrize("search", ["default", "cross4"])
 def test_a_bad_start(
+    search: str,
     arguments: list[str],
     message: str,
-    search: str,
     twin: Watched,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
+    """Both searches meet the same bad starts in test_hole_faults; here they come by flags."""
     given = ["--radius-mm", "1.0", "--search", search, *arguments]
     code, kind, error = failed(given, capsys, tmp_path)
     assert (code, kind) == (1, "SearchError")
