@@ -47,13 +47,17 @@ STYLES = {CROSS: ProbingConfig(), DEFAULT: ProbingConfig.conditioned()}
 MOST_CONTACTS = 12
 ANGLES_DEG = {
     CROSS: (0.0, 180.0, 90.0, 270.0),
-    DEFAULT: (0.0, 25.0, 50.0, -25.0, -50.0, 180.0, 155.0, 130.0, 205.0, 230.0),
+    DEFAULT: tuple(
+        way + side * step for way in (0, 180) for side in (-1, 1) for step in (17, 34, 51)
+    ),
 }
-"""Directions of the calibration: those of the cross, and the sector of the adaptive search."""
-CYCLES = {CROSS: 4, DEFAULT: 8}
+"""Directions of the calibration: those of the cross, and the sector of the adaptive search, evenly:
+twelve tell travel and heading apart."""
+CYCLES = {CROSS: 4, DEFAULT: 10}
 """Touches of each direction in a calibration; at most 10 are allowed. Its error is common to all
-contacts of a seed: with six, it was a seventh of the variance of a centre from twelve contacts."""
-QUICK_CYCLES = {CROSS: 2, DEFAULT: 4}
+contacts of a seed: with sixty touches it was a seventh of the variance of a centre from twelve
+contacts."""
+QUICK_CYCLES = {CROSS: 2, DEFAULT: 3}
 """The same in a quick run, whose one calibration no second worker shares."""
 WALL_MM = 1.0
 """Distance of the calibration's wall from where the bit stands, mm."""
