@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, SearchError
+from spikingtac.experiments.hole_scoring import REGION
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
@@ -140,3 +141,24 @@ def test_unfit_settings_are_refused() -> None:
     with pytest.raises(ConfigError, match="must be > 0"):
         ProbingConfig(speed_mm_s=0.0)
     assert ProbingConfig(force_limit_n=0.1).reach_mm == pytest.approx(2.5)
+
+
+def test_the_calibrated_cross_states_an_honest_region() -> None:
+    """From starts off the middle the first chord is oblique: its contacts tell less and slide."""
+    rng = np.random.default_rng(5)
+    sigma_mm, inside = 0.03, []
+    model = travel(heading=None, sigma_mm=sigma_mm)
+    for _ in range(200):
+        radius = float(rng.uniform(0.7, 5.0))
+        away = 0.9 * (radius - 0.433) * math.sqrt(rng.uniform())
+        turn = rng.uniform(0.0, 2.0 * math.pi)
+        prober = IdealProber(
+            radius,
+            heading_rad=float(rng.uniform(0.0, math.pi / 3)),
+            noise_mm=rng.normal(0.0, sigma_mm, 4).tolist(),
+        )
+        touches = cross_search(prober, away * np.array([math.cos(turn), math.sin(turn)]), model)
+        circle = calibrated_circle(touches, model)
+        error = np.append(circle.center_mm, circle.radius_mm - radius)
+        inside.append(error @ np.linalg.solve(circle.covariance_mm2, error) < REGION)
+    assert 0.90 <= np.mean(inside) <= 0.99
