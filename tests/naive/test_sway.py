@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from spikingtac.sim.beds import make_beds, put_to_bed_kernel, wake_kernel
 from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
 from spikingtac.sim.pixels import KEY_SHIFT
 from spikingtac.sim.sensor import make_sensor, settle_sensor
@@ -14,12 +15,10 @@ from spikingtac.sim.sway import (
     band_kernel,
     lag_coefficients,
     level_kernel,
-    make_beds,
-    put_to_bed_kernel,
     sleep_kernel,
+    stay_kernel,
     sway_kernel,
     swayed_px_kernel,
-    wake_kernel,
 )
 
 STEP_US = 1000.0
@@ -46,11 +45,11 @@ def rims_of(count: int, rng: np.random.Generator) -> Rims:
 
 def test_swayed_distance() -> None:
     rng = np.random.default_rng(0)
-    rims, motion = rims_of(9, rng), rng.normal(size=(4, 2, 6)).astype(np.float32)
+    rims, motion = rims_of(9, rng), rng.normal(size=(2, 6, 4)).astype(np.float32)
     rims.edges["lag"] = rng.integers(0, 2, 9)
     for place in range(9):
         edge = rims.edges[place]
-        plain = edge["inside_px"] + rims.slopes[place] @ motion[3, edge["lag"]]
+        plain = edge["inside_px"] + rims.slopes[place] @ motion[edge["lag"], :, 3]
         assert swayed_px_kernel(rims, place, motion, 3) == pytest.approx(plain, abs=1e-5)
 
 
@@ -116,7 +115,7 @@ def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple
     for index, px in enumerate(sensor.pixels[0]):
         gap, level, dead_us = float(px["gap"]), float(px["level"]), -1.0
         out = every.setdefault(index, [])
-        for step in range(1, len(motion)):
+        for step in range(1, motion.shape[2]):
             place, at_us = rims.place[index], (step - 1) * STEP_US
             target = level
             if place >= 0:
@@ -139,11 +138,34 @@ def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple
     return every
 
 
+def test_stay_is_the_first_step_outside_of_the_band() -> None:
+    rng = np.random.default_rng(5)
+    rims, steps = rims_of(300, rng), 70
+    motion = (0.02 * rng.normal(size=(2, 6, 1 + steps)).cumsum(axis=2)).astype(np.float32)
+    rims.edges["lag"] = rng.integers(0, 2, 300)
+    rims.edges["until_us"] = 2e6 + STEP_US * rng.integers(-2, 2 * steps, 300)
+    rims.edges["until_us"][::7] = -np.inf
+    rims.edges["from_px"] = rims.edges["inside_px"] - rng.uniform(0.0, 1.0, 300)
+    rims.edges["to_px"] = rims.edges["inside_px"] + rng.uniform(0.0, 1.0, 300)
+    found = set()
+    for place, edge in enumerate(rims.edges):
+        first, plain = int(rng.integers(1, steps + 2)), 0
+        for step in range(first, steps + 1):
+            inside = swayed_px_kernel(rims, place, motion, step)
+            banded = 2e6 + step * STEP_US <= edge["until_us"]
+            if not (banded and edge["from_px"] < inside < edge["to_px"]):
+                break
+            plain += 1
+        assert stay_kernel(rims, place, motion, first, 2e6, STEP_US) == plain
+        found.add(plain)
+    assert {0, 1, 16, 17} <= found
+
+
 def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
     rng = np.random.default_rng(4)
     count, steps = 120, 400
     rims = rims_of(count, rng)
-    swing = 0.4 * np.sin(np.arange(steps + 1)[:, None, None] * rng.uniform(0.05, 0.2, (1, 2, 6)))
+    swing = 0.4 * np.sin(np.arange(steps + 1) * rng.uniform(0.05, 0.2, (2, 6, 1)))
     motion = swing.astype(np.float32)
     plain_sensor, sensor = sensor_of(count), sensor_of(count)
     for one in (plain_sensor, sensor):
@@ -157,7 +179,7 @@ def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
     flat = sensor.pixels.reshape(-1)
     beds = make_beds(count, 64)
     for first in range(0, steps, 100):
-        part = motion[first : first + 101]
+        part = np.ascontiguousarray(motion[..., first : first + 101])
         sway_kernel(flat, rims, sensor.chip[0], beds, part, first * STEP_US, STEP_US, out)
     keys = out[1 : 1 + out[0]]
     plain = plain_events(plain_sensor, rims, motion)

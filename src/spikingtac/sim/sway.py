@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.sim.beds import Beds, put_to_bed_kernel, wake_kernel
 from spikingtac.sim.coverage import edge_kernel
 from spikingtac.sim.pixels import cross_kernel, intensity_kernel, log_kernel, quiet_kernel
 
@@ -32,30 +33,13 @@ EDGE_DTYPE = np.dtype(
 )
 """A pixel near an edge."""
 
-NOBODY = -1
 BAND_STEPS = 64
 """For so many steps a band of distances is worked out; a longer wait is slept through."""
 LEAST_SLEEP_STEPS = 2.0
+ROW_STEPS = 16
+"""Steps of the motion that are looked at together."""
 _HALVINGS = 12
 """Steps of the bisection for a band's ends: a thousandth of a pixel, and always inside."""
-
-
-class Beds(NamedTuple):
-    """Which pixels are awake, and when the others wake: a wheel of linked lists.
-
-    Attributes:
-        first: ``(slots,)`` pixel that wakes first in each step; -1 for none.
-        following: ``(n,)`` the next pixel of the same list.
-        awake: ``(n,)`` the pixels that are awake; the first ``up[0]`` are valid.
-        up: ``(1,)`` how many they are.
-        turn: ``(1,)`` slot of the present step.
-    """
-
-    first: NDArray[np.int32]
-    following: NDArray[np.int32]
-    awake: NDArray[np.int32]
-    up: NDArray[np.int64]
-    turn: NDArray[np.int64]
 
 
 class Rims(NamedTuple):
@@ -79,7 +63,7 @@ def swayed_px_kernel(rims: Rims, place: Any, motion: NDArray[np.float32], step: 
     inside = float(edge["inside_px"])
     lag = edge["lag"]
     for freedom in range(6):
-        inside += float(slopes[place, freedom]) * float(motion[step, lag, freedom])
+        inside += float(slopes[place, freedom]) * float(motion[lag, freedom, step])
     return inside
 
 
@@ -143,15 +127,6 @@ def sleep_kernel(px: Any, lowest: float, highest: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def put_to_bed_kernel(beds: Beds, pixel: int, steps: float) -> None:
-    """Let a pixel sleep for some steps, at most once around the wheel."""
-    slots = beds.first.shape[0]
-    slot = (beds.turn[0] + int(min(steps, slots - 1.0))) % slots
-    beds.following[pixel] = beds.first[slot]
-    beds.first[slot] = pixel
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def carry_level_kernel(px: Any, level: float, until_us: float) -> None:
     """Carry a pixel that cannot have fired to ``until_us``."""
     if px["seen_us"] < until_us:
@@ -168,18 +143,6 @@ def visit_kernel(px: Any, chip: Any, level: float, until_us: float, out: NDArray
     if not quiet_kernel(px, seen_us, rise):
         cross_kernel(px, chip, out, seen_us, span_us, rise)
     px["level"], px["seen_us"] = level, until_us
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def wake_kernel(beds: Beds) -> None:
-    """Wake the pixels of the present step and go on to the next one."""
-    slot = beds.turn[0]
-    woken = beds.first[slot]
-    beds.first[slot] = NOBODY
-    while woken >= 0:
-        beds.awake[beds.up[0]] = woken
-        beds.up[0] += 1
-        woken = beds.following[woken]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,6 +187,50 @@ def rim_kernel(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def leave_kernel(
+    rims: Rims, place: Any, motion: NDArray[np.float32], step: int, banded: int
+) -> int:
+    """Return the first step from ``step`` on that leaves a pixel's band, at most ``banded + 1``.
+
+    Rows of steps are looked at together, unsigned and written out, for the compiler to do several
+    at once: it does so neither with a loop over the freedoms nor where an index may be negative.
+    """
+    edge, slopes = rims.edges[place], rims.slopes
+    rest, low, high = float(edge["inside_px"]), float(edge["from_px"]), float(edge["to_px"])
+    lag, nth = np.uint64(edge["lag"]), np.uint64(place)
+    a, b, c = float(slopes[nth, 0]), float(slopes[nth, 1]), float(slopes[nth, 2])
+    d, e, f = float(slopes[nth, 3]), float(slopes[nth, 4]), float(slopes[nth, 5])
+    while step + ROW_STEPS <= banded + 1:
+        outside = 0
+        for k in range(np.uint64(step), np.uint64(step + ROW_STEPS)):
+            inside = rest + a * float(motion[lag, 0, k])
+            inside += b * float(motion[lag, 1, k])
+            inside += c * float(motion[lag, 2, k])
+            inside += d * float(motion[lag, 3, k])
+            inside += e * float(motion[lag, 4, k])
+            inside += f * float(motion[lag, 5, k])
+            outside += not (low < inside and inside < high)
+        if outside:
+            break
+        step += ROW_STEPS
+    while step <= banded and low < swayed_px_kernel(rims, place, motion, step) < high:
+        step += 1
+    return step
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stay_kernel(
+    rims: Rims, place: Any, motion: NDArray[np.float32], step: int, start_us: float, step_us: float
+) -> int:
+    """Return for how many steps from ``step`` on a pixel needs no visit, as far as is known."""
+    until_us = rims.edges[place]["until_us"]
+    if until_us < start_us + step * step_us:
+        return 0
+    banded = min(int((until_us - start_us) / step_us), motion.shape[2] - 1)
+    return leave_kernel(rims, place, motion, step, banded) - step
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def sway_kernel(
     pixels: NDArray[Any],
     rims: Rims,
@@ -234,55 +241,46 @@ def sway_kernel(
     step_us: float,
     out: NDArray[np.int64],
 ) -> None:
-    """Render a stretch of sway; the keys of its events follow ``out[0]``.
+    """Render a stretch of sway; the keys of its events follow ``out[0]``, in no order.
 
     Args:
         pixels: ``(n,)`` of :data:`~spikingtac.sim.pixels.PIXEL_DTYPE`, row by row.
         rims: Those of them that are near an edge.
         chip: Record of :data:`~spikingtac.sim.pixels.CHIP_DTYPE`.
         beds: Who sleeps.
-        motion: ``(1 + steps, lags, 6)`` low-passed bushing at the beginning and after each step.
+        motion: ``(lags, 6, 1 + steps)`` low-passed bushing at the beginning and after each step.
         start_us: Time of the first step's beginning.
         step_us: Length of a step.
         out: ``out[0]`` counts the events; those beyond its end are only counted.
     """
-    for step in range(1, motion.shape[0]):
+    for step in range(1, motion.shape[2]):
         times = (start_us + (step - 1) * step_us, start_us + step * step_us)
         wake_kernel(beds)
         kept = 0
         for n in range(beds.up[0]):
             pixel = beds.awake[n]
             place = rims.place[pixel]
+            stay = 0
             asleep_us = 0.0
             if place < 0:
                 asleep_us = ground_kernel(pixels[pixel], chip, times, out)
             else:
-                edge = rims.edges[place]
-                inside_px = swayed_px_kernel(rims, place, motion, step)
-                banded = times[1] <= edge["until_us"]
-                if not (banded and edge["from_px"] < inside_px and inside_px < edge["to_px"]):
+                stay = stay_kernel(rims, place, motion, step, start_us, step_us)
+                if stay == 0:
+                    px, edge = pixels[pixel], rims.edges[place]
                     before_px = swayed_px_kernel(rims, place, motion, step - 1)
-                    asleep_us = rim_kernel(
-                        pixels[pixel], edge, chip, before_px, inside_px, times, out
-                    )
+                    inside_px = swayed_px_kernel(rims, place, motion, step)
+                    asleep_us = rim_kernel(px, edge, chip, before_px, inside_px, times, out)
+                    stay = 1 + stay_kernel(rims, place, motion, step + 1, start_us, step_us)
             if asleep_us > LEAST_SLEEP_STEPS * step_us:
                 put_to_bed_kernel(beds, pixel, asleep_us / step_us)
+            elif stay > 1:
+                put_to_bed_kernel(beds, pixel, float(stay))
             else:
                 beds.awake[kept] = pixel
                 kept += 1
         beds.up[0] = kept
         beds.turn[0] = (beds.turn[0] + 1) % beds.first.shape[0]
-
-
-def make_beds(pixels: int, slots: int) -> Beds:
-    """Return beds with everybody awake."""
-    return Beds(
-        first=np.full(slots, NOBODY, np.int32),
-        following=np.full(pixels, NOBODY, np.int32),
-        awake=np.arange(pixels, dtype=np.int32),
-        up=np.full(1, pixels, np.int64),
-        turn=np.zeros(1, np.int64),
-    )
 
 
 def lag_coefficients(lag_us: float, step_us: float) -> tuple[list[float], list[float]]:

@@ -13,20 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from spikingtac.sim.beds import NOBODY, make_beds
 from spikingtac.sim.camera import EventCamera
 from spikingtac.sim.camera_config import CameraConfig
 from spikingtac.sim.coverage import discs_of
 from spikingtac.sim.free_motion import FREEDOMS, STEP_S
 from spikingtac.sim.noise import noise_kernel
 from spikingtac.sim.skin import MarkerImage
-from spikingtac.sim.sway import (
-    EDGE_DTYPE,
-    NOBODY,
-    Rims,
-    lag_coefficients,
-    make_beds,
-    sway_kernel,
-)
+from spikingtac.sim.sway import EDGE_DTYPE, Rims, lag_coefficients, sway_kernel
 from spikingtac.types import EventPacket
 
 STEP_US = STEP_S * 1e6
@@ -117,8 +111,8 @@ class SwayCamera(EventCamera):
         motion = self._low_passed(bushing)
         parts = []
         for first in range(0, len(bushing), BLOCK_STEPS):
-            part = motion[first : first + BLOCK_STEPS + 1]
-            parts.append(self._block(part))
+            part = motion[..., first : first + BLOCK_STEPS + 1]
+            parts.append(self._block(np.ascontiguousarray(part)))
         assert self._t_us is not None
         return self._readout.packet(parts, start_us, self._t_us)
 
@@ -135,20 +129,21 @@ class SwayCamera(EventCamera):
             STEP_US,
             self._out,
         )
-        self._t_us = start_us + round((len(motion) - 1) * STEP_US)
+        self._t_us = start_us + round((motion.shape[2] - 1) * STEP_US)
         while not noise_kernel(self._noise, float(self._t_us), self._out):
             self._drain()
         self._drain()
         return self._readout.release(self._t_us)
 
     def _low_passed(self, bushing: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return ``(1 + steps, lags, 6)`` what photoreceptors of each speed see of a motion."""
-        out = np.empty((1 + len(bushing), LAGS, FREEDOMS), np.float32)
-        out[0] = self._last
+        """Return ``(lags, 6, 1 + steps)`` what photoreceptors of each speed see of a motion."""
+        out = np.empty((LAGS, FREEDOMS, 1 + len(bushing)), np.float32)
+        out[..., 0] = self._last
         for k, lag_us in enumerate(self._lags_us):
             b, a = lag_coefficients(lag_us, STEP_US)
-            out[1:, k], self._past[k] = lfilter(b, a, bushing, axis=0, zi=self._past[k])
-        self._last = out[-1].copy()
+            seen, self._past[k] = lfilter(b, a, bushing, axis=0, zi=self._past[k])
+            out[k, :, 1:] = seen.T
+        self._last = out[..., -1].copy()
         return out
 
     def _levels(
