@@ -37,10 +37,10 @@ def rims_of(count: int, rng: np.random.Generator) -> Rims:
     edges = np.zeros(count, EDGE_DTYPE)
     edges["inside_px"] = rng.uniform(-3.0, 3.0, count)
     edges["lowest"], edges["highest"] = -10.0, 10.0
-    slopes = rng.normal(size=(count, 6)).astype(np.float32)
+    edges["slope"] = rng.normal(size=(count, 6))
     place = np.arange(count, dtype=np.int32)
     place[::5] = -1
-    return Rims(edges, slopes, place)
+    return Rims(edges, place)
 
 
 def test_swayed_distance() -> None:
@@ -49,8 +49,8 @@ def test_swayed_distance() -> None:
     rims.edges["lag"] = rng.integers(0, 2, 9)
     for place in range(9):
         edge = rims.edges[place]
-        plain = edge["inside_px"] + rims.slopes[place] @ motion[edge["lag"], :, 3]
-        assert swayed_px_kernel(rims, place, motion, 3) == pytest.approx(plain, abs=1e-5)
+        plain = edge["inside_px"] + edge["slope"] @ motion[edge["lag"], :, 3]
+        assert swayed_px_kernel(edge, motion, 3) == pytest.approx(plain, abs=1e-5)
 
 
 def test_level_is_the_log_of_the_covered_light() -> None:
@@ -119,7 +119,7 @@ def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple
             place, at_us = rims.place[index], (step - 1) * STEP_US
             target = level
             if place >= 0:
-                target = level_kernel(px, chip, swayed_px_kernel(rims, place, motion, step))
+                target = level_kernel(px, chip, swayed_px_kernel(rims.edges[place], motion, step))
             slope = (target - level) / STEP_US + px["leak"]
             end_us = at_us + STEP_US
             while at_us < end_us:
@@ -148,15 +148,15 @@ def test_stay_is_the_first_step_outside_of_the_band() -> None:
     rims.edges["from_px"] = rims.edges["inside_px"] - rng.uniform(0.0, 1.0, 300)
     rims.edges["to_px"] = rims.edges["inside_px"] + rng.uniform(0.0, 1.0, 300)
     found = set()
-    for place, edge in enumerate(rims.edges):
+    for edge in rims.edges:
         first, plain = int(rng.integers(1, steps + 2)), 0
         for step in range(first, steps + 1):
-            inside = swayed_px_kernel(rims, place, motion, step)
+            inside = swayed_px_kernel(edge, motion, step)
             banded = 2e6 + step * STEP_US <= edge["until_us"]
             if not (banded and edge["from_px"] < inside < edge["to_px"]):
                 break
             plain += 1
-        assert stay_kernel(rims, place, motion, first, 2e6, STEP_US) == plain
+        assert stay_kernel(edge, motion, first, 2e6, STEP_US) == plain
         found.add(plain)
     assert {0, 1, 16, 17} <= found
 

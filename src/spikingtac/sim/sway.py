@@ -28,10 +28,11 @@ EDGE_DTYPE = np.dtype(
         ("from_px", "f4"),  # while the distance stays between these two, nothing happens
         ("to_px", "f4"),
         ("until_us", "f8"),  # at least up to this time
+        ("slope", "f4", (6,)),  # change of the distance per unit of the bushing, px/mm and px/rad
     ],
     align=True,
 )
-"""A pixel near an edge."""
+"""A pixel near an edge: one record, so that one look at it touches one place in memory."""
 
 BAND_STEPS = 64
 """For so many steps a band of distances is worked out; a longer wait is slept through."""
@@ -47,23 +48,20 @@ class Rims(NamedTuple):
 
     Attributes:
         edges: ``(e,)`` of :data:`EDGE_DTYPE`.
-        slopes: ``(e, 6)`` change of their distance per unit of the bushing, px/mm and px/rad.
-        place: ``(n,)`` where each pixel stands in the other two; -1 away from every edge.
+        place: ``(n,)`` where each pixel stands among them; -1 away from every edge.
     """
 
     edges: NDArray[Any]
-    slopes: NDArray[np.float32]
     place: NDArray[np.int32]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def swayed_px_kernel(rims: Rims, place: Any, motion: NDArray[np.float32], step: int) -> float:
+def swayed_px_kernel(edge: Any, motion: NDArray[np.float32], step: int) -> float:
     """Return how far inside the edge a pixel lies at a step of the motion, px."""
-    edge, slopes = rims.edges[place], rims.slopes
     inside = float(edge["inside_px"])
     lag = edge["lag"]
     for freedom in range(6):
-        inside += float(slopes[place, freedom]) * float(motion[lag, freedom, step])
+        inside += float(edge["slope"][freedom]) * float(motion[lag, freedom, step])
     return inside
 
 
@@ -187,22 +185,24 @@ def rim_kernel(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def leave_kernel(
-    rims: Rims, place: Any, motion: NDArray[np.float32], step: int, banded: int
+def stay_kernel(
+    edge: Any, motion: NDArray[np.float32], step: int, start_us: float, step_us: float
 ) -> int:
-    """Return the first step from ``step`` on that leaves a pixel's band, at most ``banded + 1``.
+    """Return for how many steps from ``step`` on a pixel needs no visit, as far as is known.
 
     Rows of steps are looked at together, unsigned and written out, for the compiler to do several
     at once: it does so neither with a loop over the freedoms nor where an index may be negative.
     """
-    edge, slopes = rims.edges[place], rims.slopes
+    if edge["until_us"] < start_us + step * step_us:
+        return 0
+    end = 1 + min(int((edge["until_us"] - start_us) / step_us), motion.shape[2] - 1)
     rest, low, high = float(edge["inside_px"]), float(edge["from_px"]), float(edge["to_px"])
-    lag, nth = np.uint64(edge["lag"]), np.uint64(place)
-    a, b, c = float(slopes[nth, 0]), float(slopes[nth, 1]), float(slopes[nth, 2])
-    d, e, f = float(slopes[nth, 3]), float(slopes[nth, 4]), float(slopes[nth, 5])
-    while step + ROW_STEPS <= banded + 1:
+    lag, slope, now = np.uint64(edge["lag"]), edge["slope"], step
+    a, b, c = float(slope[0]), float(slope[1]), float(slope[2])
+    d, e, f = float(slope[3]), float(slope[4]), float(slope[5])
+    while now + ROW_STEPS <= end:
         outside = 0
-        for k in range(np.uint64(step), np.uint64(step + ROW_STEPS)):
+        for k in range(np.uint64(now), np.uint64(now + ROW_STEPS)):
             inside = rest + a * float(motion[lag, 0, k])
             inside += b * float(motion[lag, 1, k])
             inside += c * float(motion[lag, 2, k])
@@ -212,22 +212,10 @@ def leave_kernel(
             outside += not (low < inside and inside < high)
         if outside:
             break
-        step += ROW_STEPS
-    while step <= banded and low < swayed_px_kernel(rims, place, motion, step) < high:
-        step += 1
-    return step
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def stay_kernel(
-    rims: Rims, place: Any, motion: NDArray[np.float32], step: int, start_us: float, step_us: float
-) -> int:
-    """Return for how many steps from ``step`` on a pixel needs no visit, as far as is known."""
-    until_us = rims.edges[place]["until_us"]
-    if until_us < start_us + step * step_us:
-        return 0
-    banded = min(int((until_us - start_us) / step_us), motion.shape[2] - 1)
-    return leave_kernel(rims, place, motion, step, banded) - step
+        now += ROW_STEPS
+    while now < end and low < swayed_px_kernel(edge, motion, now) < high:
+        now += 1
+    return now - step
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -265,13 +253,15 @@ def sway_kernel(
             if place < 0:
                 asleep_us = ground_kernel(pixels[pixel], chip, times, out)
             else:
-                stay = stay_kernel(rims, place, motion, step, start_us, step_us)
+                edge = rims.edges[place]
+                stay = stay_kernel(edge, motion, step, start_us, step_us)
                 if stay == 0:
-                    px, edge = pixels[pixel], rims.edges[place]
-                    before_px = swayed_px_kernel(rims, place, motion, step - 1)
-                    inside_px = swayed_px_kernel(rims, place, motion, step)
-                    asleep_us = rim_kernel(px, edge, chip, before_px, inside_px, times, out)
-                    stay = 1 + stay_kernel(rims, place, motion, step + 1, start_us, step_us)
+                    before_px = swayed_px_kernel(edge, motion, step - 1)
+                    inside_px = swayed_px_kernel(edge, motion, step)
+                    asleep_us = rim_kernel(
+                        pixels[pixel], edge, chip, before_px, inside_px, times, out
+                    )
+                    stay = 1 + stay_kernel(edge, motion, step + 1, start_us, step_us)
             if asleep_us > LEAST_SLEEP_STEPS * step_us:
                 put_to_bed_kernel(beds, pixel, asleep_us / step_us)
             elif stay > 1:

@@ -95,10 +95,11 @@ class SwayCamera(EventCamera):
         flat["before"] = flat["intensity"]
         lag_us = 1.0 / (float(chip["rate"]) * (flat["intensity"][near] + float(chip["dark"])))
         self._lags_us = np.geomspace(lag_us.min(), lag_us.max(), LAGS)
+        edges["slope"] = slopes
         edges["lag"] = np.abs(np.log(lag_us[:, None] / self._lags_us)).argmin(axis=1)
         place = np.full(len(flat), NOBODY, np.int32)
         place[near] = np.arange(len(near))
-        self._rims = Rims(edges, slopes.astype(np.float32), place)
+        self._rims = Rims(edges, place)
         self._beds = make_beds(len(flat), WHEEL_STEPS)
         self._past = np.zeros((LAGS, 1, FREEDOMS))
         self._last = np.zeros((LAGS, FREEDOMS), np.float32)
