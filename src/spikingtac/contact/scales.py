@@ -54,7 +54,10 @@ class ScaleSums:
         Scales longer than what was seen since the start have the statistic 0. The array is written
         anew by the next call.
         """
-        self._seen = scales_kernel(votes, self._test, self._ring, self._seen, self._values)
+        test = self._test
+        self._seen = scales_kernel(
+            votes, test.windows, test.whiten, test.mean, self._ring, self._seen, self._values
+        )
         return self._values
 
     def total(self, scale: int) -> Vector:
@@ -76,7 +79,15 @@ class ScaleSums:
 
 
 @njit(cache=True)
-def scales_kernel(votes: Vector, test: ScaleTest, ring: Vector, seen: int, values: Vector) -> int:
+def scales_kernel(
+    votes: Vector,
+    windows: NDArray[np.int64],
+    whiten: Vector,
+    mean: Vector,
+    ring: Vector,
+    seen: int,
+    values: Vector,
+) -> int:
     """Add a window to the ring of running sums; write each scale's squared whitened sum.
 
     Returns:
@@ -85,17 +96,17 @@ def scales_kernel(votes: Vector, test: ScaleTest, ring: Vector, seen: int, value
     slots = ring.shape[0]
     before, now = seen % slots, (seen + 1) % slots
     for part in range(len(votes)):
-        ring[now, part] = ring[before, part] + votes[part] - test.mean[part]
+        ring[now, part] = ring[before, part] + votes[part] - mean[part]
     seen += 1
     for scale in range(len(values)):
         values[scale] = 0.0
-        if test.windows[scale] > seen:
+        if windows[scale] > seen:
             continue
-        start = (seen - test.windows[scale]) % slots
-        for row in range(test.whiten.shape[1]):
+        start = (seen - windows[scale]) % slots
+        for row in range(whiten.shape[1]):
             total = 0.0
             for part in range(len(votes)):
-                total += test.whiten[scale, row, part] * (ring[now, part] - ring[start, part])
+                total += whiten[scale, row, part] * (ring[now, part] - ring[start, part])
             values[scale] += total * total
     return seen
 

@@ -29,10 +29,12 @@ class VoteCounter:
         self.tables = tuple(tables)
         self.length = SENSOR_VOTES * len(self.tables)
         self._memory = memory
-        self._votes = np.zeros((len(self.tables), POLARITIES, AFFINE_MODES))
+        votes = np.zeros((len(self.tables), POLARITIES, AFFINE_MODES))
+        self._votes, self._by_sensor = votes.reshape(-1), tuple(votes)
         self._recent = tuple(
             np.zeros((memory, len(table.center_px), 2), np.float32) for table in self.tables
         )
+        self._slots = tuple(tuple(ring) for ring in self._recent)  # views are not free to make
         self._filled = 0
 
     def count(self, window: Window) -> NDArray[np.float64]:
@@ -52,11 +54,11 @@ class VoteCounter:
         slot = self._filled % self._memory
         for sensor, (packet, table) in enumerate(zip(packets, self.tables, strict=True)):
             votes_kernel(
-                packet.x, packet.y, packet.p, table,
-                self._votes[sensor], self._recent[sensor][slot],
+                packet.x, packet.y, packet.p, table.row, table.marker, table.modes,
+                self._by_sensor[sensor], self._slots[sensor][slot],
             )  # fmt: skip
         self._filled += 1
-        return self._votes.reshape(-1)
+        return self._votes
 
     def recent(self, windows: int) -> tuple[NDArray[np.float64], ...]:
         """Return the votes ``(m, 2)`` of each sensor's markers over the last windows."""
@@ -74,21 +76,26 @@ def votes_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
-    table: RimTable,
+    row: NDArray[np.int32],
+    marker: NDArray[np.int32],
+    modes: NDArray[np.float32],
     votes: NDArray[np.float64],
     by_marker: NDArray[np.float32],
 ) -> None:
-    """Sum a packet's votes into ``votes (2, modes)`` by polarity and ``by_marker (m, 2)``."""
+    """Sum a packet's votes into ``votes (2, modes)`` by polarity and ``by_marker (m, 2)``.
+
+    The columns of the table come one by one: a call with a tuple of arrays takes twice as long.
+    """
     votes[:] = 0.0
     by_marker[:] = 0.0
     for event in range(len(x)):
-        place = table.row[y[event], x[event]]
+        place = row[y[event], x[event]]
         if place == OFF_RIM:
             continue
         polarity = 1 if p[event] else 0
         sign = 1.0 if p[event] else -1.0
         for mode in range(votes.shape[1]):
-            votes[polarity, mode] += sign * table.modes[place, mode]
-        of = table.marker[place]
-        by_marker[of, 0] += sign * table.modes[place, 0]
-        by_marker[of, 1] += sign * table.modes[place, 1]
+            votes[polarity, mode] += sign * modes[place, mode]
+        of = marker[place]
+        by_marker[of, 0] += sign * modes[place, 0]
+        by_marker[of, 1] += sign * modes[place, 1]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 
 from spikingtac.types import EventPacket
+
+_WINDOWS_AT_ONCE = 1000
+"""Windows of a long packet whose edges are searched together."""
 
 
 def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[EventPacket]:
@@ -55,18 +59,28 @@ def windows(
     if first is None:
         return
     origin = first.t_start_us if t_start_us is None else t_start_us
+    yield from _regular(itertools.chain((first,), stream), period_us, origin)
 
-    def edges() -> Iterator[int]:
-        edge = origin
-        while True:
-            yield edge
-            edge += period_us
 
-    def again() -> Iterator[EventPacket]:
-        yield first
-        yield from stream
-
-    yield from cut(again(), edges())
+def _regular(packets: Iterable[EventPacket], period_us: int, start: int) -> Iterator[EventPacket]:
+    """Do what :func:`cut` does at regular edges, searching many of them in a packet at once."""
+    parts: list[EventPacket] = []
+    for packet in packets:
+        if packet.t_end_us - start >= period_us and (parts or packet.t_start_us > start):
+            parts.append(_between(packet, start, start + period_us))
+            yield _joined(parts, start, start + period_us)
+            parts, start = [], start + period_us
+        while packet.t_end_us - start >= period_us:
+            count = min((packet.t_end_us - start) // period_us, _WINDOWS_AT_ONCE)
+            edges = range(start, start + count * period_us + 1, period_us)
+            places = packet.t.searchsorted(edges).tolist()
+            for first, last, begin in zip(places, places[1:], edges, strict=False):
+                yield packet.part(first, last, begin, begin + period_us)
+            start = edges[-1]
+        if packet.t_end_us > start:
+            parts.append(_between(packet, start, start + period_us))
+    if parts:
+        yield _joined(parts, start, parts[-1].t_end_us)
 
 
 def _between(packet: EventPacket, start_us: int, end_us: int) -> EventPacket:
