@@ -22,7 +22,7 @@ from spikingtac.sim.pixels import (
     quiet_kernel,
     relight_kernel,
 )
-from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel
+from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel, swept_kernel
 from spikingtac.sim.sensor import Sensor, make_sensor, settle_sensor
 from spikingtac.sim.skin import MarkerImage
 
@@ -243,6 +243,22 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
         assert chain == [k for k in range(12) if expected[k] == first]
         way_px = max(abs(float(after["x"][k] - before["x"][k])) for k in chain)
         assert work["steps"][first] == max(4, math.ceil(way_px / 0.1 - 1e-9))
+
+
+@pytest.mark.parametrize("reach_px", [5, 40, 3_000_000_000])
+def test_the_swept_pixels_are_those_of_the_sensor(reach_px):
+    rng = np.random.default_rng(reach_px)
+    width, height = 30, 20
+    for _ in range(20):
+        work = np.zeros(3, WORK_DTYPE)
+        work["leader"] = rng.integers(-1, 3, 3)
+        for name in ("x_first", "y_first", "x_last", "y_last"):
+            work[name] = rng.integers(-reach_px, reach_px + 1, 3)
+        plain = 0
+        for box in work[work["leader"] >= 0]:
+            columns = sum(box["x_first"] <= x <= box["x_last"] for x in range(width))
+            plain += columns * sum(box["y_first"] <= y <= box["y_last"] for y in range(height))
+        assert swept_kernel(work, width, height) == min(plain, width * height)
 
 
 def plain_groups(boxes, moving) -> list[int]:

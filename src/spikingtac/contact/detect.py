@@ -40,4 +40,6 @@ def packets_of(window: Window) -> tuple[EventPacket, ...]:
 
 def count_of(window: Window) -> int:
     """Return how many events a window holds, over all sensors."""
-    return sum(len(packet) for packet in packets_of(window))
+    if isinstance(window, tuple):
+        return sum(len(packet) for packet in window)
+    return len(window)

@@ -13,7 +13,7 @@ from spikingtac.sim.coverage import DISC_DTYPE, discs_of, paint_kernel
 from spikingtac.sim.dense import DenseRenderer, is_dense
 from spikingtac.sim.light import texture_field
 from spikingtac.sim.noise import make_noise, noise_kernel, start_noise
-from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel
+from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel, swept_kernel
 from spikingtac.sim.readout import Readout
 from spikingtac.sim.sensor import make_sensor, settle_sensor
 from spikingtac.sim.skin import MarkerImage
@@ -125,8 +125,8 @@ class EventCamera:
         )
         reach_px = float(self._sensor.chip["reach_px"][0])
         span_us = motion.end_us - motion.start_us
-        swept = plan_kernel(self._before, after, work, reach_px, span_us, self._limits)
-        self._make_room(swept, span_us)
+        plan_kernel(self._before, after, work, reach_px, span_us, self._limits)
+        self._make_room(swept_kernel(work, *self.size), span_us)
         if self._dense is None:
             sweep_kernel(self._sensor, motion, self._out)
         else:

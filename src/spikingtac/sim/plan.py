@@ -108,8 +108,8 @@ def plan_kernel(
     reach_px: float,
     span_us: float,
     limits: tuple[float, float, float, float],
-) -> int:
-    """Plan the work between two images; return the number of pixels in the boxes of all groups.
+) -> None:
+    """Plan the work between two images.
 
     Args:
         before: ``(m,)`` markers as they were last rendered.
@@ -130,10 +130,18 @@ def plan_kernel(
         box_kernel(before[k], after[k], reach_px + task["margin_px"], task)
     _join_kernel(work)
     _chain_kernel(work)
-    pixels = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def swept_kernel(work: NDArray[Any], width: int, height: int) -> int:
+    """Return how many pixels of a sensor the moving markers' boxes hold at most.
+
+    A tip that is pushed much too far throws markers far beyond the sensor, or across all of it.
+    """
+    swept = 0
     for k in range(work.shape[0]):
         box = work[k]
         if box["leader"] >= 0:
-            rows = max(0, box["y_last"] - box["y_first"] + 1)
-            pixels += rows * max(0, box["x_last"] - box["x_first"] + 1)
-    return pixels
+            rows = max(0, min(box["y_last"], height - 1) - max(box["y_first"], 0) + 1)
+            swept += rows * max(0, min(box["x_last"], width - 1) - max(box["x_first"], 0) + 1)
+    return min(swept, width * height)

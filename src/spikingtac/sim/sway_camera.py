@@ -130,11 +130,12 @@ class SwayCamera(EventCamera):
             STEP_US,
             self._out,
         )
-        self._t_us = start_us + round((motion.shape[2] - 1) * STEP_US)
-        while not noise_kernel(self._noise, float(self._t_us), self._out):
+        end_us = start_us + round((motion.shape[2] - 1) * STEP_US)
+        while not noise_kernel(self._noise, float(end_us), self._out):
             self._drain()
         self._drain()
-        return self._readout.release(self._t_us)
+        self._t_us = end_us
+        return self._readout.release(end_us)
 
     def _low_passed(self, bushing: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return ``(lags, 6, 1 + steps)`` what photoreceptors of each speed see of a motion."""

@@ -220,6 +220,14 @@ def test_a_marker_may_leave_the_sensor():
     assert events.t[-1] < 25 * PERIOD_US
 
 
+def test_a_marker_may_be_thrown_far_beyond_the_sensor():
+    """The room for events is bounded by the sensor, not by the way: this way asked for terabytes."""
+    events = film(camera(), [image(0), image(1_000, (1e5, 3e4)), image(2_000, (1e5, 3e4))])
+    assert len(events) > 0
+    assert (events.x < SIZE[0]).all()
+    assert (events.y < SIZE[1]).all()
+
+
 def test_misuse_is_told():
     sensor = camera()
     with pytest.raises(ValueError, match="settle"):
