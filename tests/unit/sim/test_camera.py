@@ -221,7 +221,7 @@ def test_a_marker_may_leave_the_sensor():
 
 
 def test_a_marker_may_be_thrown_far_beyond_the_sensor():
-    """The room for events is bounded by the sensor, not by the way: this way asked for terabytes."""
+    """The room for events is bounded by the sensor, not by the way (31 TiB here)."""
     events = film(camera(), [image(0), image(1_000, (1e5, 3e4)), image(2_000, (1e5, 3e4))])
     assert len(events) > 0
     assert (events.x < SIZE[0]).all()
