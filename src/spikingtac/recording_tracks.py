@@ -72,7 +72,7 @@ def _provenance(source: FileSource, config: Config) -> dict[str, Any]:
     return {
         "config": to_mapping(config),
         "input": source.path.name,
-        "input_sha256": _file_digest(source.path),
+        "input_sha256": _file_digest(source.path) if source.path.is_file() else None,
         "package_version": _version(),
         "losses": dict(source.losses.kinds()),
     }

@@ -33,7 +33,8 @@ class Args:
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw)."""
+    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a named
+    pipe or - for RAW as it comes, with --quiet."""
     calibration: tuple[Path, ...] = ()
     """calibration.json of each sensor; calibration.json and calibration_1.json beside the recording
     are found by themselves."""
@@ -53,9 +54,16 @@ class Args:
 def run(args: Args) -> int:
     """Learn what is quiet, find the contacts, and say what was found."""
     from spikingtac.contact.recording import find_contacts
+    from spikingtac.events.formats.raw_stream import is_stream
 
     if not args.budget > 0.0:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+    live = is_stream(args.recording)
+    if live and args.quiet is None:
+        raise ConfigError(
+            f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
+            "of the moving arm without contact to learn from: --quiet RECORDING"
+        )
     sources = _sources(args.recording, args.strict)
     calibrations = _calibrations(args, sources)
     name = args.detector or ("default" if calibrations else "event_count")
@@ -64,6 +72,8 @@ def run(args: Args) -> int:
     with progress(f"looking for contacts in {args.recording.name}") as advance:
         for contact in find_contacts(sources, detector):
             found.append(contact)
+            if live:
+                remark(f"contact at {contact.contact.t_us} us")
             advance(sources[0].progress)
     summary = {
         "contacts": [_contact(contact) for contact in found],

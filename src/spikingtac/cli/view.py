@@ -20,7 +20,8 @@ class Args:
     """Look at a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """Event file, recording folder, or name of a scene (spikingtac simulate --list)."""
+    """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
+    --list)."""
     calibration: Path | None = None
     """calibration.json of this sensor; a folder's own unless given."""
     preset: str = "default"

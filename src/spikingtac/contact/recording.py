@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -36,15 +36,18 @@ def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
     Raises:
         RecordingError: A source holds nothing.
     """
-    starts = [next((packet.t_start_us for packet in source), None) for source in sources]
-    known = [start for start in starts if start is not None]
-    if len(known) < len(starts):
+    packets = [iter(source) for source in sources]
+    first = [packet for stream in packets if (packet := next(stream, None)) is not None]
+    if len(first) < len(sources):
         raise RecordingError("the recording holds no events; check the file and the camera")
-    origin_us = max(known)
-    streams = [windows(source, WINDOW_US, origin_us) for source in sources]
-    for packets in zip(*streams, strict=False):
-        if packets[0].t_end_us - packets[0].t_start_us == WINDOW_US:
-            yield packets
+    origin_us = max(packet.t_start_us for packet in first)
+    streams = [
+        windows(chain([begun], others), WINDOW_US, origin_us)
+        for begun, others in zip(first, packets, strict=True)
+    ]
+    for window in zip(*streams, strict=False):
+        if window[0].t_end_us - window[0].t_start_us == WINDOW_US:
+            yield window
 
 
 def leading_quiet(sources: Sequence[EventSource]) -> int:

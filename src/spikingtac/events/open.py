@@ -7,6 +7,7 @@ from typing import Protocol
 
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.events.formats.raw_stream import RawStream, is_stream
 
 READABLE = (
     ".raw", ".npz", ".csv", ".txt", ".es", ".dat", ".aedat4", ".h5", ".hdf5",
@@ -33,7 +34,8 @@ def open_events(
     """Open an event file, or a recording folder, for reading in packets.
 
     Args:
-        path: File, or folder with ``events.raw``.
+        path: File, or folder with ``events.raw``; a named pipe, or ``-`` for standard input, is
+            read as RAW while it comes, once.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
         sensor: In a folder, the sensor on the same clock: 1 opens ``events_1.raw``.
@@ -66,7 +68,7 @@ def _file(path: Path, sensor: int) -> Path:
                 "(events_1.raw for a second sensor)"
             )
         return path / name if (path / name).is_file() else _ros2_storage(path)
-    if not path.exists():
+    if not path.exists() and not is_stream(path):
         raise RecordingError(f"there is no file {str(path)!r}; check the path")
     return path
 
@@ -90,6 +92,8 @@ def _ros2_storage(path: Path) -> Path:
 
 
 def _opener(path: Path) -> _Opener:
+    if is_stream(path):
+        return RawStream
     with path.open("rb") as file:
         start = file.read(64)
     kind = _kind_by_content(start) or _kind_by_ending(path)

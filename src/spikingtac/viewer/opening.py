@@ -13,6 +13,7 @@ import numpy as np
 
 from spikingtac.config import TrackingConfig, load_config
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
+from spikingtac.events.formats.raw_stream import STANDARD_INPUT, is_stream
 from spikingtac.live.relay import RelaySource
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.registry import make_tracker
@@ -33,7 +34,7 @@ def open_subject(
     seed: int = 0,
     camera: str | None = None,
 ) -> Subject:
-    """Open an event file, a recording folder, or a scene of the digital twin.
+    """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
 
     Args:
         source: Path, or name of a scene.
@@ -50,7 +51,9 @@ def open_subject(
             camera.
     """
     path = Path(source)
-    if path.suffix == ".toml" or not path.exists():
+    if is_stream(path):
+        subject = _open_stream(path, calibration)
+    elif path.suffix == ".toml" or not path.exists():
         _refuse_missing_file(path)
         subject = _open_scene(source, seed, camera)
     elif camera is not None:
@@ -106,6 +109,41 @@ def _open_recording(path: Path, calibration: str | None) -> Subject:
         simulated=manifest.get("source") == "twin",
         provenance={"input": path.name},
     )
+
+
+def _open_stream(path: Path, calibration: str | None) -> Subject:
+    if str(path) == STANDARD_INPUT:
+        raise ConfigError("the page reads a camera through a named pipe: mkfifo live.raw")
+    if calibration is None:
+        raise CalibrationError(f"{str(path)!r} is a camera's pipe; name its --calibration")
+    chosen = Calibration.load(calibration)
+    return Subject(
+        label=path.name,
+        source=RelaySource(stream_packets, {"path": str(path), "size": chosen.size}, chosen.size),
+        calibration=chosen,
+        config=None,
+        make_tracker=_unchosen,
+        ends=False,
+        provenance={"input": path.name},
+    )
+
+
+def stream_packets(path: str, size: tuple[int, int]) -> Iterator[tuple[EventPacket, None]]:
+    """Yield a camera's packets as they come.
+
+    Raises:
+        CalibrationError: The camera has another size than its calibration.
+    """
+    from spikingtac.events.open import open_events
+
+    source = open_events(path)
+    if tuple(source.size) != tuple(size):
+        raise CalibrationError(
+            f"the calibration is for {size[0]}x{size[1]}, the camera is "
+            f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
+        )
+    for packet in source:
+        yield packet, None
 
 
 def _open_scene(name: str, seed: int, camera: str | None) -> Subject:

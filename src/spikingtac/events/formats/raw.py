@@ -18,6 +18,7 @@ from spikingtac.events.formats.plausible import (
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.decoder import WordDecoder
+    from spikingtac.events.formats.words import WordStream
 
 CHUNK_BYTES = 1 << 18
 """Bytes that are decoded at once."""
@@ -45,25 +46,24 @@ class RawSource(FileSource):
                 f"unknown encoding {options.encoding!r}{nearest(options.encoding, ENCODINGS)} "
                 f"(valid: {', '.join(ENCODINGS)})"
             )
-        with path.open("rb") as file:
-            self.header = read_header(file)
-            sample = file.read(SAMPLE_BYTES)
+        sample = self._begin(path)
         self._notes: list[str] = []
         self._encoding, self._byte_order = self._dispatched(path, sample, options)
         self.format = NAMES[self._encoding]
         super().__init__(path, options)
         self.notes.extend(self._notes)
 
+    def _begin(self, path: Path) -> bytes:
+        """Read the header; return words that are judged before the first one is decoded."""
+        with path.open("rb") as file:
+            self.header = read_header(file)
+            return file.read(SAMPLE_BYTES)
+
     def _size(self) -> tuple[int, int]:
         return self.header.size or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
-        from spikingtac.events.formats.words import WordStream
-
-        continuous = self._encoding == "evt3" and self.header.generated_here
-        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
-        stream = WordStream(decoder, self.losses, self.triggers)
-        base_us = self.header.time_base_us
+        stream, base_us = self._words(), self.header.time_base_us
         total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
             file.seek(self.header.length)
@@ -74,6 +74,14 @@ class RawSource(FileSource):
                 self.progress = file.tell() / total
                 yield x, y, p, t + base_us if base_us else t
                 data = following
+
+    def _words(self) -> WordStream:
+        """Return a fresh decoder with its salvage."""
+        from spikingtac.events.formats.words import WordStream
+
+        continuous = self._encoding == "evt3" and self.header.generated_here
+        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
+        return WordStream(decoder, self.losses, self.triggers)
 
     def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
         """Return encoding and byte order, from the header or else from the first words."""

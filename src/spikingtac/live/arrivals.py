@@ -1,0 +1,31 @@
+"""A camera's windows with the times of their arrival, for the contact path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from spikingtac.events.open import open_events
+from spikingtac.events.windows import windows
+from spikingtac.live.contact_loop import Arrival
+
+
+def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
+    """Yield the regular windows of a camera's pipe as they become complete.
+
+    A :class:`~spikingtac.live.contact_process.ContactProcess` takes it as
+    ``Maker(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
+    process that guards.
+    A window is complete when an event after its end has come, which a sensor's noise sees to; a
+    camera that is wholly silent is a stalled stream to the watchdog.
+
+    Args:
+        path: Named pipe, or anything that :func:`~spikingtac.events.open.open_events` reads.
+        period_us: Length of a window, us.
+
+    Raises:
+        RecordingError: The stream cannot be read; FormatError where it is not RAW.
+    """
+    for window in windows(open_events(path), period_us):
+        yield Arrival((window,), time.monotonic())

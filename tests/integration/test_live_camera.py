@@ -1,0 +1,153 @@
+"""A camera behind a pipe: tracked, watched, shown, and guarding an arm, as its events come."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli import probe_places
+from spikingtac.cli.main import main
+from spikingtac.events.create import create_events
+from spikingtac.live.arrivals import stream_arrivals
+from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.tracks import Tracks
+from stand_ins.guarded import NotingArm, detector, stops
+from stand_ins.moving_rims import SIZE, calibration, windows
+from stand_ins.piped_camera import PipedCamera
+from stand_ins.viewer import CirclingDots, open_circling
+
+COMMAND = Path(sys.executable).with_name("spikingtac")
+TOUCH_MS = 400
+PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
+"""The pipe's thread shares its processor with the tests beside it."""
+
+
+@pytest.fixture(scope="module")
+def circling(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("circling")
+    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
+    with create_events(folder / "events.raw", source.size) as writer:
+        for packet in source:
+            writer.write(packet)
+    open_circling().calibration.save(folder / "calibration.json")
+    return folder
+
+
+def moving(path: Path, count: int, seed: int, touch_ms: int = 1 << 30) -> Path:
+    """Write windows of the small sensor, whose markers move from ``touch_ms`` on."""
+
+    def speed(number: int) -> tuple[float, float]:
+        return (0.1, 0.0) if number >= touch_ms else (0.0, 0.0)
+
+    with create_events(path, SIZE) as writer:
+        for window in windows(count, seed=seed, speed=speed):
+            writer.write(window)
+    calibration().save(path.with_name("calibration.json"))
+    return path
+
+
+def spikingtac(*arguments: object, stdin: Path | None = None) -> subprocess.CompletedProcess[str]:
+    command = [str(COMMAND), *map(str, arguments)]
+    if stdin is None:
+        return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    with stdin.open("rb") as file:  # a pipe, not the file itself
+        feed = subprocess.Popen(["cat"], stdin=file, stdout=subprocess.PIPE)
+        done = subprocess.run(
+            command, stdin=feed.stdout, capture_output=True, text=True, timeout=300
+        )
+        assert feed.stdout is not None
+        feed.stdout.close()
+        feed.wait()
+    return done
+
+
+def test_track_reads_standard_input_as_it_reads_the_file(circling: Path, tmp_path: Path) -> None:
+    known = "--calibration", circling / "calibration.json"
+    live, whole = tmp_path / "live.npz", tmp_path / "whole.npz"
+    done = spikingtac("track", "-", *known, "-o", live, stdin=circling / "events.raw")
+    assert done.returncode == 0, done.stderr
+    assert spikingtac("track", circling / "events.raw", *known, "-o", whole).returncode == 0
+    one, other = Tracks.load(live), Tracks.load(whole)
+    np.testing.assert_array_equal(one.detected_px, other.detected_px)
+    np.testing.assert_array_equal(one.t_us, other.t_us)
+    assert one.meta["input_sha256"] is None
+    assert other.meta["input_sha256"]
+
+
+def test_contact_watches_a_stream_with_what_a_quiet_recording_taught(tmp_path: Path) -> None:
+    quiet = moving(tmp_path / "quiet.raw", 3000, seed=1)
+    live = moving(tmp_path / "live.raw", 800, seed=2, touch_ms=TOUCH_MS)
+    known = "--calibration", tmp_path / "calibration.json"
+    done = spikingtac("contact", "-", "--quiet", quiet, *known, "--json", stdin=live)
+    assert done.returncode == 0, done.stderr
+    (found,) = json.loads(done.stdout)["contacts"]
+    assert 0 < found["t_us"] - TOUCH_MS * 1000 < 10_000
+    assert f"contact at {found['t_us']} us" in done.stderr
+    refused = spikingtac("contact", "-", *known, stdin=live)
+    assert refused.returncode == 2
+    assert "--quiet" in refused.stderr
+
+
+def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "live"
+    PipedCamera(pipe, (circling / "events.raw").read_bytes(), lasting_s=2.0)
+    done = spikingtac(
+        "view", pipe, "--calibration", circling / "calibration.json",
+        "--headless", "--seconds", "4", "--port", "0", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["estimates"] > 100
+    assert summary["displacement_max_px"] > 0.3
+    unknown = spikingtac("view", "-", "--headless", "--port", "0")
+    assert unknown.returncode == 2
+    assert "mkfifo" in unknown.stderr
+
+
+def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
+    live = moving(tmp_path / "live.raw", 900, seed=3, touch_ms=TOUCH_MS)
+    PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=0.9, pieces=400)
+    notes = tmp_path / "stops"
+    process = ContactProcess(
+        Maker(function=stream_arrivals, arguments={"path": str(tmp_path / "pipe")}),
+        Maker(function=detector),
+        Maker(function=NotingArm, arguments={"notes": str(notes)}),
+        PATIENT,
+    )
+    try:
+        until_s = time.monotonic() + 90.0
+        while (status := process.status()).get("phase") not in ("ended", "failed"):
+            assert time.monotonic() < until_s, status
+            time.sleep(0.01)
+    finally:
+        process.close()
+    assert status["phase"] == "ended", status
+    assert 0 < status["contact"]["t_us"] - TOUCH_MS * 1000 < 10_000
+    assert len(stops(notes)) == 2  # the self-test, and the contact
+
+
+def test_a_camera_that_stalls_stops_a_probing_arm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    live = moving(tmp_path / "live.raw", 2000, seed=4)
+    camera = PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=2.0, pieces=500)
+    camera.pause_after(0.6)
+    notes = tmp_path / "stops"
+    monkeypatch.setattr(probe_places, "QUIET_WINDOWS", 300)
+    monkeypatch.setattr(probe_places, "connect", lambda args: NotingArm(str(notes)))
+    finger = "--events", tmp_path / "pipe", "--calibration", tmp_path / "calibration.json"
+    given = "probe", "--arm", "192.0.2.1", *finger, "--detector", "event_count", "--json"
+    assert main([*map(str, given)]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert told["kind"] == "DeviceError"
+    assert "stale" in told["error"]
+    assert len(stops(notes)) >= 2  # the self-test, and the stall
+    camera.go_on.set()
+    camera.join()
