@@ -8,8 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.experiment import foreign_recordings
-from spikingtac.cli.output import emit_json, progress, remark
+from spikingtac.cli.experiment import run_and_tell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,24 +31,6 @@ class Args:
 
 def run(args: Args) -> int:
     """Run it, and say what came out."""
-    from spikingtac.experiments import BENCHES, RunOptions, runner_of
+    from spikingtac.experiments import BENCHES, runner_of
 
-    function = runner_of(BENCHES, args.name, "bench")
-    with progress(args.name) as advance:
-        summary = function(
-            RunOptions(
-                output=args.output,
-                quick=args.quick,
-                seed=args.seed,
-                resume=args.resume,
-                data=foreign_recordings(),
-                advance=advance,
-            )
-        )
-    if args.json:
-        emit_json(summary)
-        return 0
-    for text in summary["findings"]:
-        remark(text)
-    remark(f"report: {args.output / 'report.html'}")
-    return 0
+    return run_and_tell(runner_of(BENCHES, args.name, "bench"), args)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from spikingtac.cli.output import emit_json, progress, remark
+
+if TYPE_CHECKING:
+    from spikingtac.experiments import RunOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,24 +44,19 @@ class Args:
 
 def run(args: Args) -> int:
     """Run it, and say what came out."""
-    from spikingtac.experiments import EXPERIMENTS, RunOptions, runner_of
+    from spikingtac.experiments import EXPERIMENTS, runner_of
 
-    function = runner_of(EXPERIMENTS, args.name, "experiment")
+    return run_and_tell(runner_of(EXPERIMENTS, args.name, "experiment"), args)
+
+
+def run_and_tell(function: Callable[[RunOptions], dict[str, Any]], args: Any) -> int:
+    """Run an experiment or a bench with what its verb was given, and say what came out."""
+    from spikingtac.experiments import RunOptions
+
+    known = {field.name for field in fields(RunOptions)}
+    given = {name: value for name, value in vars(args).items() if name in known}
     with progress(args.name) as advance:
-        summary = function(
-            RunOptions(
-                output=args.output,
-                quick=args.quick,
-                ablations=args.ablations,
-                seed=args.seed,
-                seeds=args.seeds,
-                methods=args.methods,
-                resume=args.resume,
-                workers=args.workers,
-                data=foreign_recordings(),
-                advance=advance,
-            )
-        )
+        summary = function(RunOptions(**given, data=foreign_recordings(), advance=advance))
     if args.json:
         emit_json(summary)
         return 0
