@@ -24,7 +24,7 @@ from spikingtac.calibration_document import (
     checked_document,
 )
 from spikingtac.calibration_maps import pack_map
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
 
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 """Structured dtype at the edges, equal to that of the aedat and faery packages."""
@@ -95,6 +95,19 @@ class EventPacket:
             self.t_end_us,
             self.size,
         )
+
+    def require_map(self, shape: tuple[int, ...]) -> None:
+        """Refuse a map ``(height, width)`` of another sensor.
+
+        Raises:
+            ConfigError: The packet has another size.
+        """
+        width, height = self.size
+        if shape != (height, width):
+            raise ConfigError(
+                f"events of a {width}x{height} sensor do not fit a map of "
+                f"{shape[1]}x{shape[0]}; make the map with the size of the recording"
+            )
 
     def to_structured(self) -> NDArray[Any]:
         """Return the events as one array of :data:`EDGE_DTYPE`."""

@@ -3,9 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.baselines.time_surface import TimeSurface
 from spikingtac.errors import ConfigError
 from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.state_map.paint import paint_binary_discs, paint_discs
+from spikingtac.types import EventPacket
 
 CENTER = np.array([[20.3, 14.6]])
 SUBSAMPLES = 20
@@ -58,3 +61,19 @@ def test_a_map_starts_painted_and_returns_to_it() -> None:
 def test_a_start_of_another_shape_is_refused() -> None:
     with pytest.raises(ConfigError, match="height, width"):
         BinaryStateMap((40, 30), np.zeros((40, 30), np.float32))
+
+
+@pytest.mark.parametrize(
+    "state_map",
+    [
+        BinaryStateMap((40, 30)),
+        GradedStateMap(np.zeros((30, 40), np.float32)),
+        TimeSurface(np.zeros((30, 40), np.float32), 1e4),
+    ],
+    ids=["binary", "graded", "time surface"],
+)
+def test_events_of_another_sensor_are_refused(
+    state_map: BinaryStateMap | GradedStateMap | TimeSurface,
+) -> None:
+    with pytest.raises(ConfigError, match="30x40 sensor do not fit a map of 40x30"):
+        state_map.absorb(EventPacket.empty(0, 1, (30, 40)))

@@ -50,12 +50,7 @@ class TimeSurface:
         Raises:
             ConfigError: The packet comes from a sensor of another size.
         """
-        height, width = self._start.shape
-        if packet.size != (width, height):
-            raise ConfigError(
-                f"events of a {packet.size[0]}x{packet.size[1]} sensor do not fit a map of "
-                f"{width}x{height}; make the map with the size of the recording"
-            )
+        packet.require_map(self._start.shape)
         if self._now_us is None:
             self._zero_us = packet.t_start_us
         self._now_us = packet.t_end_us

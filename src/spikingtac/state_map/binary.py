@@ -68,12 +68,7 @@ class BinaryStateMap:
         Raises:
             ConfigError: The packet comes from a sensor of another size.
         """
-        height, width = self._values.shape
-        if packet.size != (width, height):
-            raise ConfigError(
-                f"events of a {packet.size[0]}x{packet.size[1]} sensor do not fit a map of "
-                f"{width}x{height}; make the map with the size of the recording"
-            )
+        packet.require_map(self._values.shape)
         _paint_events_kernel(self._values, packet.x, packet.y, packet.p, self._dark_markers)
 
     def absorb_counted(self, packet: EventPacket, period_us: int) -> NDArray[np.int64]:

@@ -77,12 +77,7 @@ class GradedStateMap:
         Raises:
             ConfigError: The packet comes from a sensor of another size.
         """
-        height, width = self._start.shape
-        if packet.size != (width, height):
-            raise ConfigError(
-                f"events of a {packet.size[0]}x{packet.size[1]} sensor do not fit a map of "
-                f"{width}x{height}; make the map with the size of the recording"
-            )
+        packet.require_map(self._start.shape)
         _integrate_kernel(
             self._memory,
             self.values,
