@@ -29,6 +29,8 @@ HARMONICS = 5
 """Coefficients of a travel: constant, first and second harmonic."""
 LEAST_DIRECTIONS = 9
 """Fewer different directions cannot tell five harmonics and a heading, with something to spare."""
+LEAST_VARIANCE = 0.2
+"""Share of the mean variance that every direction's own keeps at least: it is told from few."""
 SAME_RAD = 1e-3
 """Directions nearer than this are one."""
 HEADING_ERROR_RAD = math.radians(2.0)
@@ -42,9 +44,12 @@ class TravelModel:
     Attributes:
         harmonics_mm: ``(5,)`` travel: constant, cos, sin, cos of twice, sin of twice the angle, mm.
         covariance_mm2: ``(k, k)`` of them, mm2; with k = 6 the last is the heading, in rad.
-        sigma_mm: Standard deviation of one touch about the model, the arm's share included, mm.
+        sigma_mm: Standard deviation of one touch about the model, the arm's share included, mm:
+            root mean square over the calibrated directions.
         across_flats_mm: Width of the hexagonal bit, mm.
         heading_rad: Direction of one of its corners, rad; None where it is unknown.
+        variance_mm2: ``(3,)`` of one touch: constant, cos and sin of twice the angle, mm2; None for
+            the same in every direction.
     """
 
     harmonics_mm: Vector
@@ -52,6 +57,7 @@ class TravelModel:
     sigma_mm: float
     across_flats_mm: float = 0.75
     heading_rad: float | None = None
+    variance_mm2: Vector | None = None
 
     @classmethod
     def of(cls, compensation: Compensation, across_flats_mm: float = 0.75) -> TravelModel:
@@ -69,6 +75,16 @@ class TravelModel:
     def travel_mm(self, angle_rad: Vector) -> Vector:
         """Return the travel ``(n,)`` for force directions ``(n,)``, mm."""
         return _design(angle_rad) @ self.harmonics_mm
+
+    def sigma_at_mm(self, angle_rad: Vector) -> Vector:
+        """Return the standard deviation of one touch by its direction ``(n,)``, mm.
+
+        A rod that tilts out of the pads' plane is felt less surely than one that turns in it.
+        """
+        if self.variance_mm2 is None:
+            return np.full(np.shape(angle_rad), self.sigma_mm)
+        found = _twice(angle_rad) @ self.variance_mm2
+        return np.sqrt(np.maximum(found, LEAST_VARIANCE * self.sigma_mm**2))
 
     def reach_mm(self, angle_rad: Vector, radius_mm: float) -> Vector:
         """Return how far the bit reaches towards the wall of a hole ``(n,)``, mm.
@@ -147,12 +163,14 @@ def fit_travel(angle_rad: Vector, excess_mm: Vector, across_flats_mm: float = 0.
 def _fit(
     angle: Vector, travel: Vector, across_flats_mm: float, heading: float | None
 ) -> TravelModel:
+    """Fit the harmonics; what they leave tells how sure a touch is in each direction."""
     design = _design(angle)
     row = design if heading is None else _with_heading(angle, heading, across_flats_mm)
     harmonics = np.linalg.pinv(design) @ travel
     residual = travel - design @ harmonics
-    known = int(np.linalg.matrix_rank(row))
-    sigma = math.sqrt(float(residual @ residual) / max(len(angle) - known, 1))
+    spare = max(len(angle) - int(np.linalg.matrix_rank(row)), 1)
+    square = residual**2 * (len(angle) / spare)
+    sigma = math.sqrt(float(square.mean()))
     covariance = np.linalg.pinv(row.T @ row, hermitian=True).astype(np.float64) * sigma**2
     return TravelModel(
         harmonics_mm=harmonics,
@@ -160,6 +178,7 @@ def _fit(
         sigma_mm=sigma,
         across_flats_mm=across_flats_mm,
         heading_rad=heading,
+        variance_mm2=np.linalg.pinv(_twice(angle)) @ square,
     )
 
 
@@ -174,6 +193,11 @@ def _design(angle_rad: Vector) -> Vector:
     angle = np.asarray(angle_rad, np.float64)
     columns = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
     return np.stack([*columns, np.cos(2.0 * angle), np.sin(2.0 * angle)], axis=-1)
+
+
+def _twice(angle_rad: Vector) -> Vector:
+    twice = 2.0 * np.asarray(angle_rad, np.float64)
+    return np.stack([np.ones_like(twice), np.cos(twice), np.sin(twice)], axis=-1)
 
 
 def _with_heading(angle_rad: Vector, heading_rad: float, across_flats_mm: float) -> Vector:

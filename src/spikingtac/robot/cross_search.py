@@ -133,13 +133,15 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
     circle, reach = _circle(point, travel.sigma_mm), Compensation()
     rows = np.column_stack([direction, np.ones(len(direction))])
     gain = np.linalg.pinv(rows).astype(np.float64)
-    sigma = _spread_mm(point - circle.center_mm, direction, size, travel.sigma_mm)
+    # A plain touch slides and remembers: it is nowhere surer than the mean of its calibration.
+    known = np.maximum(travel.sigma_at_mm(angle), travel.sigma_mm)
+    sigma = _spread_mm(point - circle.center_mm, direction, size, known)
     covariance = (gain * sigma**2) @ gain.T + travel.systematic_mm2(angle, gain)
     covariance[2, 2] += reach.offset_sigma_mm**2 / 2.0  # the same reach at opposite contacts
     return replace(circle, covariance_mm2=covariance).grown(reach.offset_mm)
 
 
-def _spread_mm(away: Vector, direction: Vector, size: Vector, sigma_mm: float) -> Vector:
+def _spread_mm(away: Vector, direction: Vector, size: Vector, sigma_mm: Vector) -> Vector:
     """Return the standard deviation ``(n,)`` of each contact along its motion, mm.
 
     A chord off the middle meets the wall at an angle: an error along the normal is longer along the

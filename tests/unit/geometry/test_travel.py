@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from spikingtac.geometry.hole import Compensation, hexagon_reach_mm
-from spikingtac.geometry.travel import TravelModel, fit_travel, hexagon_reach_in_hole_mm
+from spikingtac.geometry.travel import (
+    LEAST_VARIANCE,
+    TravelModel,
+    fit_travel,
+    hexagon_reach_in_hole_mm,
+)
 from spikingtac.sim.walls import HexBit
 
 FLATS_MM = 0.75
@@ -77,3 +82,25 @@ def test_one_travel_for_all() -> None:
 def test_unfit_touches_are_refused() -> None:
     with pytest.raises(ValueError, match="need equal"):
         fit_travel(np.zeros(3), np.zeros(3))
+
+
+@pytest.mark.parametrize("directions", [4, 12])
+def test_the_spread_of_a_touch_by_direction_is_found(directions: int) -> None:
+    rng = np.random.default_rng(2)
+    angle = np.repeat(np.arange(directions) * (2.0 * math.pi / directions), 400)
+    along, across = 0.02, 0.06
+    true = np.hypot(along * np.cos(angle), across * np.sin(angle))
+    found = fit_travel(angle, rng.normal(0.0, true))
+    here = np.array([0.0, math.pi / 2, math.pi])
+    np.testing.assert_allclose(found.sigma_at_mm(here), [along, across, along], rtol=0.1)
+    assert found.sigma_mm == pytest.approx(math.sqrt((along**2 + across**2) / 2.0), rel=0.05)
+
+
+def test_no_direction_is_believed_far_beyond_the_others() -> None:
+    angle = np.repeat(np.radians([0.0, 180.0, 90.0, 270.0]), 3)
+    noise = np.tile([-1.0, 0.0, 1.0], 4) * np.where(np.abs(np.sin(angle)) > 0.5, 0.05, 0.0)
+    found = fit_travel(angle, noise)
+    lowest = math.sqrt(LEAST_VARIANCE) * found.sigma_mm
+    assert found.sigma_at_mm(np.zeros(1))[0] == pytest.approx(lowest)
+    even = TravelModel.of(Compensation())
+    np.testing.assert_allclose(even.sigma_at_mm(angle), even.sigma_mm)
