@@ -192,6 +192,14 @@ DEFINITIONS = {
 """Metric -> what it is."""
 
 
+UNITS = {
+    "coverage95": "1",
+    "bound_ratio": "times",
+    **dict.fromkeys(("contacts", "touches", "diverged"), "count"),
+}
+"""Metric -> unit; the others are lengths in mm."""
+
+
 def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
     good = [one for one in scores if not one.diverged]
     values: dict[str, float | None] = dict.fromkeys(DEFINITIONS)
@@ -203,6 +211,8 @@ def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
         seeds = sorted({one.seed for one in good})
         each = [_figures([one for one in good if one.seed == seed]) for seed in seeds]
         spans = {name: interval(np.array([one[name] for one in each])) for name in each[0]}
+        if (share := spans["coverage95"]) is not None:
+            spans["coverage95"] = max(share[0], 0.0), min(share[1], 1.0)
     if not case.endswith("/all"):
         del values["position_rmse_kabsch_mm"]
     return [
@@ -211,7 +221,7 @@ def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
             case=case,
             metric=name,
             value=value,
-            unit="mm" if name.endswith("_mm") else "1" if name == "coverage95" else "count",
+            unit=UNITS.get(name, "mm"),
             n=len(scores) if name == "diverged" else len(good),
             source="twin",
             paper=_printed(method, case, name),

@@ -163,10 +163,8 @@ def _assumed(quick: bool) -> dict[str, Any]:
 
 def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
     cases = list(dict.fromkeys(row.case for row in rows))
-    first = [case for case in cases if case.endswith("/all")]
     return [
-        Table.of_case(case, DEFINITIONS, names)
-        for case in [*first, *(case for case in cases if case not in first)]
+        Table.of_case(case, DEFINITIONS, names, folded=not case.endswith("/all")) for case in cases
     ]
 
 
