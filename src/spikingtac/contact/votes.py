@@ -29,12 +29,10 @@ class VoteCounter:
         self.tables = tuple(tables)
         self.length = SENSOR_VOTES * len(self.tables)
         self._memory = memory
-        votes = np.zeros((len(self.tables), POLARITIES, AFFINE_MODES))
-        self._votes, self._by_sensor = votes.reshape(-1), tuple(votes)
+        self._votes = np.zeros((len(self.tables), POLARITIES, AFFINE_MODES))
         self._recent = tuple(
             np.zeros((memory, len(table.center_px), 2), np.float32) for table in self.tables
         )
-        self._slots = tuple(tuple(ring) for ring in self._recent)  # views are not free to make
         self._filled = 0
 
     def count(self, window: Window) -> NDArray[np.float64]:
@@ -55,10 +53,10 @@ class VoteCounter:
         for sensor, (packet, table) in enumerate(zip(packets, self.tables, strict=True)):
             votes_kernel(
                 packet.x, packet.y, packet.p, table.row, table.marker, table.modes,
-                self._by_sensor[sensor], self._slots[sensor][slot],
+                self._votes[sensor], self._recent[sensor][slot],
             )  # fmt: skip
         self._filled += 1
-        return self._votes
+        return self._votes.reshape(-1)
 
     def recent(self, windows: int) -> tuple[NDArray[np.float64], ...]:
         """Return the votes ``(m, 2)`` of each sensor's markers over the last windows."""
