@@ -11,7 +11,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import cast
 
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events.formats.file_source import ReadOptions, Rows
@@ -97,9 +97,7 @@ def _opened(path: Path) -> io.BufferedReader:
         raise RecordingError(
             "standard input is a terminal; pipe RAW events into it, or name a file"
         )
-    reader: BinaryIO = sys.stdin.buffer
-    assert isinstance(reader, io.BufferedReader)
-    return reader
+    return cast(io.BufferedReader, sys.stdin.buffer)  # so it is, unless somebody replaced it
 
 
 def _header_lines(reader: io.BufferedReader) -> bytes:
