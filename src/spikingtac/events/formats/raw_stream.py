@@ -91,13 +91,13 @@ class RawStream(RawSource):
 
 
 def _opened(path: Path) -> io.BufferedReader:
-    if str(path) != STANDARD_INPUT:
-        return path.open("rb", buffering=SAMPLE_BYTES)
-    if sys.stdin.isatty():
+    standard = str(path) == STANDARD_INPUT
+    if standard and sys.stdin.isatty():
         raise RecordingError(
             "standard input is a terminal; pipe RAW events into it, or name a file"
         )
-    return cast(io.BufferedReader, sys.stdin.buffer)  # so it is, unless somebody replaced it
+    reader = sys.stdin.buffer if standard else path.open("rb", buffering=SAMPLE_BYTES)
+    return cast(io.BufferedReader, reader)
 
 
 def _header_lines(reader: io.BufferedReader) -> bytes:
