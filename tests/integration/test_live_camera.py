@@ -21,7 +21,7 @@ from spikingtac.tracks import Tracks
 from stand_ins.guarded import NotingArm, detector, stops
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
-from stand_ins.viewer import CirclingDots, open_circling
+from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 TOUCH_MS = 400
@@ -31,13 +31,7 @@ PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
 
 @pytest.fixture(scope="module")
 def circling(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("circling")
-    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
-    with create_events(folder / "events.raw", source.size) as writer:
-        for packet in source:
-            writer.write(packet)
-    open_circling().calibration.save(folder / "calibration.json")
-    return folder
+    return record_circling(tmp_path_factory.mktemp("circling"))
 
 
 def moving(path: Path, count: int, seed: int, touch_ms: int = 1 << 30) -> Path:

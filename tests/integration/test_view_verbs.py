@@ -12,23 +12,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spikingtac.events.create import create_events
 from spikingtac.tracks import Tracks
 from spikingtac.types import Calibration
-from stand_ins.viewer import CirclingDots, open_circling
+from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("recording")
-    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
-    with create_events(folder / "events.raw", source.size) as writer:
-        for packet in source:
-            writer.write(packet)
-    open_circling().calibration.save(folder / "calibration.json")
-    return folder
+    return record_circling(tmp_path_factory.mktemp("recording"))
 
 
 def spikingtac(*arguments: str) -> subprocess.CompletedProcess[str]:

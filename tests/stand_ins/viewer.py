@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import Calibration, Contact, EventPacket, LossCounters, MarkerFrame
 from spikingtac.viewer.subject import SampledTruth, Subject
@@ -132,3 +134,13 @@ def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> Subje
 
 def open_nothing() -> Subject:
     raise FileNotFoundError(2, "No such file or directory", "nowhere.raw")
+
+
+def record_circling(folder: Path) -> Path:
+    """Write 0.6 s of the circling discs and their calibration into a folder, and return it."""
+    source = CirclingDots(duration_us=600_000, noise_per_ms=5)
+    with create_events(folder / "events.raw", source.size) as writer:
+        for packet in source:
+            writer.write(packet)
+    open_circling().calibration.save(folder / "calibration.json")
+    return folder

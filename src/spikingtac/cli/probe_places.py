@@ -171,13 +171,13 @@ def _stop(arms: Sequence[Arm]) -> None:
 def _pumped(args: Args, stream: Iterator[Window], watchdog: Watchdog) -> Pump | None:
     """Return a pump where the windows come from a camera; a file waits until it is read."""
     from spikingtac.events.formats.raw_stream import is_stream
-    from spikingtac.live.contact_loop import Arrival
+    from spikingtac.live.arrivals import timed
     from spikingtac.live.pump import Pump
 
     assert args.events is not None
     if not is_stream(args.events):
         return None
-    return Pump((Arrival(window, time.monotonic()) for window in stream), watchdog)
+    return Pump(timed(stream), watchdog)
 
 
 def connect(args: Args) -> Arm:

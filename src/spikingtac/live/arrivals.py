@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from spikingtac.contact.detect import Window
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival
@@ -27,5 +28,10 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     Raises:
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
     """
-    for window in windows(open_events(path), period_us):
-        yield Arrival((window,), time.monotonic())
+    return timed((window,) for window in windows(open_events(path), period_us))
+
+
+def timed(stream: Iterable[Window]) -> Iterator[Arrival]:
+    """Yield windows with the time at which they came."""
+    for window in stream:
+        yield Arrival(window, time.monotonic())

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from spikingtac.contact.detect import Window
 from spikingtac.errors import DeviceError
 from spikingtac.live.contact_loop import Arrival
-from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.robot.watchdog import Watchdog
 
 ROOM_WINDOWS = 1 << 16
 """Windows that may wait: a minute of them; a consumer that far behind has left."""
@@ -60,7 +60,7 @@ class Pump:
     def _next(self) -> Arrival | None:
         with self._changed:
             while not self._waiting and self._over is None:
-                self._require_health()
+                self._watchdog.require_ok()
                 self._changed.wait(LOOK_S)
             if self._waiting:
                 return self._waiting.popleft()
@@ -68,13 +68,6 @@ class Pump:
             return None
         assert self._over is not None
         raise self._over
-
-    def _require_health(self) -> None:
-        if self._watchdog.check() is not Health.OK:
-            raise DeviceError(
-                f"the watchdog stopped the arm: {self._watchdog.health.value}, "
-                f"{self._watchdog.reason}"
-            )
 
     def _run(self) -> None:
         try:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState, TruthfulArm
-from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact
 
 Vector = NDArray[np.float64]
@@ -178,11 +178,8 @@ class Approacher(Generic[W]):
         if window is None:
             raise DeviceError("the sensor's stream ended during an approach; the arm was stopped")
         self._pulled += 1
-        watchdog = self._watchdog
-        if watchdog is not None and watchdog.check() is not Health.OK:
-            raise DeviceError(
-                f"the watchdog stopped the arm: {watchdog.health.value}, {watchdog.reason}"
-            )
+        if self._watchdog is not None:
+            self._watchdog.require_ok()
         return window
 
     def _require_health(self) -> ArmState:

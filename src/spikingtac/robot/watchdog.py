@@ -100,6 +100,15 @@ class Watchdog:
                 self._judge()
             return self.health
 
+    def require_ok(self) -> None:
+        """Check, and refuse to go on after a trip.
+
+        Raises:
+            DeviceError: It has tripped, now or before.
+        """
+        if self.check() is not Health.OK:
+            raise DeviceError(f"the watchdog stopped the arm: {self.health.value}, {self.reason}")
+
     def self_test(self) -> None:
         """Prove that a fault trips and that the arm can be told to stop; needed before arming.
 
