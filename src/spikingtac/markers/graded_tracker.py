@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.markers.chore import Chore
 from spikingtac.markers.custody import Custody, CustodyConfig
 from spikingtac.markers.events_kept import EventsKept
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
@@ -69,7 +70,7 @@ class CareConfig:
     """What the tracker does beside locating, for every locator.
 
     Attributes:
-        period_us: Time between two rounds of care, and of the leak, us; 0 is every estimate.
+        period_us: Time between two turns of each chore, us; 0 is every estimate.
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map (ours).
         leak_tolerance: Disagreement that is left alone in a stream that is known to be whole: a
@@ -155,10 +156,7 @@ class GradedTracker:
         expected_px = self._custody.expected_px(predicted_px) if asked else None
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._custody.held)
-        if t_us >= self._care_at_us:
-            self._care(t_us, located_px, agreement)
-        if t_us >= self._leak_at_us:
-            self._leak(t_us)
+        self._care(t_us, located_px, agreement)
         return self._frame(t_us, agreement)
 
     def reset(self) -> None:
@@ -170,14 +168,14 @@ class GradedTracker:
 
     def _start(self) -> None:
         self._t_us: int | None = None
-        self._cared_us: int | None = None
-        self._care_at_us = -1
-        self._leaked_us: int | None = None
-        self._leak_at_us = -1
+        period_us = self._care_config.period_us
+        self._counting, self._listening = Chore(period_us), Chore(period_us, 1 / 4)
+        self._judging, self._leaking = Chore(period_us, 2 / 4), Chore(period_us, 3 / 4)
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
         self._custody = Custody(self._care_config.custody, self._calibration)
         self._kept = EventsKept(self._calibration)
+        self._cells = self._kept.take(0.0)
         self._silence = Silence(self._calibration)
         if self._care_config.adapt_to_loss:
             self._map.set_events_kept(self._kept.share)
@@ -185,30 +183,32 @@ class GradedTracker:
     def _care(
         self, t_us: int, located_px: NDArray[np.float64], agreement: NDArray[np.float64]
     ) -> None:
-        dt_s = 0.0 if self._cared_us is None else (t_us - self._cared_us) * 1e-6
-        self._cared_us, self._care_at_us = t_us, t_us + self._care_config.period_us
-        self._weigh_events(dt_s)
-        self._custody.judge(t_us, located_px, agreement, self._map.values, self._silence.silent)
-        if self._custody.placed:
-            moved = self._custody.moved
-            self._filter.place(moved, self._custody.position_px[moved])
+        """Do what is due: is the stream whole, is every marker there, what leaves the map."""
+        if (since_s := self._counting.turn_s(t_us)) is not None:
+            self._count_events(since_s)
+        if self._listening.turn_s(t_us) is not None:
+            self._silence.update(self._filter.velocity_px_s, self._cells, self._kept.share)
+        if self._judging.turn_s(t_us) is not None:
+            values, silent = self._map.values, self._silence.silent
+            self._custody.judge(t_us, located_px, agreement, values, silent)
+            if self._custody.placed:
+                moved = self._custody.moved
+                self._filter.place(moved, self._custody.position_px[moved])
+        if (since_s := self._leaking.turn_s(t_us)) is not None:
+            self._leak(since_s)
 
-    def _weigh_events(self, dt_s: float) -> None:
-        """Compare the events with the motion: is the stream whole, and is every marker there?"""
-        position_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
-        cells = self._kept.take(dt_s)
+    def _count_events(self, dt_s: float) -> None:
+        """Compare the events with those that the motion asks for."""
+        self._cells = self._kept.take(dt_s)
         if self._care_config.adapt_to_loss:
-            share = self._kept.update(position_px, velocity_px_s, cells)
+            position_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
+            share = self._kept.update(position_px, velocity_px_s, self._cells)
             if share is not None:
                 self._map.set_events_kept(share)
-        self._silence.update(velocity_px_s, cells, self._kept.share)
 
-    def _leak(self, t_us: int) -> None:
-        """Leak as often as care is taken, half-way between: no step has both to do."""
-        care, first = self._care_config, self._leaked_us is None
-        dt_s = 0.0 if self._leaked_us is None else (t_us - self._leaked_us) * 1e-6
-        self._leaked_us = t_us
-        self._leak_at_us = t_us + (care.period_us // 2 if first else care.period_us)
+    def _leak(self, dt_s: float) -> None:
+        """Let the map around some of the markers leak towards their discs."""
+        care = self._care_config
         share = 1.0 - np.exp(-care.leak_per_s * dt_s * care.leak_groups)
         if share <= 0.0:
             return
