@@ -17,6 +17,7 @@ from spikingtac.markers.blob_tracker import (
     smallest_spacing_px,
 )
 from spikingtac.markers.hysteresis import PaperLaw
+from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration, EventPacket
 from stand_ins.ideal_events import ideal_events
 
@@ -188,6 +189,27 @@ def test_a_reset_forgets_all_but_the_calibration(moving: tuple[EventPacket, np.n
     np.testing.assert_array_equal(first.position_px, again.position_px)
 
 
+def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
+    config = BlobTrackerConfig(refresh_us=1_000)
+    state_map = painted_binary_map(calibration())
+    follower = BlobTracker(config, calibration(), Median3(), state_map)
+    follower.estimate(0)
+    noise = np.random.default_rng(0).random(state_map.values.shape) < 0.05
+    state_map.values[noise] = 1.0 - state_map.values[noise]
+    follower.estimate(999)
+    assert np.count_nonzero(state_map.values != painted_binary_map(calibration()).values) > 500
+    follower.estimate(1_000)
+    left = np.count_nonzero(state_map.values != painted_binary_map(calibration()).values)
+    assert left < 0.1 * np.count_nonzero(noise)
+    assert set(np.unique(state_map.values)) == {0.0, 1.0}
+
+
+def test_only_a_binary_map_can_be_refreshed() -> None:
+    graded = GradedStateMap(painted_binary_map(calibration()).values)
+    with pytest.raises(ConfigError, match="binary"):
+        BlobTracker(BlobTrackerConfig(refresh_us=1_000), calibration(), Median3(), graded)
+
+
 def test_frames_keep_their_values() -> None:
     follower = tracker()
     first = follower.estimate(0)
@@ -210,7 +232,14 @@ def test_a_recording_of_another_size_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "values", [{"min_area_share": 0.0}, {"max_area_share": 0.9}, {"proximity_share": 0.0}]
+    "values",
+    [
+        {"min_area_share": 0.0},
+        {"max_area_share": 0.9},
+        {"proximity_share": 0.0},
+        {"support_us": -1},
+        {"refresh_us": -1},
+    ],
 )
 def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(values))):

@@ -109,8 +109,10 @@ def _references() -> Iterator[Method]:
     """Yield the other presets, and the published front end with one part changed."""
     paper = load_config("paper")
     yield of_config("fast", "graded map, centroids, 10 kHz", load_config("fast"))
-    yield of_config("paper", "the published pipeline behind a filter of lone events", paper)
-    yield as_published("paper-unfiltered", "without the filter, as printed")
+    yield of_config("paper", "the published pipeline with a filter and a refreshed map", paper)
+    kept = paper.with_tracking(blobs=replace(paper.tracking.blobs, refresh_us=0))
+    yield of_config("paper-kept-map", "the map is never refreshed", kept)
+    yield as_published("paper-printed", "without filter and refreshed map, as printed")
     yield _without_hold("paper-no-hold", "no hold: a marker without a blob is at rest", paper)
     for denoiser in ("none", "median3", "box7"):
         config = paper.with_tracking(denoiser=denoiser)

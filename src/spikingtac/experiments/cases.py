@@ -27,7 +27,7 @@ DAMAGE_SCENES = ("mixed", "finger-slides", "finger-torsion")
 FIFTY, LOOPS = "fifty-contacts", "loops"
 
 
-VARIANTS = ("paper-unfiltered", "evetac-strong")
+VARIANTS = ("paper-printed", "evetac-strong")
 """Left out of a quick run; a full one asks them under the typical camera and about v2e only."""
 
 QUICK_MOTION_S = 1.5

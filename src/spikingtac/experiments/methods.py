@@ -130,9 +130,9 @@ def main_methods() -> dict[str, Method]:
     methods = (
         preset("default", about="graded map, disc fit, no law"),
         preset("fast", about="graded map, centroids, 10 kHz"),
-        preset("paper", about="filter of lone events (ours), binary map, network, blobs, k-d tree, "
-                              "hold, published law, 350 Hz"),
-        as_published("paper-unfiltered", "the same without the filter, as printed"),
+        preset("paper", about="filter of lone events and refreshed map (ours), binary map, "
+                              "network, blobs, k-d tree, hold, published law, 350 Hz"),
+        as_published("paper-printed", "the same without filter and refresh, as printed"),
         _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
         _evetac("evetac-strong", "attraction law, strong regulariser", EvetacConfig.strong()),
         _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
@@ -142,7 +142,7 @@ def main_methods() -> dict[str, Method]:
 
 
 def as_published(name: str, about: str) -> Method:
-    """Return the preset ``paper`` without the filter before its map: the paper names none."""
+    """Return the preset ``paper`` without what is ours in it: the filter, the refreshed map."""
     config = load_config("paper")
-    blobs = replace(config.tracking.blobs, support_us=0)
+    blobs = replace(config.tracking.blobs, support_us=0, refresh_us=0)
     return of_config(name, about, config.with_tracking(blobs=blobs))

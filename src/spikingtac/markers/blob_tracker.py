@@ -1,7 +1,8 @@
 """The published front end, one screen: map, denoiser, blobs, association, hold, output law.
 
-Paper sections IV-A to IV-C; a filter of lone events before the map is ours, and optional. Its error
-against truth is dominated by the bias of the last-polarity map
+Paper sections IV-A to IV-C. Two things are ours, and optional: a filter of lone events before the
+map, and that the cleaned map goes back into the map now and then, so that noise cannot gather. The
+error against truth is dominated by the bias of the last-polarity map
 (:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
 """
 
@@ -17,6 +18,7 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.associate import UNMATCHED, associate
 from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
+from spikingtac.markers.chore import Chore
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.binary import BinaryStateMap
@@ -46,6 +48,9 @@ class BlobTrackerConfig:
         support_us: Window of a background-activity filter before the map, us; 0 is none, as
             published (ours: nothing else keeps leak, which is always ON, from painting a map of
             last polarities white).
+        refresh_us: Time after which the cleaned, binarised map replaces the map, us; 0 is never, as
+            published (ours: a map of last polarities forgets nothing, so that noise fills it within
+            seconds, while one network's errors in a tenth of a second are few).
     """
 
     threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
@@ -53,10 +58,12 @@ class BlobTrackerConfig:
     max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
     proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
     support_us: int = field(default=0, metadata={"range": (0, 100_000)})
+    refresh_us: int = field(default=0, metadata={"range": (0, 1_000_000)})
 
     def __post_init__(self) -> None:
-        if self.support_us < 0:
-            raise ConfigError(f"support_us is {self.support_us}, valid is 0 (no filter) or above")
+        for name, none in (("support_us", "no filter"), ("refresh_us", "never")):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"{name} is {getattr(self, name)}, valid is 0 ({none}) or above")
         if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:
             raise ConfigError(
                 f"min_area_share {self.min_area_share} and max_area_share {self.max_area_share} "
@@ -90,11 +97,15 @@ class BlobTracker:
             denoiser: Cleans the map before it is binarised (section IV-B).
             state_map: The map to use; None is the paper's binary map, painted.
             law: From detected to given position; None gives out what was detected.
+
+        Raises:
+            ConfigError: ``refresh_us`` is not 0, and the map is not a binary one.
         """
         self._config = config
         self._calibration = calibration
         self._denoiser = denoiser
         self._map = state_map or painted_binary_map(calibration)
+        self._refreshed = _refreshable(self._map, config.refresh_us)
         self._law = law or NoLaw()
         disc_px = np.pi * calibration.radius_px**2
         self._disc_area_px: NDArray[np.float64] = disc_px
@@ -108,7 +119,7 @@ class BlobTracker:
         )
         self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
         self._detected_px = calibration.reference_px.astype(np.float64)
-        self._filter = self._new_filter()
+        self._start()
 
     @property
     def state_map(self) -> StateMap:
@@ -131,7 +142,11 @@ class BlobTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
-        blobs = self._detector.detect(self._denoiser.clean(self._map.values))
+        cleaned = self._denoiser.clean(self._map.values)
+        blobs = self._detector.detect(cleaned)
+        # Its first turn, after 0 s, passes: a map that was just painted needs no mending.
+        if self._refreshed is not None and self._refreshing.turn_s(t_us):
+            self._refreshed.repaint(cleaned >= self._config.threshold)
         match = associate(self._detected_px, blobs.center_px, self._proximity_px)
         held = match == UNMATCHED
         self._detected_px[~held] = blobs.center_px[match[~held]]
@@ -151,7 +166,11 @@ class BlobTracker:
         self._map.reset()
         self._law.reset()
         self._detected_px = self._calibration.reference_px.astype(np.float64)
+        self._start()
+
+    def _start(self) -> None:
         self._filter = self._new_filter()
+        self._refreshing = Chore(self._config.refresh_us)
 
     def _new_filter(self) -> BackgroundActivityFilter | None:
         if not self._config.support_us:
@@ -166,6 +185,16 @@ class BlobTracker:
         share = blobs.area_px[match[~held]] / self._disc_area_px[~held]
         confidence[~held] = np.minimum(share, 1.0 / share)
         return confidence
+
+
+def _refreshable(state_map: StateMap, refresh_us: int) -> BinaryStateMap | None:
+    if not refresh_us:
+        return None
+    if not isinstance(state_map, BinaryStateMap):
+        raise ConfigError(
+            f"refresh_us is {refresh_us}, but only the binary map can be refreshed; set it to 0"
+        )
+    return state_map
 
 
 def painted_binary_map(calibration: Calibration) -> BinaryStateMap:

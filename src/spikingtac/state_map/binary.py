@@ -103,6 +103,10 @@ class BinaryStateMap:
         edges_us = np.arange(packet.t_start_us, packet.t_end_us + period_us, period_us)
         return np.diff(np.searchsorted(packet.t, edges_us))
 
+    def repaint(self, white: NDArray[np.bool_]) -> None:
+        """Replace the map, by ``(height, width)`` which pixels show a marker."""
+        self._values[:] = white
+
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         self._values[:] = self._start
