@@ -45,7 +45,7 @@ def lean_tensors(seed: int = 0, fold: int = 8, widths: tuple[int, int] = (8, 8))
     shapes = {
         "stem.0": (fine, fold**2),
         "down.0": (coarse, fine),
-        "middle.0": (coarse, coarse),
+        "middle.0.0": (coarse, coarse),
         "up.0": (fine, fine + coarse),
         "head": (fold**2, fine),
     }

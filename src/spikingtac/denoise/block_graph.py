@@ -9,6 +9,7 @@ two inputs of the concatenation share one scale, and upsampling is a concatenati
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise.blocks import LEVELS
 from spikingtac.denoise.infer import ANSWER, BLOCKS, FORMAT, LOGIT_STEP, LOGIT_ZERO
-from spikingtac.denoise.onnx_graph import IR_VERSION, OPSET, Weights
+from spikingtac.denoise.onnx_graph import IR_VERSION, OPSET, Weights, middle_layers
 
 DOMAIN = "com.microsoft"
 WEIGHT_LEVELS = 127
@@ -94,7 +95,7 @@ def build_block_model(
     Args:
         weights: Tensor name -> array, as in ``weights.safetensors``.
         ranges: Least and largest value of each of
-            :data:`~spikingtac.denoise.onnx_graph.LEAN_VALUES` on state maps.
+            :func:`~spikingtac.denoise.onnx_graph.lean_layers` on state maps.
         fold: Pixels along each side of a block.
         multiple_px: Multiple to which a map's sides are padded, px.
     """
@@ -129,24 +130,28 @@ def _add_layers(
     quantum: tuple[float, int],
 ) -> None:
     tops = {name: high / LEVELS for name, (_, high) in ranges.items()}
-    shared = max(tops["fine"], tops["coarse"])
+    middle = middle_layers(weights)
+    # The two inputs of the concatenation share one step.
+    tops["stem"] = tops[middle[-1]] = max(tops["stem"], tops[middle[-1]])
 
-    def of(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        return weights[f"{name}.weight"], weights[f"{name}.bias"]
+    def of(layer: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return weights[f"{layer}.0.weight"], weights[f"{layer}.0.bias"]
 
-    fine = graph.convolve(BLOCKS, "stem", of("stem.0"), (1.0 / LEVELS, shared))
-    down = graph.convolve(fine, "down", of("down.0"), (shared, tops["down"]), stride=2)
-    coarse = graph.convolve(down, "middle", of("middle.0"), (tops["down"], shared))
-    wide = graph.twice(coarse, len(weights["middle.0.bias"]), fine)
+    fine = graph.convolve(BLOCKS, "stem", of("stem"), (1.0 / LEVELS, tops["stem"]))
+    steps = (tops["stem"], tops["down"])
+    coarse = graph.convolve(fine, "down", of("down"), steps, stride=2)
+    for before, layer in itertools.pairwise(["down", *middle]):
+        coarse = graph.convolve(coarse, layer, of(layer), (tops[before], tops[layer]))
+    wide = graph.twice(coarse, len(of(middle[-1])[1]), fine)
     both = graph.add("Concat", [fine, wide], "both", axis=3)
-    joined = graph.convolve(both, "up", of("up.0"), (shared, tops["joined"]))
+    joined = graph.convolve(both, "up", of("up"), (tops["stem"], tops["up"]))
     step, zero = quantum
-    graph.convolve(joined, ANSWER, _answer_weights(weights), (tops["joined"], step), zero=zero)
+    graph.convolve(joined, ANSWER, _answer_weights(weights), (tops["up"], step), zero=zero)
 
 
 def _logit_quantum(ranges: dict[str, tuple[float, float]]) -> tuple[float, int]:
-    low = min(0.0, ranges["change"][0])
-    high = max(ranges["change"][1], ranges["trust"][1], 0.0)
+    low = min(0.0, ranges["head"][0])
+    high = max(ranges["head"][1], ranges["trust"][1], 0.0)
     step = float(np.float32((high - low) / LEVELS)) or 1.0
     return step, round(-low / step)
 

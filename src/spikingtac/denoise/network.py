@@ -41,7 +41,8 @@ class NetworkConfig:
         fold: Pixels along each side of a block; 1 folds nothing.
         widths: For ``lean``: channels at the two resolutions.
         kernels: For ``lean``: sides of the first and of the last convolution, blocks. With 1 both
-            look at their own block alone, as the three between them look around.
+            look at their own block alone, as those between them look around.
+        depth: For ``lean``: convolutions at the coarse resolution, after the one that leads there.
         base: For ``evflownet``: channels of the first encoder (64 as published).
     """
 
@@ -49,13 +50,14 @@ class NetworkConfig:
     fold: int = 8
     widths: tuple[int, int] = (32, 32)
     kernels: tuple[int, int] = (3, 3)
+    depth: int = 1
     base: int = 64
 
     def __post_init__(self) -> None:
         if self.fold not in (1, 2, 4, 8):
             raise ValueError(f"fold is {self.fold}, valid are 1, 2, 4 and 8")
-        if min(*self.widths, self.base) < 1:
-            raise ValueError("widths and base must be positive")
+        if min(*self.widths, self.depth, self.base) < 1:
+            raise ValueError("widths, depth and base must be positive")
         if not set(self.kernels) <= {1, 3}:
             raise ValueError(f"kernels are {list(self.kernels)}, valid are 1 and 3")
 
@@ -71,7 +73,7 @@ def _block(inputs: int, outputs: int, stride: int = 1, kernel: int = 3) -> nn.Se
 
 
 class LeanUNet(nn.Module):
-    """Two resolutions, five convolutions, and a smoothed map that is weighed block by block.
+    """Two resolutions, a few convolutions, and a smoothed map that is weighed block by block.
 
     Fewer channels than a block has pixels carry the outline of a marker, but not single pixels. A
     direct path for the map itself made the network subtract each noisy pixel, and it learned next
@@ -86,7 +88,7 @@ class LeanUNet(nn.Module):
         first, last = config.kernels
         self.stem = _block(pixels, fine, kernel=first)
         self.down = _block(fine, coarse, stride=2)
-        self.middle = _block(coarse, coarse)
+        self.middle = nn.Sequential(*(_block(coarse, coarse) for _ in range(config.depth)))
         self.up = _block(fine + coarse, fine)
         self.head = nn.Conv2d(fine, pixels, last, 1, last // 2)
         self.trust = nn.Conv2d(fine, 1, 1)

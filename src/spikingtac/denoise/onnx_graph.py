@@ -6,6 +6,7 @@ the two. Height and width stay open.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,6 @@ IR_VERSION = 9
 """ONNX file version that goes with it."""
 EVFLOWNET_LEVELS, RESIDUAL_BLOCKS = 4, 2
 """As in :mod:`spikingtac.denoise.network`, which only torch can import."""
-LEAN_VALUES = {
-    "fine": "relu_1",
-    "down": "relu_3",
-    "coarse": "relu_5",
-    "joined": "relu_9",
-    "change": "conv_10",
-    "trust": "relu_12",
-}
-"""Values inside the lean graph whose ranges its int8 form is made from -> their names there."""
-
 Weights = dict[str, NDArray[np.float32]]
 
 
@@ -42,8 +33,8 @@ class _Graph:
         self.nodes: list[Any] = []
         self.constants: Weights = {}
 
-    def add(self, kind: str, *inputs: str, **settings: Any) -> str:
-        name = f"{kind.lower()}_{len(self.nodes)}"
+    def add(self, kind: str, *inputs: str, name: str = "", **settings: Any) -> str:
+        name = name or f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(self._make_node(kind, inputs, [name], name, **settings))
         return name
 
@@ -51,16 +42,16 @@ class _Graph:
         self.constants[name] = value
         return name
 
-    def convolve(self, values: str, name: str, stride: int = 1) -> str:
-        kernel, bias = self._weight(f"{name}.weight"), self._weight(f"{name}.bias")
+    def convolve(self, values: str, layer: str, stride: int = 1, name: str = "") -> str:
+        kernel, bias = self._weight(f"{layer}.weight"), self._weight(f"{layer}.bias")
         side = self.weights[kernel].shape[-1]
         return self.add(
-            "Conv", values, kernel, bias, pads=[side // 2] * 4, strides=[stride, stride],
+            "Conv", values, kernel, bias, name=name, pads=[side // 2] * 4, strides=[stride, stride],
             kernel_shape=[side, side],
         )  # fmt: skip
 
-    def block(self, values: str, name: str, stride: int = 1) -> str:
-        return self.add("Relu", self.convolve(values, f"{name}.0", stride))
+    def block(self, values: str, layer: str, stride: int = 1) -> str:
+        return self.add("Relu", self.convolve(values, f"{layer}.0", stride), name=layer)
 
     def twice(self, values: str) -> str:
         scales = self.constant("scales", np.array([1, 1, 2, 2], np.float32))
@@ -113,15 +104,29 @@ def build_model(weights: Weights, network: dict[str, Any], fold: int, multiple_p
     return model
 
 
+def lean_layers(weights: Weights) -> list[str]:
+    """Return the layers of a lean network whose outputs have names of their own in its graph.
+
+    The int8 network is made from the ranges of these values.
+    """
+    return ["stem", "down", *middle_layers(weights), "up", "head", "trust"]
+
+
+def middle_layers(weights: Weights) -> list[str]:
+    """Return the convolutions at the coarse resolution, after the one that leads there."""
+    more = (f"middle.{number}" for number in itertools.count(1))
+    return ["middle.0", *itertools.takewhile(lambda name: f"{name}.0.weight" in weights, more)]
+
+
 def _lean(graph: _Graph) -> str:
     fine = graph.block(INPUT, "stem")
-    coarse = graph.block(graph.block(fine, "down", stride=2), "middle")
+    coarse = graph.block(fine, "down", stride=2)
+    for layer in middle_layers(graph.weights):
+        coarse = graph.block(coarse, layer)
     joined = graph.add("Concat", fine, graph.twice(coarse), axis=1)
     joined = graph.block(joined, "up")
-    change, trust = (
-        graph.convolve(joined, "head"),
-        graph.add("Relu", graph.convolve(joined, "trust")),
-    )
+    change = graph.convolve(joined, "head", name="head")
+    trust = graph.add("Relu", graph.convolve(joined, "trust"), name="trust")
     return graph.add("Add", change, graph.add("Mul", EVIDENCE, trust))
 
 

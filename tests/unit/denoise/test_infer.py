@@ -94,9 +94,9 @@ def test_a_foreign_network_is_refused(tmp_path):
 
 def test_weights_that_lack_a_tensor_are_refused(tmp_path):
     tensors = lean_tensors()
-    del tensors["middle.0.bias"]
+    del tensors["middle.0.0.bias"]
     weights = write_weights(tmp_path / "weights.safetensors", tensors)
-    with pytest.raises(ConfigError, match=r"lack the tensor 'middle.0.bias'"):
+    with pytest.raises(ConfigError, match=r"lack the tensor 'middle.0.0.bias'"):
         export_network(weights, tmp_path, noisy_maps())
 
 

@@ -28,7 +28,7 @@ from spikingtac.denoise.training_state import load_weights, save_weights  # noqa
 CONFIGS = [
     NetworkConfig(widths=(8, 16)),
     NetworkConfig(fold=4, widths=(8, 8)),
-    NetworkConfig(widths=(8, 16), kernels=(1, 1)),
+    NetworkConfig(widths=(8, 16), kernels=(1, 1), depth=3),
     NetworkConfig(kind="evflownet", fold=1, base=2),
     NetworkConfig(kind="evflownet", fold=2, base=2),
 ]
@@ -64,11 +64,16 @@ def test_the_published_size_is_twenty_gmac():
     assert counted / 1e9 == pytest.approx(20.0, rel=0.15)
 
 
-def test_the_lean_size_is_counted():
-    config = NetworkConfig(widths=(16, 32))
+@pytest.mark.parametrize("depth", [1, 2])
+def test_the_lean_size_is_counted(depth):
+    config = NetworkConfig(widths=(16, 32), depth=depth)
     fine, coarse = 40 * 40, 20 * 20
     expected = 9 * (
-        fine * 64 * 16 + coarse * 16 * 32 + coarse * 32 * 32 + fine * 48 * 16 + fine * 16 * 64
+        fine * 64 * 16
+        + coarse * 16 * 32
+        + depth * coarse * 32 * 32
+        + fine * 48 * 16
+        + fine * 16 * 64
     )
     expected += fine * 16  # the 1x1 convolution that weighs the evidence
     assert multiply_adds(make_network(config), config, (320, 320)) == expected
@@ -76,7 +81,7 @@ def test_the_lean_size_is_counted():
 
 def test_a_wrong_shape_names_both(tmp_path):
     tensors = lean_tensors()
-    tensors["middle.0.weight"] = np.zeros((8, 9, 3, 3), np.float32)
+    tensors["middle.0.0.weight"] = np.zeros((8, 9, 3, 3), np.float32)
     path = write_weights(tmp_path / "weights.safetensors", tensors)
     with pytest.raises(ConfigError, match=r"\(8, 9, 3, 3\).*\(8, 8, 3, 3\)"):
         load_weights(path)
