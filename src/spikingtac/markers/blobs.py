@@ -96,8 +96,8 @@ class BlobDetector:
         self._shape = (height, width)
         # Single precision, as the map: 0.2 in double precision lies above 0.2 in the map.
         self._threshold: Any = np.float32(self._config.threshold)
-        words = np.zeros(width // _MARKS_PER_WORD + 1, np.uint64)
-        self._line = (words.view(np.uint8), words)
+        self._words = np.zeros(width // _MARKS_PER_WORD + 1, np.uint64)
+        self._white = np.zeros(width + 2, np.uint8)
         self._runs = np.empty((most_runs, 3), np.int32)
         self._parent = np.empty(most_runs, np.int32)
         self._sums = np.empty((most_runs, _FIELDS), np.float64)
@@ -116,7 +116,9 @@ class BlobDetector:
                 f"the map has shape {state_map.shape}, this detector was made for {self._shape}; "
                 "make one for each sensor"
             )
-        count = _find_runs_kernel(state_map, self._threshold, self._line, self._runs)
+        # Cut anew each time: a view that is stored would be torn off by a deep copy.
+        line = (self._words.view(np.uint8), self._words)
+        count = _find_runs_kernel(state_map, self._threshold, self._white, line, self._runs)
         _sum_runs_kernel(state_map, self._runs[:count], self._sums)
         _join_runs_kernel(self._runs[:count], self._parent)
         blobs = _gather_kernel(self._runs[:count], self._parent, self._sums, state_map.shape)
@@ -138,21 +140,22 @@ class BlobDetector:
 def _find_runs_kernel(
     state_map: NDArray[np.float32],
     threshold: float,
+    white: NDArray[np.uint8],
     line: tuple[NDArray[np.uint8], NDArray[np.uint64]],
     runs: NDArray[np.int32],
 ) -> int:
-    # runs: row, first column, column after the last. A row's changes of level are marked in one
-    # vector pass and looked through eight at a time: the words share the marks' memory.
+    # runs: row, first column, column after the last. A row's changes of level are marked in two
+    # vector passes and looked through eight at a time: the words share the marks' memory. The
+    # first and the last of white lie outside of the row.
     changes, words = line
     height, width = state_map.shape
-    inner = changes[1:width]
     count = 0
     for y in range(height):
         row = state_map[y]
-        left, right = row[: width - 1], row[1:]
-        changes[0], changes[width] = row[0] >= threshold, row[width - 1] >= threshold
-        for x in range(width - 1):
-            inner[x] = np.uint8(left[x] >= threshold) ^ np.uint8(right[x] >= threshold)
+        for x in range(width):
+            white[x + 1] = np.uint8(row[x] >= threshold)
+        for x in range(width + 1):
+            changes[x] = white[x] ^ white[x + 1]
         side = 1
         for word in range(words.size):
             if words[word] == 0:
