@@ -45,7 +45,8 @@ def test_the_filter_and_the_network_find_every_marker(rows):
 def test_the_findings_name_both_sides(rows):
     said = findings(rows)
     assert said[0].startswith("Ten trajectories, binary map, 1 Hz/px, 50% dropped")
-    assert "best classical" in said[0] and "simulated" in said[0]
+    assert "best classical" in said[0]
+    assert "simulated" in said[0]
     assert any(text.startswith("Held-out motion (torsion), binary map") for text in said)
 
 
