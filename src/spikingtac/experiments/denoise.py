@@ -139,8 +139,8 @@ def _compared(
     return (
         f"{GROUPS[prefix]}, {kind} map, {noise_hz:g} Hz/px, {drop:.0%} dropped, the same event "
         f"filter before every method: excess of the network {network:.3f} px (int8 {int8:.3f} px, "
-        f"recall {recall.value:.4f}), of the best classical filter, {best}, {classical[best]:.3f} px: "
-        f"{abs(share):.0%} {'less' if share < 0 else 'more'} (simulated)."
+        f"recall {recall.value:.4f}), of the best classical filter, {best}, "
+        f"{classical[best]:.3f} px: {abs(share):.0%} {'less' if share < 0 else 'more'} (simulated)."
     )
 
 
