@@ -98,7 +98,7 @@ def test_the_encoding_is_guessed_where_the_header_is_silent(tmp_path: Path) -> N
     assert columns(list(source)).shape == (4, EVENTS)
 
 
-@pytest.mark.parametrize("head", [b"% evt 3.0\n% end\n", b""])
+@pytest.mark.parametrize("head", [b"% end\n", b""])
 def test_a_stream_without_a_size_is_refused(head: bytes, raw: Path, tmp_path: Path) -> None:
     PipedCamera(tmp_path / "live", head + without_header(raw.read_bytes()))
     with pytest.raises(FormatError, match="names no size"):
