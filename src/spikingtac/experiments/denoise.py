@@ -111,11 +111,7 @@ def findings(rows: Sequence[Row]) -> list[str]:
     said = (
         _compared(rows, prefix, kind, noise_hz, drop)
         for prefix in ("", "heldout/", f"{V2E}/")
-        for kind, noise_hz, drop in (
-            ("binary", 1.0, 0.5),
-            ("binary", 0.05, 0.1),
-            ("graded", 1.0, 0.5),
-        )
+        for kind, noise_hz, drop in SAID
     )
     return [sentence for sentence in said if sentence]
 

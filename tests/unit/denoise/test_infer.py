@@ -118,7 +118,8 @@ def test_foreign_weights_are_refused(tmp_path):
 
 def noisy_markers() -> tuple[np.ndarray, np.ndarray]:
     """The paper's 64 markers, and the same map with a tenth of its pixels wrong."""
-    grid = 33.0 + 37.0 * np.stack(np.meshgrid(np.arange(8), np.arange(8)), -1).reshape(-1, 2)
+    columns, rows = np.meshgrid(np.arange(8.0), np.arange(8.0))
+    grid = np.float64(33.0) + 37.0 * np.stack([columns, rows], -1).reshape(-1, 2)
     clean = paint_binary_discs((320, 320), grid, np.full(64, 7.0))
     wrong = np.random.default_rng(0).random(clean.shape) < 0.1
     return clean, np.where(wrong, 1 - clean, clean).astype(np.float32)
