@@ -8,12 +8,14 @@ from scipy.optimize import least_squares
 
 from spikingtac.markers import disc_fit
 from spikingtac.markers.centroid_locator import (
+    BLOCK_PX,
     CentroidLocator,
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.disc_fit import SOFT_LEVEL, fit_window, round_outline
+from spikingtac.markers.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.fit_window import FLAT_SHARE, fit_window
 from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
@@ -80,37 +82,71 @@ def test_disc_fit_equals_scipys_robust_minimum() -> None:
 @pytest.mark.parametrize("moved_px", [(0.0, 0.0), (0.03, -0.05)])
 def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> None:
     rng = np.random.default_rng(11)
-    window = fit_window(PROFILE, RADIUS_PX[:1], SIZE[0], 3.5)
-    level = rng.random(window.dx.size).astype(np.float32)
-    state = np.array([0.2, -0.3, 7.1, 0.2, -0.1], np.float32)
-    edge = np.empty((4, level.size), np.float32)
+    window = fit_window(PROFILE, SIZE[0], 3.5)
+    first, count = 20, 300
+    x, y, r, b, c = disc = 0.2, -0.3, 7.1, 0.2, -0.1
+    half = (window.outer_px - window.inner_px) / 2.0
+    edge = np.empty((5, window.offset.size), np.float32)
+    level = edge[0, :count] = rng.random(count).astype(np.float32)
     disc_fit._edge_kernel(
-        (level, window.dx, window.dy),
-        state,
+        window.place_px,
+        (np.uint64(first), np.uint64(count)),
+        tuple(np.float32(value) for value in (*disc, 1.0 / half)),
         window.coefficients,
-        np.float32(1.0 / window.reach_px),
-        tuple(edge),
+        edge,
     )
     got = disc_fit._normal_equations_kernel(
-        tuple(edge), np.float32(moved_px[0]), np.float32(moved_px[1]), np.float32(1.0 / 0.64)
+        edge, np.uint64(count), np.float32(moved_px[0]), np.float32(moved_px[1]), np.float32(1.5625)
     )
-    x, y, r, b, c = state.astype(float)
-    rho, phi = np.hypot(window.dx - x, window.dy - y), np.arctan2(window.dy - y, window.dx - x)
-    q = np.clip(rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi), -3.5, 3.5)
+    dx, dy = window.place_px[:, first : first + count].astype(float)
+    rho, phi = np.hypot(dx - x, dy - y), np.arctan2(dy - y, dx - x)
+    z = np.clip((rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)) / half, -1.0, 1.0)
     curve, slope = (
-        np.polynomial.polynomial.polyval(q / 3.5, row.astype(float)) for row in window.coefficients
+        np.polynomial.polynomial.polyval(z, row.astype(float)) for row in window.coefficients
     )
     u = np.array([np.cos(phi), np.sin(phi)])
     e = level - curve - slope * (np.array(moved_px) @ u)
     ws = slope / (1.0 + e**2 / 0.64)
     gradients = [
-        (ws * e * v).sum() for v in (*u, np.ones_like(q), np.cos(2 * phi), np.sin(2 * phi))
+        (ws * e * v).sum() for v in (*u, np.ones_like(z), np.cos(2 * phi), np.sin(2 * phi))
     ]
     curvature = [
-        (ws * slope * v).sum() for v in (u[0] ** 2, u[0] * u[1], u[1] ** 2, np.ones_like(q))
+        (ws * slope * v).sum() for v in (u[0] ** 2, u[0] * u[1], u[1] ** 2, np.ones_like(z))
     ]
     expected = [*curvature[:3], *gradients, curvature[3], ws.sum() / slope.sum()]
     np.testing.assert_allclose(got, expected, atol=0.01, rtol=1e-3)
+
+
+@pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
+def test_the_window_shows_the_edge_where_it_is_steep(profile: DiscProfile) -> None:
+    window = fit_window(profile, SIZE[0], 3.5)
+    half = (window.outer_px - window.inner_px) / 2.0
+    q_px = np.linspace(window.inner_px, window.outer_px, 401)
+    z = (q_px - window.inner_px) / half - 1.0
+    level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients)
+    steepest = -profile.slope(np.linspace(-4.0, 4.0, 4001)).min()
+    np.testing.assert_allclose(level, profile.level(q_px), atol=0.001)
+    np.testing.assert_allclose(slope, -profile.slope(q_px), atol=0.02 * steepest)
+    for beyond in (window.inner_px - 0.05, window.outer_px + 0.05):
+        assert abs(beyond) > 3.5 or -profile.slope(beyond) < FLAT_SHARE * steepest
+
+
+@pytest.mark.parametrize("outline", [(7.0, 0.0, 0.0), (5.2, 0.5, -0.4), (1.0, 0.0, 0.0)])
+def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float]) -> None:
+    window = fit_window(PROFILE, SIZE[0], 3.5)
+    state = np.array([10.4, 9.7, *outline])
+    first, count = (
+        int(n)
+        for n in disc_fit._ring_kernel(window.within, state, window.inner_px, window.outer_px)
+    )
+    distance = np.hypot(*window.place_px.astype(float))
+    bulge = abs(outline[1]) + abs(outline[2]) + ROUNDING_PX
+    needed = distance >= outline[0] - bulge + window.inner_px
+    needed &= distance <= outline[0] + bulge + window.outer_px
+    inside = np.zeros(needed.size, bool)
+    inside[first : first + count] = True
+    assert not (needed & ~inside).any()
+    assert count < 1.4 * needed.sum() + 8
 
 
 def test_neighbours_pull_only_as_much_as_asked() -> None:
@@ -210,9 +246,24 @@ def test_centroids_equal_their_twin() -> None:
         np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-@pytest.mark.parametrize("radius_px", [0.4, 3.0, 9.5, 10.63])
+@pytest.mark.parametrize("radius_px", [0.4, 3.0, 9.5, 15.0, 15.5, 22.9])
 def test_window_holds_the_pixels_within_the_radius(radius_px: float) -> None:
-    reach = round_window(radius_px)
-    for y, row in enumerate(reach):
-        assert row == max(x for x in range(12) if np.hypot(x, y) <= radius_px)
-    assert np.hypot(len(reach), 0.0) > radius_px
+    weight = round_window(radius_px)
+    middle = weight.shape[1] // 2
+    expected = {(x, y) for x in range(-24, 25) for y in range(24) if np.hypot(x, y) <= radius_px}
+    assert {(x - middle, y) for y, x in np.argwhere(weight).tolist()} == expected
+    assert weight.shape[1] % BLOCK_PX == 0
+    np.testing.assert_array_equal(np.unique(weight[0][weight[0] > 0]), [0.5])
+
+
+@pytest.mark.parametrize("at_px", [(0.0, 0.0), (79.0, 59.0), (79.0, 0.0)])
+def test_centroids_of_large_discs_in_corners_stay_in_the_map(at_px: tuple[float, float]) -> None:
+    reference_px = np.array([at_px])
+    calibration = Calibration(
+        reference_px=reference_px, radius_px=np.array([19.5]), grid=(1, 1), size=SIZE
+    )
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    level = (np.hypot(x - at_px[0], y - at_px[1]) <= 19.5).astype(np.float32)
+    locator = CentroidLocator(CentroidLocatorConfig(), calibration)
+    found_px, _ = locator.locate(GradedStateMap(level), reference_px, None, 0.0)
+    np.testing.assert_allclose(found_px[0], [x[level > 0].mean(), y[level > 0].mean()], atol=1e-3)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.disc_fit import fit_discs_kernel, fit_window, round_outline
+from spikingtac.markers.disc_fit import fit_discs_kernel, round_outline
+from spikingtac.markers.fit_window import fit_window
 from spikingtac.markers.start import profile_of
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration
@@ -22,7 +23,8 @@ class DiscLocatorConfig:
     Attributes:
         iterations: Gauss-Newton steps per marker and estimate at most (ours: two suffice on
             average, a sudden release takes more).
-        reach_px: Half the width of the annulus that a fit reads, px (ours).
+        reach_px: Farthest from the radius that a fit reads, px (ours); where the edge is flat it
+            reads nothing, however far this is.
         grid_weight: Pull towards the neighbours' prediction, as a share of the fit's own curvature
             (ours: a strong pull smooths real deformation away).
         outline_per_s: Rate at which the outline follows what the fit sees, 1/s (ours: indentation
@@ -51,12 +53,10 @@ class DiscLocator:
     def __init__(self, config: DiscLocatorConfig, calibration: Calibration) -> None:
         """Choose the pixels and the profile for a sensor's markers."""
         self._config = config
-        self._rest_outline_px = round_outline(calibration.radius_px)
-        self.outline_px = self._rest_outline_px.copy()
-        self._profile = profile_of(calibration)
-        self._window = fit_window(
-            self._profile, calibration.radius_px, calibration.size[0], config.reach_px
-        )
+        self._radius_px = calibration.radius_px.astype(np.float64)
+        self.outline_px = round_outline(self._radius_px)
+        window = fit_window(profile_of(calibration), calibration.size[0], config.reach_px)
+        self._pixels, self._curves = window.pixels, window.curves(config.iterations)
         self._agreement = np.ones(len(calibration.radius_px))
 
     @property
@@ -72,28 +72,20 @@ class DiscLocator:
         dt_s: float,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
-        window, config = self._window, self._config
+        config = self._config
         center_px = predicted_px.copy()
         fit_discs_kernel(
             state_map.padded,
             center_px,
             self.outline_px,
-            (window.offset, window.dx, window.dy),
-            (window.coefficients, window.reach_px, config.iterations),
+            self._pixels,
+            self._curves,
             (predicted_px, 0.0) if expected_px is None else (expected_px, config.grid_weight),
-            1.0 - math.exp(-dt_s * config.outline_per_s),
+            (self._radius_px, config.outline_share, 1.0 - math.exp(-dt_s * config.outline_per_s)),
             self._agreement,
-        )
-        radius_px = self._rest_outline_px[:, :1]
-        most_px = config.outline_share * radius_px
-        np.clip(
-            self.outline_px,
-            self._rest_outline_px - most_px,
-            self._rest_outline_px + most_px,
-            out=self.outline_px,
         )
         return center_px, self._agreement
 
     def reset(self) -> None:
         """Forget the outlines that strain and indentation gave the discs."""
-        self.outline_px[:] = self._rest_outline_px
+        self.outline_px[:] = round_outline(self._radius_px)

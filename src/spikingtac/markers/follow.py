@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.disc_fit import fit_discs_kernel, fit_window, round_outline
+from spikingtac.markers.disc_fit import fit_discs_kernel, round_outline
+from spikingtac.markers.fit_window import fit_window
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.markers.slide_map import SlideMap
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX
@@ -55,8 +56,8 @@ def follow(
         profile: The discs' profile.
         keep: Which of the ``n`` times to keep a map of.
     """
-    window = fit_window(profile, radius_px, slide_map.values.shape[1], REACH_PX)
-    pixels = (window.offset, window.dx, window.dy)
+    window = fit_window(profile, slide_map.values.shape[1], REACH_PX)
+    pixels, curves = window.pixels, window.curves(ITERATIONS)
     outline_px = round_outline(radius_px)
     center = np.array(start_px, np.float64)
     speed = np.zeros_like(center)
@@ -74,9 +75,9 @@ def follow(
             center,
             outline_px,
             pixels,
-            (window.coefficients, window.reach_px, ITERATIONS),
+            curves,
             (center, 0.0),
-            0.0,
+            (radius_px, 0.0, 0.0),
             agreement,
         )
         # A marker whose edge is not there must not run away on its last speed.
@@ -104,8 +105,8 @@ def refit(
         profile: The discs' profile.
     """
     out = np.array(position_px, np.float64)
-    window = fit_window(profile, radius_px, maps[0].shape[1], REACH_PX)
-    pixels = (window.offset, window.dx, window.dy)
+    window = fit_window(profile, maps[0].shape[1], REACH_PX)
+    pixels, curves = window.pixels, window.curves(ITERATIONS)
     outline_px = round_outline(radius_px)
     for values, center in zip(maps, out, strict=True):
         padded = np.pad(values, PAD_PX, constant_values=OUTSIDE_LEVEL)
@@ -114,9 +115,9 @@ def refit(
             center,
             outline_px,
             pixels,
-            (window.coefficients, window.reach_px, ITERATIONS),
+            curves,
             (center, 0.0),
-            0.0,
+            (radius_px, 0.0, 0.0),
             np.zeros(len(center)),
         )
     return out

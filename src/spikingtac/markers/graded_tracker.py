@@ -70,7 +70,8 @@ class CareConfig:
     """What the tracker does beside locating, for every locator.
 
     Attributes:
-        period_us: Time between two turns of each chore, us; 0 is every estimate.
+        period_us: Time between two turns of each chore, us; 0 is every estimate (ours: at 4 ms the
+            tracks are as accurate as at 1 ms, and at 1 kHz each step has one chore).
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map (ours).
         leak_tolerance: Disagreement that is left alone in a stream that is known to be whole: a
@@ -85,7 +86,7 @@ class CareConfig:
         custody: When a marker counts as lost, and how it is found again.
     """
 
-    period_us: int = 0
+    period_us: int = 4_000
     leak_per_s: float = field(default=10.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
     leak_tolerance: float = field(default=0.04, metadata={"range": (0.0, 0.5)})
     wary_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
