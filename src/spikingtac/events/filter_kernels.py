@@ -6,34 +6,43 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+ONE, TWO = np.uint64(1), np.uint64(2)
+"""Unsigned, so that no index can be meant from the end."""
+
 
 @njit(cache=True, nogil=True)
 def supported_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
     t: NDArray[np.int64],
     window_us: int,
     last_us: NDArray[np.int64],
-    keep: NDArray[np.bool_],
-) -> None:
-    """Mark the events that a neighbour fired before within the window.
+    kept: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_], NDArray[np.int64]],
+) -> int:
+    """Copy the events that a neighbour fired before within the window; return how many.
 
     Args:
         x: Columns, px.
         y: Rows, px.
+        p: Polarities.
         t: Times, us, in order.
         window_us: Length of the window.
         last_us: ``(height + 2, width + 2)`` time of each pixel's last event; updated.
-        keep: Where to write the marks.
+        kept: Where to write their columns, rows, polarities and times; as long as ``x``.
     """
+    kept_x, kept_y, kept_p, kept_t = kept
+    count = 0
     for i in range(len(t)):
-        row, column = np.int64(y[i]) + 1, np.int64(x[i]) + 1
+        row, column = np.uint64(y[i]), np.uint64(x[i])
         # All eight are looked at: no processor can foresee which of them fired, and a wrong guess
-        # costs more than the look.
-        above = max(last_us[row - 1, column - 1], last_us[row - 1, column])
-        above = max(above, last_us[row - 1, column + 1])
-        beside = max(last_us[row, column - 1], last_us[row, column + 1])
-        below = max(last_us[row + 1, column - 1], last_us[row + 1, column])
-        below = max(below, last_us[row + 1, column + 1])
-        keep[i] = max(above, beside, below) >= t[i] - window_us
-        last_us[row, column] = t[i]
+        # costs more than the look. So does writing only what is kept.
+        newest = max(last_us[row, column], last_us[row, column + ONE])
+        newest = max(newest, last_us[row, column + TWO])
+        newest = max(newest, last_us[row + ONE, column], last_us[row + ONE, column + TWO])
+        newest = max(newest, last_us[row + TWO, column], last_us[row + TWO, column + ONE])
+        newest = max(newest, last_us[row + TWO, column + TWO])
+        kept_x[count], kept_y[count], kept_p[count], kept_t[count] = x[i], y[i], p[i], t[i]
+        count += newest >= t[i] - window_us
+        last_us[row + ONE, column + ONE] = t[i]
+    return count

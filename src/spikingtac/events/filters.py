@@ -152,9 +152,19 @@ class BackgroundActivityFilter:
         """Return the supported events of a packet that follows the ones before."""
         from spikingtac.events.filter_kernels import supported_kernel
 
-        keep = np.empty(len(packet), np.bool_)
-        supported_kernel(packet.x, packet.y, packet.t, self._window_us, self._last_us, keep)
-        return packet.select(keep)
+        x, y = np.empty_like(packet.x), np.empty_like(packet.y)
+        p, t = np.empty_like(packet.p), np.empty_like(packet.t)
+        events = packet.x, packet.y, packet.p, packet.t
+        count = supported_kernel(*events, self._window_us, self._last_us, (x, y, p, t))
+        return EventPacket(
+            x[:count],
+            y[:count],
+            p[:count],
+            t[:count],
+            packet.t_start_us,
+            packet.t_end_us,
+            packet.size,
+        )
 
 
 class RandomDrop:

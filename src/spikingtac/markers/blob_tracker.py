@@ -11,13 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.associate import UNMATCHED, associate
-from spikingtac.markers.blobs import BlobConfig, BlobDetector, Blobs
+from spikingtac.markers.blobs import BlobConfig, BlobDetector
 from spikingtac.markers.chore import Chore
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
@@ -148,8 +149,15 @@ class BlobTracker:
         if self._refreshed is not None and self._refreshing.turn_s(t_us):
             self._refreshed.repaint(cleaned >= self._config.threshold)
         match = associate(self._detected_px, blobs.center_px, self._proximity_px)
-        held = match == UNMATCHED
-        self._detected_px[~held] = blobs.center_px[match[~held]]
+        held, confidence = np.empty(len(match), np.bool_), np.empty(len(match))
+        _take_kernel(
+            match,
+            (blobs.center_px, blobs.area_px),
+            self._disc_area_px,
+            self._detected_px,
+            held,
+            confidence,
+        )
         reference_px = self._calibration.reference_px
         position_px = self._law.update(self._detected_px, reference_px)
         return MarkerFrame(
@@ -158,7 +166,7 @@ class BlobTracker:
             position_px=position_px,
             displacement_px=position_px - reference_px,
             held=held,
-            confidence=self._confidence(blobs, match, held),
+            confidence=confidence,
         )
 
     def reset(self) -> None:
@@ -178,13 +186,26 @@ class BlobTracker:
         settings = BackgroundActivityConfig(window_us=self._config.support_us)
         return BackgroundActivityFilter(settings, self._calibration.size)
 
-    def _confidence(
-        self, blobs: Blobs, match: NDArray[np.int64], held: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        confidence = np.zeros(len(match))
-        share = blobs.area_px[match[~held]] / self._disc_area_px[~held]
-        confidence[~held] = np.minimum(share, 1.0 / share)
-        return confidence
+
+@njit(cache=True, nogil=True)
+def _take_kernel(
+    match: NDArray[np.int64],
+    blobs: tuple[NDArray[np.float64], NDArray[np.float64]],
+    disc_area_px: NDArray[np.float64],
+    detected_px: NDArray[np.float64],
+    held: NDArray[np.bool_],
+    confidence: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Move each marker to its blob, if it has one; ``blobs`` are their centres and areas."""
+    center_px, area_px = blobs
+    for m in range(match.size):
+        blob = match[m]
+        held[m] = blob == UNMATCHED
+        confidence[m] = 0.0
+        if not held[m]:
+            detected_px[m, 0], detected_px[m, 1] = center_px[blob, 0], center_px[blob, 1]
+            share = area_px[blob] / disc_area_px[m]
+            confidence[m] = min(share, 1.0 / share)
 
 
 def _refreshable(state_map: StateMap, refresh_us: int) -> BinaryStateMap | None:

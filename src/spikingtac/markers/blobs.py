@@ -15,8 +15,26 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 
-_MARKS_PER_WORD = 8
-"""One-byte marks in a 64-bit word."""
+_BITS = 64
+"""Bits in a machine word, and one-byte marks that become one."""
+
+_PACK = np.uint64(0x0102040810204080)
+"""Times this, eight bytes of 0 or 1 become the eight bits of the highest byte."""
+
+_DE_BRUIJN = 0x03F79D71B4CB0A89
+"""A de Bruijn sequence: a power of two times this has six highest bits that tell which it was
+(Leiserson, Prokop, Randall, "Using de Bruijn sequences to index a 1 in a computer word", 1998)."""
+
+
+def _bit_table() -> NDArray[np.int64]:
+    table = np.zeros(_BITS, np.int64)
+    for bit in range(_BITS):
+        table[((_DE_BRUIJN << bit) & (2**_BITS - 1)) >> (_BITS - 6)] = bit
+    return table
+
+
+_BIT_OF = _bit_table()
+"""Those six bits -> which power of two."""
 
 _FIELDS = 5
 """Sums per run and blob: area, mass, mass * x, mass * y, number of runs at the border."""
@@ -96,8 +114,8 @@ class BlobDetector:
         self._shape = (height, width)
         # Single precision, as the map: 0.2 in double precision lies above 0.2 in the map.
         self._threshold: Any = np.float32(self._config.threshold)
-        self._words = np.zeros(width // _MARKS_PER_WORD + 1, np.uint64)
-        self._white = np.zeros(width + 2, np.uint8)
+        # Room for one more pixel, which is never white: so every run ends within its row.
+        self._white = np.zeros((width // _BITS + 1) * _BITS, np.uint8)
         self._runs = np.empty((most_runs, 3), np.int32)
         self._parent = np.empty(most_runs, np.int32)
         self._sums = np.empty((most_runs, _FIELDS), np.float64)
@@ -117,23 +135,20 @@ class BlobDetector:
                 "make one for each sensor"
             )
         # Cut anew each time: a view that is stored would be torn off by a deep copy.
-        line = (self._words.view(np.uint8), self._words)
-        count = _find_runs_kernel(state_map, self._threshold, self._white, line, self._runs)
+        words = self._white.view(np.uint64)
+        count = _find_runs_kernel(state_map, self._threshold, self._white, words, self._runs)
         _sum_runs_kernel(state_map, self._runs[:count], self._sums)
         _join_runs_kernel(self._runs[:count], self._parent)
         blobs = _gather_kernel(self._runs[:count], self._parent, self._sums, state_map.shape)
         return self._chosen(self._sums[:blobs])
 
     def _chosen(self, sums: NDArray[np.float64]) -> Blobs:
-        area = sums[:, 0]
-        keep = (area >= self._config.min_area_px) & (area <= self._config.max_area_px)
-        chosen = sums[keep]
-        return Blobs(
-            center_px=chosen[:, 2:4] / chosen[:, 1:2],
-            area_px=chosen[:, 0],
-            mass=chosen[:, 1],
-            cut=chosen[:, 4] > 0,
-        )
+        config, count = self._config, len(sums)
+        center_px, area_px, mass = np.empty((count, 2)), np.empty(count), np.empty(count)
+        cut = np.empty(count, np.bool_)
+        limits = config.min_area_px, config.max_area_px
+        kept = _choose_kernel(sums, limits, center_px, area_px, mass, cut)
+        return Blobs(center_px[:kept], area_px[:kept], mass[:kept], cut[:kept])
 
 
 @njit(cache=True)
@@ -141,45 +156,50 @@ def _find_runs_kernel(
     state_map: NDArray[np.float32],
     threshold: float,
     white: NDArray[np.uint8],
-    line: tuple[NDArray[np.uint8], NDArray[np.uint64]],
+    words: NDArray[np.uint64],
     runs: NDArray[np.int32],
 ) -> int:
-    # runs: row, first column, column after the last. A row's changes of level are marked in two
-    # vector passes and looked through eight at a time: the words share the marks' memory. The
-    # first and the last of white lie outside of the row.
-    changes, words = line
+    # runs: row, first column, column after the last. A row's white pixels become bits, and the bits
+    # where it changes are visited one by one: no branch depends on a single pixel, which no
+    # processor could foresee. The words share the white pixels' memory.
     height, width = state_map.shape
-    count = 0
+    one, highest = np.uint64(1), np.uint64(_BITS - 1)
+    changes = 0
     for y in range(height):
         row = state_map[y]
         for x in range(width):
-            white[x + 1] = np.uint8(row[x] >= threshold)
-        for x in range(width + 1):
-            changes[x] = white[x] ^ white[x + 1]
-        side = 1
-        for word in range(words.size):
-            if words[word] == 0:
-                continue
-            for x in range(word * _MARKS_PER_WORD, (word + 1) * _MARKS_PER_WORD):
-                if changes[x]:
-                    runs[count, 0], runs[count, side] = y, x
-                    count += side - 1
-                    side = 3 - side
-    return count
+            white[x] = np.uint8(row[x] >= threshold)
+        before = np.uint64(0)
+        for block in range(words.size // 8):
+            bits = np.uint64(0)
+            for k in range(8):
+                eight = (words[8 * block + k] * _PACK) >> np.uint64(_BITS - 8)
+                bits |= eight << np.uint64(8 * k)
+            change = bits ^ ((bits << one) | before)
+            before = bits >> highest
+            while change:
+                lowest = change & (~change + one)
+                bit = _BIT_OF[(lowest * np.uint64(_DE_BRUIJN)) >> np.uint64(_BITS - 6)]
+                runs[changes >> 1, 0] = y
+                runs[changes >> 1, 1 + (changes & 1)] = _BITS * block + bit
+                changes += 1
+                change ^= lowest
+    return changes >> 1
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True, error_model="numpy")
 def _sum_runs_kernel(
     state_map: NDArray[np.float32], runs: NDArray[np.int32], sums: NDArray[np.float64]
 ) -> None:
     for run in range(len(runs)):
         y, first, last = runs[run, 0], runs[run, 1], runs[run, 2]
-        mass = moment = 0.0
-        for x in range(first, last):
-            mass += state_map[y, x]
-            moment += state_map[y, x] * x
-        sums[run, 0], sums[run, 1], sums[run, 2] = last - first, mass, moment
-        sums[run, 3] = mass * y
+        mass = moment = np.float32(0.0)
+        for j in range(np.uint64(last - first)):
+            level = state_map[np.uint64(y), np.uint64(first) + j]
+            mass += level
+            moment += level * np.float32(np.int32(j))
+        sums[run, 0], sums[run, 1] = last - first, mass
+        sums[run, 2], sums[run, 3] = moment + float(mass) * first, float(mass) * y
 
 
 @njit(cache=True)
@@ -235,3 +255,23 @@ def _gather_kernel(
         sums[blob, 4] += at_border
         parent[run] = blob
     return blobs
+
+
+@njit(cache=True)
+def _choose_kernel(
+    sums: NDArray[np.float64],
+    limits: tuple[float, float],
+    center_px: NDArray[np.float64],
+    area_px: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    cut: NDArray[np.bool_],
+) -> int:
+    kept = 0
+    for blob in range(len(sums)):
+        if limits[0] <= sums[blob, 0] <= limits[1]:
+            area_px[kept], mass[kept] = sums[blob, 0], sums[blob, 1]
+            center_px[kept, 0] = sums[blob, 2] / sums[blob, 1]
+            center_px[kept, 1] = sums[blob, 3] / sums[blob, 1]
+            cut[kept] = sums[blob, 4] > 0.0
+            kept += 1
+    return kept

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
@@ -112,17 +113,34 @@ class PaperLaw:
         if self._detected_px is None:
             self._detected_px = reference_px.astype(np.float64)
             self._position_px = reference_px.astype(np.float64)
-        from_reference = detected_px - reference_px  # Eq. 2
-        increment = detected_px - self._detected_px  # Eq. 3
-        distance = np.hypot(from_reference[:, 0], from_reference[:, 1])
-        gain = np.where(distance >= self.config.delta_px, 1.0, self.config.gamma)  # Eq. 5
-        self._position_px = self._position_px + gain[:, np.newaxis] * increment  # Eq. 4
-        self._detected_px = detected_px.copy()
+        published = self.config.delta_px, self.config.gamma
+        _integrate_kernel(
+            detected_px, reference_px, published, self._detected_px, self._position_px
+        )
         return self._position_px.copy()
 
     def reset(self) -> None:
         """Forget the past: the next update begins at the reference."""
         self._detected_px = None
+
+
+@njit(cache=True, nogil=True)
+def _integrate_kernel(
+    detected_px: NDArray[np.float64],
+    reference_px: NDArray[np.float64],
+    published: tuple[float, float],
+    before_px: NDArray[np.float64],
+    position_px: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Move the positions on by Eqs. 2 to 5, and keep what was detected; both in place."""
+    delta_px, gamma = published
+    for m in range(detected_px.shape[0]):
+        x, y = detected_px[m, 0], detected_px[m, 1]
+        distance = np.hypot(x - reference_px[m, 0], y - reference_px[m, 1])  # Eq. 2
+        gain = 1.0 if distance >= delta_px else gamma  # Eq. 5
+        position_px[m, 0] += gain * (x - before_px[m, 0])  # Eqs. 3 and 4
+        position_px[m, 1] += gain * (y - before_px[m, 1])
+        before_px[m, 0], before_px[m, 1] = x, y
 
 
 LAWS: dict[str, tuple[type[Any], type[Any]]] = {
