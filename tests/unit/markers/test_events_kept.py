@@ -8,7 +8,7 @@ from spikingtac.markers.events_kept import FIRST_SHARE, EventsKept
 from spikingtac.types import Calibration, EventPacket
 
 STEP = 1.0 / 7.0
-"""Seven steps per swing: six events and the dead band."""
+"""Seven steps per swing: six and a half events, and half of one in the dead band."""
 SIZE = (320, 40)
 REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
 CALIBRATION = Calibration(
@@ -19,9 +19,11 @@ CALIBRATION = Calibration(
     step_on=STEP,
     step_off=STEP,
 )
-EVENTS_PER_PX = 4 * 7.0 * 6.0
+EVENTS_PER_PX = 4 * 7.0 * 6.5
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
+STROKE_PX = 8.0
+"""To and fro about the rest."""
 STILL = np.zeros((10, 2))
 
 
@@ -43,7 +45,7 @@ def at_markers(counts: np.ndarray) -> EventPacket:
 def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
     """Move some markers and lose events; return the share that is believed in the end."""
     watch, rng = EventsKept(CALIBRATION), np.random.default_rng(1)
-    velocity = np.zeros((10, 2))
+    position, velocity = REFERENCE_PX.copy(), np.zeros((10, 2))
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
         watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
@@ -52,7 +54,9 @@ def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
     for _ in range(int(seconds * 1e3)):
         watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
         watch.count(at_markers(rng.poisson(signal)))
-        told = watch.update(REFERENCE_PX, velocity, watch.take(1e-3))
+        position += 1e-3 * velocity
+        velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
+        told = watch.update(position, velocity, watch.take(1e-3))
         assert told is None or told == watch.share
     return watch.share
 
@@ -90,24 +94,43 @@ def test_snaps_creep_and_far_markers_are_not_asked() -> None:
             assert watch.update(position_px, velocity, watch.take(1e-3)) is None
 
 
+def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
+    watch = EventsKept(CALIBRATION)
+    position, velocity = REFERENCE_PX.copy(), np.tile([SPEED_PX_S, 0.0], (10, 1))
+    for step in range(2_000):
+        if step % 4 == 0:
+            velocity *= -1.0
+        position += 1e-3 * velocity
+        assert watch.update(position, velocity, watch.take(1e-3)) is None
+
+
 def test_the_kernels_do_what_their_plain_twins_do() -> None:
     rng = np.random.default_rng(3)
     owner = rng.integers(0, 10, (40, 320)).astype(np.uint16)
     events, counts = spread(500, rng), np.zeros(10, np.int64)
     events_kept._count_kernel(owner, events.x, events.y, counts)
     np.testing.assert_array_equal(counts, np.bincount(owner[events.y, events.x], minlength=10))
+    asked_once = False
+    turn = REFERENCE_PX + rng.normal(0, 3, (10, 2))
     for _ in range(20):
         position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
-        roam, dt = 9.0, 1e-3
+        roam, dt, turned = 9.0, 1e-3, turn.copy()
         got = events_kept._motion_kernel(
-            (position, velocity, REFERENCE_PX), (counts, noise, per_px), roam, dt
+            (position, velocity, REFERENCE_PX, turned), (counts, noise, per_px), (roam, 6.0), dt
         )
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
         asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
         asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
+        way = position - turn
+        asked &= np.hypot(*way.T) > 6.0
+        turns = ((way * velocity).sum(axis=1) < 0.0) | (speed >= events_kept.FAST_PX_S)
+        turn[turns] = position[turns]
         expected = (per_px * speed)[asked].sum() * dt
         arrived = (counts - noise * dt)[asked].sum()
         np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
+        np.testing.assert_array_equal(turned, turn)
+        asked_once = asked_once or asked.any()
+    assert asked_once
