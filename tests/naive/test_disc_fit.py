@@ -16,7 +16,11 @@ from spikingtac.markers.centroid_locator import (
 from spikingtac.markers.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.fit_window import FLAT_SHARE, fit_window
-from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
+from spikingtac.markers.map_leak import (
+    ease_outlines_kernel,
+    leak_tables,
+    leak_to_discs_kernel,
+)
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration
@@ -229,6 +233,35 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=0.01)
     np.testing.assert_array_equal(state_map.values, state_map.memory)
     assert np.abs(state_map.memory - start).max() > 0.02
+
+
+def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
+    rng = np.random.default_rng(9)
+    start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
+    state_map = GradedStateMap(start.astype(np.float32))
+    outline_px = round_outline(RADIUS_PX)
+    outline_px[0], outline_px[1] = (7.4, 0.2, -0.1), (6.2, 0.4, -0.3)
+    velocity_px_s = np.array([[2.0, 1.0], [-3.0, 2.0], [0.0, 0.0]])  # rests, moves, is as it was
+    share = 0.2
+    ease_outlines_kernel(
+        state_map.padded,
+        state_map.memory,
+        (REFERENCE_PX, velocity_px_s, outline_px),
+        RADIUS_PX,
+        PROFILE.tables,
+        PROFILE.reach_px,
+        (share, 3.0),
+    )
+    (cx, cy), (r, b, c) = REFERENCE_PX[0], outline_px[0]
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    rho, phi = np.hypot(x - cx, y - cy), np.arctan2(y - cy, x - cx)
+    bulge = b * np.cos(2 * phi) + c * np.sin(2 * phi)
+    moved = share * (r - RADIUS_PX[0] + bulge) * PROFILE.slope(rho - r - bulge)
+    moved[np.abs(rho - r - bulge) > PROFILE.reach_px] = 0.0
+    expected = np.clip(start + moved, 0.0, 1.0)
+    np.testing.assert_allclose(state_map.memory, expected, atol=0.002)
+    np.testing.assert_allclose(state_map.values, state_map.memory, atol=1e-6)
+    assert np.abs(moved).max() > 0.02
 
 
 def test_centroids_equal_their_twin() -> None:

@@ -20,12 +20,19 @@ from spikingtac.markers.chore import Chore
 from spikingtac.markers.custody import Custody, CustodyConfig
 from spikingtac.markers.events_kept import EventsKept
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
-from spikingtac.markers.map_leak import leak_tables, leak_to_discs_kernel
+from spikingtac.markers.map_leak import (
+    ease_outlines_kernel,
+    leak_tables,
+    leak_to_discs_kernel,
+)
 from spikingtac.markers.motion_filter import MotionFilter
 from spikingtac.markers.silence import Silence
 from spikingtac.markers.start import LAG_DEFAULT_US, painted_graded_map, profile_of
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import Calibration, EventPacket, MarkerFrame
+
+AT_REST_PX_S = 3.0
+"""Speed below which a marker counts as resting: creep, and the jitter of a filtered velocity."""
 
 
 class Locator(Protocol):
@@ -80,6 +87,9 @@ class CareConfig:
             tell: a full step. A disc that lags behind its marker for want of events must not erase
             the map's evidence of it (ours).
         leak_reach_px: How far outside of a disc the leak works, px (ours).
+        ease_per_s: Rate at which the edges of resting discs return to their calibrated outlines,
+            1/s (ours: over fifty contacts on a training seed the error stays at 0.12 px; without it
+            it grows to 0.15 px, and the radii by 0.35 px).
         leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
@@ -91,6 +101,7 @@ class CareConfig:
     leak_tolerance: float = field(default=0.04, metadata={"range": (0.0, 0.5)})
     wary_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
     leak_reach_px: float = 3.5
+    ease_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
     leak_groups: int = 8
     lag_us: float | None = None
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
@@ -98,7 +109,7 @@ class CareConfig:
 
     def __post_init__(self) -> None:
         tolerances = ("leak_tolerance", "wary_tolerance")
-        for name in ("period_us", "leak_per_s", *tolerances, "leak_reach_px"):
+        for name in ("period_us", "leak_per_s", "ease_per_s", *tolerances, "leak_reach_px"):
             if getattr(self, name) < 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
         if self.leak_groups < 1:
@@ -208,22 +219,32 @@ class GradedTracker:
                 self._map.set_events_kept(share)
 
     def _leak(self, dt_s: float) -> None:
-        """Let the map around some of the markers leak towards their discs."""
-        care = self._care_config
-        share = 1.0 - np.exp(-care.leak_per_s * dt_s * care.leak_groups)
-        if share <= 0.0:
+        """Let the map around some markers leak towards their discs; resting discs ease theirs."""
+        care, time_s = self._care_config, dt_s * self._care_config.leak_groups
+        if time_s <= 0.0:
             return
         self._turn = (self._turn + 1) % care.leak_groups
+        some = slice(self._turn, None, care.leak_groups)
+        position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
         whole = not care.adapt_to_loss or self._kept.share == 1.0
         leak_to_discs_kernel(
             self._map.padded,
             self._map.memory,
-            self._filter.position_px[self._turn :: care.leak_groups],
-            self._locator.outline_px[self._turn :: care.leak_groups],
+            position_px,
+            outline_px,
             self._leak_tables,
             (self._profile.reach_px, care.leak_reach_px),
             care.leak_tolerance if whole else care.wary_tolerance,
-            share,
+            1.0 - np.exp(-care.leak_per_s * time_s),
+        )
+        ease_outlines_kernel(
+            self._map.padded,
+            self._map.memory,
+            (position_px, self._filter.velocity_px_s[some], outline_px),
+            self._calibration.radius_px[some],
+            self._profile.tables,
+            self._profile.reach_px,
+            (1.0 - np.exp(-care.ease_per_s * time_s), AT_REST_PX_S),
         )
 
     def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
