@@ -21,9 +21,9 @@ import numpy as np
 from spikingtac.denoise.classical import Box7, Median3
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.markers.associate import UNMATCHED, associate, associate_tree
-from spikingtac.markers.blob_tracker import BlobTrackerConfig, smallest_spacing_px
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.published.associate import UNMATCHED, associate, associate_tree
+from spikingtac.markers.published.blob_tracker import BlobTrackerConfig, smallest_spacing_px
+from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_binary_discs
 

@@ -15,9 +15,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from spikingtac.sim.camera import EventCamera
-from spikingtac.sim.camera_config import CAMERA_NAMES, load_camera
-from spikingtac.sim.skin import MarkerImage
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.config import CAMERA_NAMES, load_camera
+from spikingtac.sim.optics.states import MarkerImage
 
 SPEEDS_PX_S = (0.0, 12.0, 155.0, 500.0, 1000.0)
 GRID = 8

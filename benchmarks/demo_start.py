@@ -19,7 +19,7 @@ import numpy as np
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
-from spikingtac.viewer.wire import decode
+from spikingtac.viewer.session.wire import decode
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 MOVING_PX = 1.0

@@ -20,14 +20,15 @@ from time import perf_counter
 
 import numpy as np
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.denoise.degrade import with_background
 from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.registry import make_denoiser
+from spikingtac.denoise.training.degrade import with_background
 from spikingtac.events.windows import windows
-from spikingtac.experiments.denoise_recordings import TrueRecording, render
-from spikingtac.experiments.denoise_scoring import state_maps
-from spikingtac.registry import make_denoiser, make_tracker
-from spikingtac.types import Calibration
+from spikingtac.experiments.denoise.recordings import TrueRecording, render
+from spikingtac.experiments.denoise.scoring import state_maps
+from spikingtac.markers.registry import make_tracker
 
 SCENE, SEED, DURATION_S = "finger-slides", 1001, 3.0
 NOISE_HZ = 0.2
@@ -79,10 +80,10 @@ def time_preset(recording: TrueRecording) -> dict[str, list[float]]:
 def time_published(recording: TrueRecording) -> list[float]:
     import torch
 
-    from spikingtac.denoise.export import export_network
     from spikingtac.denoise.infer import NetworkDenoiser
-    from spikingtac.denoise.network import NetworkConfig, make_network
-    from spikingtac.denoise.training_state import save_weights
+    from spikingtac.denoise.network.architecture import NetworkConfig, make_network
+    from spikingtac.denoise.network.export import export_network
+    from spikingtac.denoise.training.training_state import save_weights
 
     config = NetworkConfig(kind="evflownet", fold=1, base=64)
     torch.manual_seed(0)

@@ -15,16 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.recording import Recording
-from spikingtac.markers.calibrate import CalibrationConfig, calibrate
-from spikingtac.pipeline import follow
-from spikingtac.registry import make_tracker
-from spikingtac.sim import catalog
-from spikingtac.sim.render import simulate
-from spikingtac.sim.scene import Scene
-from spikingtac.types import Calibration
+from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.follow import follow
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.scene.scene import Scene
 
 RATE_HZ = 1_000.0
 CALIBRATION_SEED = 1_000

@@ -15,9 +15,9 @@ from time import thread_time
 import numpy as np
 import scipy.fft
 
-from spikingtac.sim.gel import Gel, GelConfig
-from spikingtac.sim.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.motions import Motion, MotionConfig, SegmentConfig
+from spikingtac.sim.gel.gel import Gel, GelConfig
+from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
+from spikingtac.sim.scene.motions import Motion, MotionConfig, SegmentConfig
 
 RATE_HZ = 250.0
 PITCH_MM = 2.5

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
-from spikingtac.sim import catalog
-from spikingtac.sim.source import SceneSource
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.source import SceneSource
 
 
 @dataclass(frozen=True)

@@ -18,16 +18,17 @@ import numpy as np
 from blobs import opencv_detector
 from decode import print_rates, rates_mev_s
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.markers.associate import UNMATCHED, associate_tree
-from spikingtac.markers.calibrate import calibrate
+from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.registry import make_tracker
+from spikingtac.markers.published.associate import UNMATCHED, associate_tree
+from spikingtac.markers.registry import make_tracker
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.paint import paint_binary_discs
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.types import EventPacket
 
 PERIOD_US = 1_000
 WARM_UP_STEPS = 50

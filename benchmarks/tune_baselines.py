@@ -25,15 +25,16 @@ import numpy as np
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.experiments.calibrations import calibration_of
-from spikingtac.experiments.methods import Method
-from spikingtac.experiments.metrics import point_scores
-from spikingtac.experiments.runner import predict
-from spikingtac.experiments.trials import Trial
+from spikingtac.denoise.registry import make_denoiser
+from spikingtac.experiments.trials.calibrations import calibration_of
+from spikingtac.experiments.trials.methods import Method
+from spikingtac.experiments.trials.metrics import point_scores
+from spikingtac.experiments.trials.runner import predict
+from spikingtac.experiments.trials.trials import Trial
+from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.registry import make_denoiser, make_tracker
-from spikingtac.types import Calibration
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
 SERIAL, SEED = 101, 1_001

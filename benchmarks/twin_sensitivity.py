@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.sim import catalog
-from spikingtac.sim.creep import SpectrumConfig
-from spikingtac.sim.scene import Scene
-from spikingtac.sim.source import SceneSource
-from spikingtac.sim.truth import TruthChunk
+from spikingtac.sim.gel.creep import SpectrumConfig
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.source import SceneSource
+from spikingtac.sim.scene.truth import TruthChunk
 from spikingtac.types import EventPacket
 
 SPECTRA = {

@@ -25,9 +25,9 @@ from rich.table import Table
 from scipy.stats import wasserstein_distance
 
 from spikingtac.events.open import open_events
-from spikingtac.sim.camera import EventCamera
-from spikingtac.sim.camera_config import CameraConfig, load_camera
-from spikingtac.sim.skin import MarkerImage
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.config import CameraConfig, load_camera
+from spikingtac.sim.optics.states import MarkerImage
 from spikingtac.types import EventPacket
 
 NEAR_PX = 6.0

@@ -29,7 +29,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from spikingtac.viewer.wire import decode
+from spikingtac.viewer.session.wire import decode
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 MEASURED_S, SETTLING_S = 3.0, 0.7

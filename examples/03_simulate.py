@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.events.open import open_events
-from spikingtac.sim import catalog
-from spikingtac.sim.render import simulate
-from spikingtac.sim.source import SceneSource
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.scene.source import SceneSource
 
 SCENE, SEED, SECONDS = "finger-slides", 7, 1.5
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from spikingtac.calibration.sensor_calibration import Calibration as Calibration
     from spikingtac.config import Config as Config
     from spikingtac.config import load_config as load_config
     from spikingtac.contact.event_count import EventCountConfig as EventCountConfig
@@ -21,16 +22,15 @@ if TYPE_CHECKING:
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
     from spikingtac.events.windows import windows as windows
-    from spikingtac.markers.calibrate import CalibrationConfig as CalibrationConfig
-    from spikingtac.markers.calibrate import calibrate as calibrate
+    from spikingtac.markers.calibration.calibrate import CalibrationConfig as CalibrationConfig
+    from spikingtac.markers.calibration.calibrate import calibrate as calibrate
+    from spikingtac.markers.registry import make_tracker as make_tracker
     from spikingtac.markers.tracker import MarkerTracker as MarkerTracker
-    from spikingtac.pipeline import follow as follow
-    from spikingtac.registry import make_tracker as make_tracker
-    from spikingtac.sim.catalog import load as load_scene  # noqa: F401 - renamed on purpose
-    from spikingtac.sim.render import simulate as simulate
-    from spikingtac.sim.source import SceneSource as SceneSource
+    from spikingtac.pipeline.follow import follow as follow
+    from spikingtac.sim.scene.catalog import load as load_scene  # noqa: F401 - renamed on purpose
+    from spikingtac.sim.scene.render import simulate as simulate
+    from spikingtac.sim.scene.source import SceneSource as SceneSource
     from spikingtac.tracks import Tracks as Tracks
-    from spikingtac.types import Calibration as Calibration
     from spikingtac.types import Contact as Contact
     from spikingtac.types import EventPacket as EventPacket
     from spikingtac.types import LossCounters as LossCounters
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from spikingtac.types import Pose as Pose
 
 _HOMES = {
-    "Calibration": "types",
-    "CalibrationConfig": "markers.calibrate",
+    "Calibration": "calibration.sensor_calibration",
+    "CalibrationConfig": "markers.calibration.calibrate",
     "Config": "config",
     "Contact": "types",
     "EventCountConfig": "contact.event_count",
@@ -52,16 +52,16 @@ _HOMES = {
     "PacketSource": "events.source",
     "Pose": "types",
     "QuietStatistics": "contact.quiet",
-    "SceneSource": "sim.source",
+    "SceneSource": "sim.scene.source",
     "SpikingTacError": "errors",
     "Tracks": "tracks",
-    "calibrate": "markers.calibrate",
-    "follow": "pipeline",
+    "calibrate": "markers.calibration.calibrate",
+    "follow": "pipeline.follow",
     "load_config": "config",
-    "load_scene": "sim.catalog:load",
-    "make_tracker": "registry",
+    "load_scene": "sim.scene.catalog:load",
+    "make_tracker": "markers.registry",
     "open_events": "events.open",
-    "simulate": "sim.render",
+    "simulate": "sim.scene.render",
     "windows": "events.windows",
 }
 """Public name -> the module that defines it, and after a colon its name there if it differs."""
@@ -72,7 +72,7 @@ __all__ = ["__version__", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedD
 def __getattr__(name: str) -> Any:
     """Import a public name from its module when it is first used."""
     if name == "__version__":
-        value: Any = importlib.import_module("importlib.metadata").version("spikingtac")
+        value: Any = importlib.import_module("spikingtac._version").package_version()
     elif name in _HOMES:
         module, _, original = _HOMES[name].partition(":")
         value = getattr(importlib.import_module(f"spikingtac.{module}"), original or name)

@@ -10,46 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.markers.anchored_law import AnchoredLawConfig
-from spikingtac.markers.blob_tracker import BlobTrackerConfig
-from spikingtac.markers.calibrate import CalibrationConfig
-from spikingtac.markers.centroid_locator import CentroidLocatorConfig
-from spikingtac.markers.disc_locator import DiscLocatorConfig
-from spikingtac.markers.graded_tracker import CareConfig
-from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.markers.calibration.calibrate import CalibrationConfig
+from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.schema import build, read_toml, to_mapping
 
 PRESETS = ("default", "fast", "paper")
 """Named configurations, as package data under ``configs/``."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrackingConfig:
-    """How markers are followed; the registry says which methods there are.
-
-    Attributes:
-        method: ``disc``, ``centroid`` or ``blobs``.
-        rate_hz: Estimates per second of data time.
-        hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
-        denoiser: For ``blobs``: ``none``, ``median3``, ``box7``, ``network`` or ``network-int8``.
-        disc: For ``disc``.
-        centroid: For ``centroid``.
-        blobs: For ``blobs``.
-        care: For ``disc`` and ``centroid``.
-        paper_law: For the law ``paper``.
-        anchored_law: For the law ``anchored``.
-    """
-
-    method: str = "disc"
-    rate_hz: float = 1_000.0
-    hysteresis: str = field(default="none", metadata={"choices": ("none", "paper", "anchored")})
-    denoiser: str = field(default="box7", metadata={"choices": ("none", "median3", "box7")})
-    disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
-    centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
-    blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
-    care: CareConfig = field(default_factory=CareConfig)
-    paper_law: PaperLawConfig = field(default_factory=PaperLawConfig)
-    anchored_law: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -7,7 +7,10 @@ The command line maps them to exit codes: 1 the input is at fault, 2 the argumen
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class SpikingTacError(Exception):
@@ -32,7 +35,7 @@ class CalibrationError(SpikingTacError):
     """The calibration cannot be made or read; names the markers that are missing."""
 
 
-class ConfigError(SpikingTacError):
+class ConfigError(SpikingTacError, ValueError):
     """A setting or an argument is unknown or out of range; names the nearest valid one."""
 
     exit_code = 2
@@ -58,3 +61,21 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the closest valid name, or an empty string."""
     close = difflib.get_close_matches(name, list(valid), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def named(table: Mapping[str, T], name: str, kind: str) -> T:
+    """Return the entry of a name.
+
+    Args:
+        table: Name -> entry.
+        name: What was asked for.
+        kind: What the entries are, for the error.
+
+    Raises:
+        ConfigError: There is no entry of that name; names the nearest one.
+    """
+    if name not in table:
+        raise ConfigError(
+            f"unknown {kind} {name!r}{nearest(name, table)} (valid: {', '.join(table)})"
+        )
+    return table[name]

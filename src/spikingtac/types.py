@@ -7,24 +7,14 @@ right); geometry in mm; time in integer microseconds (``_us``).
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration_document import (
-    CALIBRATION_SCHEMA,
-    OPTIONAL_MAPS,
-    OPTIONAL_NUMBERS,
-    checked_document,
-)
-from spikingtac.calibration_maps import pack_map
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
 
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 """Structured dtype at the edges, equal to that of the aedat and faery packages."""
@@ -180,95 +170,6 @@ class Pose:
     position_mm: NDArray[np.float64]
     rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     frame: str = "base"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Calibration:
-    """Where the markers rest, and what the recording taught about them.
-
-    Attributes:
-        reference_px: ``(m, 2)`` rest positions, row-major, px.
-        radius_px: ``(m,)`` disc radii, px.
-        grid: ``(rows, columns)``.
-        size: ``(width, height)`` of the sensor, px.
-        polarity: ``"white"`` markers on dark ground, or ``"dark"`` on light.
-        step_on: Share of the full swing that one ON event stands for, or None (use the preset's).
-        step_off: The same for OFF events.
-        step_on_map: ``(height, width)`` float32 shares per pixel, 0 where unknown; or None.
-        step_off_map: The same for OFF events.
-        contrast: Marker over ground intensity ratio, or None.
-        edge_px: Logistic scale of a marker's edge, px, or None.
-        lag_us: Delay of the events behind the motion, us, or None.
-        px_per_mm: Image scale at the skin, or None where no pitch was given.
-        hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
-        provenance: Where the calibration came from.
-    """
-
-    reference_px: NDArray[np.float64]
-    radius_px: NDArray[np.float64]
-    grid: tuple[int, int]
-    size: tuple[int, int]
-    polarity: str = "white"
-    step_on: float | None = None
-    step_off: float | None = None
-    step_on_map: NDArray[np.float32] | None = None
-    step_off_map: NDArray[np.float32] | None = None
-    contrast: float | None = None
-    edge_px: float | None = None
-    lag_us: float | None = None
-    px_per_mm: float | None = None
-    hysteresis: str | None = None
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    def with_polarity(self, polarity: str | None) -> Calibration:
-        """Return a copy for the given polarity; None keeps this one."""
-        return self if polarity is None else dataclasses.replace(self, polarity=polarity)
-
-    def save(self, path: str | Path) -> None:
-        """Write ``calibration.json``; optional values that are unknown are left out."""
-        document: dict[str, Any] = {
-            "schema": CALIBRATION_SCHEMA,
-            "size": list(self.size),
-            "grid": list(self.grid),
-            "polarity": self.polarity,
-        }
-        for name in OPTIONAL_NUMBERS:
-            value = getattr(self, name)
-            if value is not None:
-                document[name] = round(float(value), 6)
-        if self.hysteresis is not None:
-            document["hysteresis"] = self.hysteresis
-        document["reference_px"] = np.round(self.reference_px, 4).tolist()
-        document["radius_px"] = np.round(self.radius_px, 4).tolist()
-        for name in OPTIONAL_MAPS:
-            values = getattr(self, name)
-            if values is not None:
-                document[name] = pack_map(values)
-        document["provenance"] = self.provenance
-        Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-    @classmethod
-    def load(cls, path: str | Path) -> Calibration:
-        """Read ``calibration.json``; a minimal file written by hand is accepted.
-
-        Raises:
-            CalibrationError: The file is missing, is no JSON, or a key is missing or unfit.
-        """
-        try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise CalibrationError(
-                f"cannot read the calibration {str(path)!r}: {error.strerror}; "
-                "make one with: spikingtac calibrate RECORDING -o calibration.json"
-            ) from error
-        except (ValueError, RecursionError) as error:
-            raise CalibrationError(f"{str(path)!r} is not JSON: {error}") from error
-        return cls.from_document(document, where=str(path))
-
-    @classmethod
-    def from_document(cls, document: Any, where: str = "calibration") -> Calibration:
-        """Build a calibration from parsed JSON; see :meth:`load`."""
-        return cls(**checked_document(document, where))
 
 
 class LossCounters(dict[str, int]):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.verbs import VERBS
+from spikingtac.cli.registry import VERBS, module_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
@@ -28,9 +28,9 @@ def blocks() -> Iterator[tuple[str, str]]:
 @pytest.fixture
 def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the calibration that the examples name."""
-    from spikingtac.sim.catalog import load
-    from spikingtac.sim.source import SceneSource
-    from spikingtac.types import Calibration
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.sim.scene.catalog import load
+    from spikingtac.sim.scene.source import SceneSource
 
     scene = load("finger-torsion")
     at_rest = SceneSource(scene)
@@ -76,7 +76,7 @@ def test_every_verb_is_described_with_its_flags(verb: str) -> None:
     text = (PROJECT / "docs" / "reference" / "cli.md").read_text(encoding="utf-8")
     section = re.search(rf"^## {verb}\n(.*?)(?=^## |\Z)", text, re.S | re.M)
     assert section, f"docs/reference/cli.md has no section on {verb}"
-    module = importlib.import_module(f"spikingtac.cli.{verb}")
+    module = importlib.import_module(module_of(verb))
     fields = dataclasses.fields(module.Args)
     flags = (f"`--{field.name.replace('_', '-')}`" for field in fields)
     # A positional argument is listed under its name in capitals.

@@ -9,8 +9,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from spikingtac.contact.detect import ContactDetector, Window
-from spikingtac.contact.detectors import DETECTORS, DetectionConfig, make_detector
+from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket

@@ -10,8 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spikingtac.experiments.methods import main_methods
-from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.experiments.trials.methods import main_methods
+from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.ideal_events import ideal_events
 
 SIZE = (130, 130)

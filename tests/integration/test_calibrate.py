@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibrate import CalibrationConfig, calibrate
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
 
 REST_US, SLIDE_STEPS, STEP_US, AMPLITUDE_PX = 150_000, 24, 6_000, 16.0

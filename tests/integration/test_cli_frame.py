@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac.cli import main as frame
-from spikingtac.cli.verbs import VERBS
+from spikingtac.cli.registry import VERBS
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 
 COMMAND = Path(sys.executable).with_name("spikingtac")

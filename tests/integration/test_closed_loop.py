@@ -5,16 +5,17 @@ from itertools import islice
 
 import numpy as np
 
-from spikingtac.contact.detect import ContactDetector
-from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.fingers import pinned_rig
-from spikingtac.sim.rig import HistoryTouch, Rig
-from spikingtac.sim.walls import PlaneWall
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.sim.rig.fingers import pinned_rig
+from spikingtac.sim.rig.rig import HistoryTouch, Rig
+from spikingtac.sim.rig.walls import PlaneWall
+from spikingtac.types import EventPacket
 
 FREE_MM = 45.0
 WALL = PlaneWall(point_mm=(FREE_MM + 0.375, 0.0, 0.0))

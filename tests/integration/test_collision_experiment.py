@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 from spikingtac.config import digest
-from spikingtac.contact.detectors import DetectionConfig, make_detector
-from spikingtac.experiments import collision_work
-from spikingtac.experiments.collision import make_report
-from spikingtac.experiments.collision_methods import collision_methods
-from spikingtac.experiments.collision_passage import (
+from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.experiments.collision import work as collision_work
+from spikingtac.experiments.collision.approach_run import (
     BEYOND_MM,
-    Passage,
+    ApproachRun,
     Watchers,
     approach,
     prepare,
     stop_at,
 )
-from spikingtac.experiments.collision_plan import CollisionConfig, plan
-from spikingtac.experiments.collision_scene import SETTLE_WINDOWS, CollisionScene
-from spikingtac.experiments.collision_work import Work, run_work
-from spikingtac.experiments.report import find
+from spikingtac.experiments.collision.experiment import make_report
+from spikingtac.experiments.collision.methods import collision_methods
+from spikingtac.experiments.collision.plan import CollisionConfig, plan
+from spikingtac.experiments.collision.scene import SETTLE_WINDOWS, CollisionScene
+from spikingtac.experiments.collision.work import Work, run_work
+from spikingtac.experiments.harness.report import find
 from spikingtac.robot.approach import ApproachConfig, Approacher
 
 SCENE = CollisionScene()
@@ -41,7 +41,7 @@ def detectors():
 
 
 @pytest.fixture(scope="module")
-def passage(detectors) -> Passage:
+def passage(detectors) -> ApproachRun:
     rig = SCENE.make_rig(SEED)
     prepare(rig, SCENE, SPEED_MM_S, np.random.default_rng(7))
     enough = frozenset(detectors)
@@ -53,7 +53,7 @@ def passage(detectors) -> Passage:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_passage_is_the_closed_loop(name: str, detectors, passage: Passage) -> None:
+def test_a_passage_is_the_closed_loop(name: str, detectors, passage: ApproachRun) -> None:
     rig = SCENE.make_rig(SEED)
     prepare(rig, SCENE, SPEED_MM_S, np.random.default_rng(7))
     config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
@@ -70,7 +70,7 @@ def test_a_passage_is_the_closed_loop(name: str, detectors, passage: Passage) ->
     assert stopped.overshoot_mm == pytest.approx(found.overshoot_mm(rig.touch.arm_mm), abs=1e-4)
 
 
-def test_the_touch_comes_a_second_after_the_release(passage: Passage) -> None:
+def test_the_touch_comes_a_second_after_the_release(passage: ApproachRun) -> None:
     stopped = stop_at(passage, passage.touch.t_us, SCENE.direction)
     assert stopped.deviation_mm == pytest.approx(0.0, abs=1e-3)
     assert 4.5 < stopped.overshoot_mm < 7.7

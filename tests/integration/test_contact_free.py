@@ -5,17 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.free_motion import FreeMotion, swayed_skin
-from spikingtac.sim.free_rig import FreeRig, SwayingFinger
-from spikingtac.sim.grip import Pad
-from spikingtac.sim.probe import Probe
-from spikingtac.sim.rig import RigConfig
-from spikingtac.sim.vibration import Vibration
-from spikingtac.sim.walls import NoWall
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.sim.free_motion.free_motion import FreeMotion, swayed_skin
+from spikingtac.sim.free_motion.free_rig import FreeRig, SmallMotionFinger
+from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.rig.pad_modes import Pad
+from spikingtac.sim.rig.probe import Probe
+from spikingtac.sim.rig.rig import RigConfig
+from spikingtac.sim.rig.vibration import Vibration
+from spikingtac.sim.rig.walls import NoWall
+from spikingtac.types import EventPacket
 
 STEPS = 3_000
 SEED = 7
@@ -41,7 +42,7 @@ def both(request: pytest.FixtureRequest) -> Both:
     finger = FingerConfig(camera=request.param, history="random")
     vibration = Vibration(config.vibration, np.random.default_rng(SEED))
     bushing = FreeMotion(config.probe, vibration).advance(STEPS)
-    swaying = SwayingFinger(finger, SEED, pad, config)
+    swaying = SmallMotionFinger(finger, SEED, pad, config)
     whole = SensingFinger(finger, SEED)
     skins = [swayed_skin(pad, config.probe, one) for one in bushing]
     whole.settle(whole.look(swayed_skin(pad, config.probe, np.zeros(6))))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.sim.catalog import load
-from spikingtac.sim.render import simulate
-from spikingtac.types import Calibration
+from spikingtac.sim.scene.catalog import load
+from spikingtac.sim.scene.render import simulate
 
 
 @pytest.fixture(scope="module")

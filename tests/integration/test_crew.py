@@ -6,14 +6,14 @@ import time
 
 import pytest
 
-from spikingtac.experiments.crew import cpu_count, crew
+from spikingtac.experiments.harness.worker_pool import cpu_count, worker_pool
 
 ORPHANAGE = """
 import os, sys, time
-from spikingtac.experiments.crew import crew
+from spikingtac.experiments.harness.worker_pool import worker_pool
 
 if __name__ == "__main__":
-    with crew(2, 2) as pool:
+    with worker_pool(2, 2) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
 """
@@ -27,7 +27,7 @@ def alive(pid: int) -> bool:
     return True
 
 
-@pytest.mark.skipif(cpu_count() < 2, reason="a crew of one is a thread of its process")
+@pytest.mark.skipif(cpu_count() < 2, reason="a pool of one is a thread of its process")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_no_worker_outlives_the_experiment(tmp_path, how):
     script = tmp_path / "orphanage.py"
@@ -47,12 +47,12 @@ def test_no_worker_outlives_the_experiment(tmp_path, how):
 
 
 def test_one_worker_is_this_process():
-    with crew(1, 5) as pool:
+    with worker_pool(1, 5) as pool:
         assert pool.submit(os.getpid).result() == os.getpid()
 
 
 def test_what_was_not_begun_is_dropped():
-    with pytest.raises(KeyboardInterrupt), crew(1, 5) as pool:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), worker_pool(1, 5) as pool:  # noqa: PT012
         pool.submit(time.sleep, 0.5)
         later = pool.submit(time.sleep, 600)
         raise KeyboardInterrupt

@@ -1,16 +1,16 @@
 import pytest
 
-from spikingtac.experiments.denoise import findings
-from spikingtac.experiments.denoise_cases import (
+from spikingtac.experiments.denoise.cases import (
     METHODS,
     UNITS,
     DenoiseConfig,
     report_rows,
     score_all,
 )
-from spikingtac.experiments.denoise_recordings import noise_free, render
-from spikingtac.experiments.denoise_scoring import ACTIVITY
-from spikingtac.sim import catalog
+from spikingtac.experiments.denoise.experiment import findings
+from spikingtac.experiments.denoise.recordings import noise_free, render
+from spikingtac.experiments.denoise.scoring import ACTIVITY
+from spikingtac.sim.scene import catalog
 
 SEED, DURATION_S = 1001, 1.2
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.fingers import EDGE, STEPS, FingerConfig, SensingFinger, pinned_rig
-from spikingtac.sim.probe import ProbeConfig
-from spikingtac.sim.rig import HistoryTouch, Rig, RigConfig
-from spikingtac.sim.vibration import VibrationConfig
-from spikingtac.sim.walls import NoWall, PlaneWall
+from spikingtac.sim.rig.fingers import EDGE, STEPS, FingerConfig, SensingFinger, pinned_rig
+from spikingtac.sim.rig.probe import ProbeConfig
+from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.vibration import VibrationConfig
+from spikingtac.sim.rig.walls import NoWall, PlaneWall
 
 FREE_MM = 0.2
 SPEED_MM_S = 10.0

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.denoise.degrade import with_background
+from spikingtac.denoise.training.degrade import with_background
 from spikingtac.events.windows import windows
-from spikingtac.experiments.denoise_recordings import render
+from spikingtac.experiments.denoise.recordings import render
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.registry import make_tracker
-from spikingtac.types import Calibration
+from spikingtac.markers.registry import make_tracker
 
 NOISE_HZ = 5.0
 DURATION_S = 3.0

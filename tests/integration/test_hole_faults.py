@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from spikingtac.contact.detectors import DetectionConfig, make_detector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError, SearchError
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
@@ -14,8 +14,8 @@ from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfi
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import ArmProber, ProbingConfig
-from spikingtac.sim.hole_site import Grasp, HoleSite
-from spikingtac.sim.walls import HoleWall, NoWall, Wall
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite
+from spikingtac.sim.rig.walls import HoleWall, NoWall, Wall
 from spikingtac.types import EventPacket
 
 HOLE = HoleWall(radius_mm=1.0)

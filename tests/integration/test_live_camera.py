@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli import probe_places
 from spikingtac.cli.main import main
+from spikingtac.cli.robot import probe_places
 from spikingtac.events.create import create_events
 from spikingtac.live.arrivals import stream_arrivals
 from spikingtac.live.contact_process import ContactProcess, Maker

@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli import probe_places
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.probe import Args
-from spikingtac.contact.detect import ContactDetector
-from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.cli.robot import probe_places
+from spikingtac.cli.robot.probe import Args
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.sim.hole_site import Grasp, HoleSite
-from spikingtac.sim.walls import HoleWall, Wall
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite
+from spikingtac.sim.rig.walls import HoleWall, Wall
+from spikingtac.types import EventPacket
 
 FORCE_LIMIT_N = 0.05
 """Ten times below what is allowed unless told: 1.25 mm of push."""
@@ -81,7 +82,7 @@ def twin(monkeypatch: pytest.MonkeyPatch) -> Watched:
         detector = make_detector("event_count", DetectionConfig(), [], quiet)
         return detector, TravelModel.of(Compensation(travel_mm=0.12))
 
-    monkeypatch.setattr("spikingtac.sim.hole_site.HoleSite", lambda *given: watched.site)
+    monkeypatch.setattr("spikingtac.sim.rig.hole_site.HoleSite", lambda *given: watched.site)
     monkeypatch.setattr(watched.site, "windows", watched.windows)
     monkeypatch.setattr(probe_places, "calibrated", calibrated)
     return watched
@@ -180,7 +181,7 @@ def test_a_fault_of_an_arm(
     monkeypatch.setattr(probe_places, "listen", listen)
     monkeypatch.setattr(probe_places, "connect", connect)
     if fault is whole:
-        monkeypatch.setattr("spikingtac.contact.detectors.make_detector", deaf)
+        monkeypatch.setattr("spikingtac.contact.registry.make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     given = ["--arm", "192.0.2.1", *finger, "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)

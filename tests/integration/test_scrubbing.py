@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.source import PacketSource
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.playback import Playback
-from spikingtac.registry import make_tracker
-from spikingtac.sim import catalog
-from spikingtac.sim.source import SceneSource
-from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from spikingtac.markers.registry import make_tracker
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.source import SceneSource
+from spikingtac.types import EventPacket, MarkerFrame
 
 PLAYED_US = 1_300_000
 TIMES_US = (500_000, 700_000, 900_000, 1_050_000, 1_300_000)

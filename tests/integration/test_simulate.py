@@ -13,11 +13,11 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.schema import build
-from spikingtac.sim import catalog
-from spikingtac.sim.render import simulate
-from spikingtac.sim.scene import Scene
-from spikingtac.sim.source import SceneSource
-from spikingtac.sim.truth import TruthChunk
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.render import simulate
+from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.source import SceneSource
+from spikingtac.sim.scene.truth import TruthChunk
 from spikingtac.types import EventPacket
 
 SMALL = {

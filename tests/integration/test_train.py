@@ -80,9 +80,9 @@ def test_the_command_writes_networks_that_run(trained):
 
 def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_them(trained):
     torch = pytest.importorskip("torch")
-    from spikingtac.denoise import train as training
-    from spikingtac.denoise.dataset import load_clip, map_after
-    from spikingtac.experiments.training_session import load_training_config
+    from spikingtac.denoise.training import train as training
+    from spikingtac.denoise.training.dataset import load_clip, map_after
+    from spikingtac.experiments.denoise.training_session import load_training_config
 
     folder, recordings, _ = trained
     config = load_training_config(str(folder / "tiny.toml"))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.tracks import Tracks
-from spikingtac.types import Calibration
 from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.associate import UNMATCHED, associate, associate_tree
+from spikingtac.markers.published.associate import UNMATCHED, associate, associate_tree
 
 GRID = np.stack(np.meshgrid(np.arange(20, 300, 37.0), np.arange(20, 300, 37.0)), -1).reshape(-1, 2)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.contact.rim import AFFINE_MODES, OFF_RIM, RimConfig, RimTable, rim_table
+from spikingtac.contact.rim_votes import AFFINE_MODES, OFF_RIM, RimConfig, RimTable, rim_table
 from spikingtac.contact.scales import ScaleSums, ScaleTest, exceeded_kernel
-from spikingtac.contact.votes import votes_kernel
+from spikingtac.contact.vote_counter import votes_kernel
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, calibration, windows
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spikingtac.markers.crossings import (
+from spikingtac.markers.lag.crossings import (
     JITTER_PX,
     LOOK_BACK_US,
     LOOK_STEP_US,

@@ -6,24 +6,24 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from spikingtac.markers import disc_fit
-from spikingtac.markers.centroid_locator import (
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded import disc_fit
+from spikingtac.markers.graded.centroid_locator import (
     BLOCK_PX,
     CentroidLocator,
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
-from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.fit_window import FLAT_SHARE, fit_window
-from spikingtac.markers.map_leak import (
+from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
+from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.fit_window import FLAT_SHARE, fit_window
+from spikingtac.markers.graded.map_leak import (
     ease_outlines_kernel,
     leak_tables,
     leak_to_discs_kernel,
 )
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.types import Calibration
 
 SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])

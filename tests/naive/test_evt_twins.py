@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spikingtac.events.formats import es_kernels, evt2, evt3, evt21, salvage
-from spikingtac.events.formats.clock import new_state
-from spikingtac.events.formats.decoder import Columns, WordDecoder
-from spikingtac.events.formats.evt2 import Evt2Decoder
-from spikingtac.events.formats.evt2_encoder import Evt2Encoder
-from spikingtac.events.formats.evt3 import Evt3Decoder
-from spikingtac.events.formats.evt3_encoder import Evt3Encoder
-from spikingtac.events.formats.evt21 import Evt21Decoder
-from spikingtac.events.formats.evt21_encoder import Evt21Encoder
+from spikingtac.events.formats import es_kernels
+from spikingtac.events.formats.evt import evt2, evt3, evt21, salvage
+from spikingtac.events.formats.evt.clock import new_state
+from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
+from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
+from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.events.formats.evt.encode.evt21 import Evt21Encoder
+from spikingtac.events.formats.evt.evt2 import Evt2Decoder
+from spikingtac.events.formats.evt.evt3 import Evt3Decoder
+from spikingtac.events.formats.evt.evt21 import Evt21Decoder
 
 SIZE = (320, 240)
 Events = list[tuple[int, int, int, bool]]

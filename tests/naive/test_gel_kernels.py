@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from spikingtac.sim.creep import advance_kernel, history_kernel
-from spikingtac.sim.friction import shear_kernel
-from spikingtac.sim.greens import GridConfig, LayerOperator, response_kernel
-from spikingtac.sim.influence import Influence, product_kernel, sheared_kernel
-from spikingtac.sim.interpolation import gather_kernel
-from spikingtac.sim.normal_contact import dot_kernel, error_kernel, move_kernel, pressure_kernel
-from spikingtac.sim.patch import attach_kernel, carry_kernel, collect_kernel, deposit_kernel
+from spikingtac.sim.gel.creep import advance_kernel, history_kernel
+from spikingtac.sim.gel.friction import shear_kernel
+from spikingtac.sim.gel.greens import GridConfig, LayerOperator, response_kernel
+from spikingtac.sim.gel.grid_cells import (
+    attach_kernel,
+    carry_kernel,
+    collect_kernel,
+    deposit_kernel,
+)
+from spikingtac.sim.gel.influence import Influence, product_kernel, sheared_kernel
+from spikingtac.sim.gel.interpolation import gather_kernel
+from spikingtac.sim.gel.normal_contact import dot_kernel, error_kernel, move_kernel, pressure_kernel
 
 Array = np.ndarray
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.coverage import discs_of
-from spikingtac.sim.discs import DiscConfig, draw_discs
-from spikingtac.sim.optics import Optics, OpticsConfig
-from spikingtac.sim.skin import MarkerImage, SkinState
+from spikingtac.sim.camera.pixel_coverage import discs_of
+from spikingtac.sim.optics.discs import DiscConfig, draw_discs
+from spikingtac.sim.optics.projection import Optics, OpticsConfig
+from spikingtac.sim.optics.states import MarkerImage, SkinState
 
 LENSES = [
     OpticsConfig(),

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.coverage import coverage_kernel, discs_of, paint_kernel
-from spikingtac.sim.pixels import (
+from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.camera.pixel_coverage import coverage_kernel, discs_of, paint_kernel
+from spikingtac.sim.camera.pixels import (
     KEY_SHIFT,
     carry_kernel,
     cross_kernel,
@@ -22,9 +22,9 @@ from spikingtac.sim.pixels import (
     quiet_kernel,
     relight_kernel,
 )
-from spikingtac.sim.plan import WORK_DTYPE, box_kernel, plan_kernel, swept_kernel
-from spikingtac.sim.sensor import Sensor, make_sensor, settle_sensor
-from spikingtac.sim.skin import MarkerImage
+from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
+from spikingtac.sim.camera.sweep_plan import WORK_DTYPE, box_kernel, plan_kernel, swept_kernel
+from spikingtac.sim.optics.states import MarkerImage
 
 NO_PATTERN = np.zeros((1, 1), np.float32)
 TICK_US = 0.5

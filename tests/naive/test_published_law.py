@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.markers.associate import UNMATCHED
-from spikingtac.markers.blob_tracker import _take_kernel
 from spikingtac.markers.hysteresis import PaperLaw, PaperLawConfig
+from spikingtac.markers.published.associate import UNMATCHED
+from spikingtac.markers.published.blob_tracker import _take_kernel
 
 MARKERS = 9
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.slide_map import SlideMap
-from spikingtac.markers.slides import Slides
-from spikingtac.markers.steps import (
-    EventSteps,
+from spikingtac.markers.calibration.contrast_steps import (
+    ContrastSteps,
     StepConfig,
     count_runs_kernel,
     learn_steps,
     sum_swings_kernel,
 )
+from spikingtac.markers.calibration.slide_map import SlideMap
+from spikingtac.markers.calibration.slides import Slides
 
 SIZE = (6, 4)
 PIXELS = 24
@@ -26,10 +26,10 @@ def random_slides(count: int, seed: int) -> Slides:
     return Slides(code, time_us, SIZE, 0, 1000)
 
 
-def random_steps(seed: int) -> EventSteps:
+def random_steps(seed: int) -> ContrastSteps:
     rng = np.random.default_rng(seed)
     on, off = rng.uniform(0.1, 0.3, (2, 4, 6)).astype(np.float32)
-    return EventSteps(on, off, 0.2, 0.2, np.zeros((4, 6), np.int32))
+    return ContrastSteps(on, off, 0.2, 0.2, np.zeros((4, 6), np.int32))
 
 
 def runs_of(slides: Slides) -> list[tuple[int, bool, int]]:
@@ -63,7 +63,7 @@ def test_runs_equal_the_twin(count: int) -> None:
         np.testing.assert_array_equal(got, wanted)
 
 
-def twin_map(slides: Slides, steps: EventSteps, index: int, backward: bool) -> np.ndarray:
+def twin_map(slides: Slides, steps: ContrastSteps, index: int, backward: bool) -> np.ndarray:
     level = np.zeros(PIXELS)
     on, off = steps.on.ravel().astype(float), steps.off.ravel().astype(float)
     events = slides.code[index:][::-1] if backward else slides.code[:index]
@@ -100,7 +100,7 @@ def test_forth_and_back_is_where_it_began_inside_of_the_ends() -> None:
     code = np.array([9, 9, 8, 9, 8, 8], np.uint32)
     slides = Slides(code, np.arange(6, dtype=np.uint32), SIZE, 0, 6)
     even = np.full((4, 6), 0.1, np.float32)
-    steps = EventSteps(even, even, 0.1, 0.1, np.zeros((4, 6), np.int32))
+    steps = ContrastSteps(even, even, 0.1, 0.1, np.zeros((4, 6), np.int32))
     start = np.full((4, 6), 0.5, np.float32)
     forth = SlideMap(slides, steps, level=start)
     forth.move_to(6)

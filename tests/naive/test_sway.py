@@ -5,20 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.sim.beds import make_beds, put_to_bed_kernel, wake_kernel
-from spikingtac.sim.camera_config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.pixels import KEY_SHIFT
-from spikingtac.sim.sensor import make_sensor, settle_sensor
-from spikingtac.sim.sway import (
+from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.camera.pixels import KEY_SHIFT
+from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
+from spikingtac.sim.free_motion.small_motion import (
     EDGE_DTYPE,
     Rims,
     band_kernel,
     lag_coefficients,
     level_kernel,
     sleep_kernel,
+    small_motion_kernel,
     stay_kernel,
-    sway_kernel,
     swayed_px_kernel,
+)
+from spikingtac.sim.free_motion.timing_wheel import (
+    make_timing_wheel,
+    pop_due_kernel,
+    schedule_kernel,
 )
 
 STEP_US = 1000.0
@@ -93,17 +97,17 @@ def test_sleep_lasts_until_the_leak_could_reach_the_threshold() -> None:
 
 
 def test_beds_wake_each_pixel_once_and_in_time() -> None:
-    beds, rng = make_beds(40, 16), np.random.default_rng(3)
+    beds, rng = make_timing_wheel(40, 16), np.random.default_rng(3)
     beds.up[0] = 0
     asked = {pixel: int(rng.integers(2, 40)) for pixel in range(40)}
     for pixel, steps in asked.items():
-        put_to_bed_kernel(beds, pixel, float(steps))
+        schedule_kernel(beds, pixel, float(steps))
     put_off = min(40, beds.first.shape[0] - 1)
     woken: dict[int, int] = {}
     for step in range(16):
         beds.turn[0] = step
         before = int(beds.up[0])
-        wake_kernel(beds)
+        pop_due_kernel(beds)
         woken |= {int(pixel): step for pixel in beds.awake[before : int(beds.up[0])]}
     assert woken == {pixel: min(steps, put_off) for pixel, steps in asked.items()}
 
@@ -177,10 +181,10 @@ def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
             px["before"] = px["intensity"] = 1.0
     out = np.zeros(1 << 14, np.int64)
     flat = sensor.pixels.reshape(-1)
-    beds = make_beds(count, 64)
+    beds = make_timing_wheel(count, 64)
     for first in range(0, steps, 100):
         part = np.ascontiguousarray(motion[..., first : first + 101])
-        sway_kernel(flat, rims, sensor.chip[0], beds, part, first * STEP_US, STEP_US, out)
+        small_motion_kernel(flat, rims, sensor.chip[0], beds, part, first * STEP_US, STEP_US, out)
     keys = out[1 : 1 + out[0]]
     plain = plain_events(plain_sensor, rims, motion)
     assert out[0] > 500

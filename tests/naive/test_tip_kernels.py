@@ -3,26 +3,26 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.corners import (
+from spikingtac.sim.rig.tip_contact_kernels import (
     SLIP_STEPS,
     SLIPPING,
     SWEEPS,
     TOLERANCE_N,
-    Corners,
     Facing,
     Mount,
+    TipPoints,
     bent_kernel,
     hold_kernel,
     inverse_kernel,
     press_kernel,
     remember_kernel,
 )
-from spikingtac.sim.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
+from spikingtac.sim.rig.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
 
 Array = np.ndarray
 
 
-def plain_bent(mount: Mount, corners: Corners, facing: Facing, tip: Array) -> Mount:
+def plain_bent(mount: Mount, corners: TipPoints, facing: Facing, tip: Array) -> Mount:
     pressure = np.maximum((corners.force_n * facing.normal).sum(axis=1), 0.0)
     bend = np.tensordot(pressure, facing.bend, axes=1)
     compliance = np.linalg.inv(mount.stiffness + bend)
@@ -55,7 +55,7 @@ def plain_hold(mount: Mount, free: Array, normal: Array, anchor: Array, friction
 
 
 def plain_press(
-    corners: Corners, facing: Facing, mount: Mount, friction: float, tip: Array, share: float
+    corners: TipPoints, facing: Facing, mount: Mount, friction: float, tip: Array, share: float
 ) -> Array:
     """Return the new tip; the corners' forces are overwritten."""
     bent = plain_bent(mount, corners, facing, tip)
@@ -77,7 +77,7 @@ def plain_press(
     return tip + share * (there - tip)
 
 
-def plain_remember(corners: Corners, normal: Array, friction: float, tip: Array) -> None:
+def plain_remember(corners: TipPoints, normal: Array, friction: float, tip: Array) -> None:
     pressure = (corners.force_n * normal).sum(axis=1)
     tangential = np.linalg.norm(corners.force_n - pressure[:, None] * normal, axis=1)
     slipped = tangential > friction * pressure * SLIPPING
@@ -92,8 +92,8 @@ def mount_of(rng: np.random.Generator, free: Array) -> Mount:
     return Mount(free, compliance, np.linalg.inv(compliance))
 
 
-def copied(corners: Corners) -> Corners:
-    return Corners(*(part.copy() for part in corners))
+def copied(corners: TipPoints) -> TipPoints:
+    return TipPoints(*(part.copy() for part in corners))
 
 
 def test_inverse() -> None:
@@ -133,7 +133,7 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
     wall: Wall, bit: RoundBit | HexBit, friction: float
 ) -> None:
     rng, count, pressed = np.random.default_rng(2), len(bit.points_mm), 0
-    fast = Corners(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_))
+    fast = TipPoints(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_))
     compliance = mount_of(rng, np.zeros(3)).compliance
     for free in np.cumsum(rng.normal([0.02, 0.0, 0.0], 0.05, (80, 3)), axis=0):
         mount = Mount(free, compliance, np.linalg.inv(compliance))

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
-from spikingtac.markers.crossings import CrossingObserver, MarkerTrack
-from spikingtac.markers.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded_tracker import CareConfig, GradedTracker
-from spikingtac.markers.lag import estimate_lag
-from spikingtac.markers.photoreceptor import EdgeProfile
-from spikingtac.markers.recording_lag import recording_lag
-from spikingtac.types import Calibration
+from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
+from spikingtac.markers.lag.estimate import estimate_lag
+from spikingtac.markers.lag.photoreceptor import EdgeProfile
+from spikingtac.markers.lag.recording_lag import recording_lag
 
 LAG_US = 2_600.0
 EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
@@ -59,7 +59,7 @@ def test_the_disc_fits_lag_is_found(data_dir: Path) -> None:
         edge_px=EDGE.edge_px,
     )
     locator = DiscLocator(DiscLocatorConfig(), calibration)
-    tracker = GradedTracker(locator, CareConfig(lag_us=0.0), calibration)
+    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0), calibration)
     source = open_events(data_dir / "v2e" / "bootstrap.raw")
     estimate = recording_lag(source, tracker, calibration)
     print(f"bootstrap.raw, disc fit: {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us")

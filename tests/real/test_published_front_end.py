@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.classical import Box7, Median3
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut, windows
-from spikingtac.markers.blob_tracker import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.published.blob_tracker import PAPER_RATE_HZ, BlobTracker, BlobTrackerConfig
+from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.types import Calibration
 
 SECOND_US = 1_000_000
 SETTLED_AFTER_WINDOWS = 5

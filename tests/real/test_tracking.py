@@ -13,16 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.filters import RandomDrop
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.markers.blobs import BlobConfig, BlobDetector
-from spikingtac.markers.calibrate import calibrate
-from spikingtac.pipeline import follow
-from spikingtac.registry import make_tracker
+from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.types import EventPacket
 
 RATE_HZ = 1_000.0
 LOST_PX, LOST_FRAMES = 5.0, 50

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.denoise.dataset import Clip
+from spikingtac.denoise.training.dataset import Clip
 from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac.types import EventPacket
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import trapezoid
 
-from spikingtac.sim.creep import SpectrumConfig
-from spikingtac.sim.gel import Gel, GelConfig
-from spikingtac.sim.greens import GridConfig, layer_response
-from spikingtac.sim.indenters import Ellipsoid, EllipsoidConfig, Indenter
-from spikingtac.sim.skin import SkinState
-from spikingtac.sim.touch import FrictionConfig
+from spikingtac.sim.gel.contact import FrictionConfig
+from spikingtac.sim.gel.creep import SpectrumConfig
+from spikingtac.sim.gel.gel import Gel, GelConfig
+from spikingtac.sim.gel.greens import GridConfig, layer_response
+from spikingtac.sim.gel.indenters import Ellipsoid, EllipsoidConfig, Indenter
+from spikingtac.sim.optics.states import SkinState
 from spikingtac.types import Pose
 
 ELASTIC = SpectrumConfig(fractions=(), times_s=())

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.contact.detect import ContactDetector
-from spikingtac.contact.detectors import DetectionConfig, make_detector
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.live.contact_loop import Arrival
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.types import Pose

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from spikingtac.types import Calibration, EventPacket
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.types import EventPacket
 
 SIZE = (130, 130)
 RADIUS_PX = 7.0

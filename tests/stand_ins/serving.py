@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from spikingtac.viewer.process import Opener, SessionProcess
-from spikingtac.viewer.security import Gate
-from spikingtac.viewer.server import make_app, serve
+from spikingtac.viewer.session.process import Opener, SessionProcess
+from spikingtac.viewer.web.security import Gate
+from spikingtac.viewer.web.server import make_app, serve
 
 START_S = 180.0
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from spikingtac.errors import SearchError
 from spikingtac.robot.prober import Touched
-from spikingtac.sim.walls import HexBit
+from spikingtac.sim.rig.walls import HexBit
 
 BISECTIONS = 36
 """11 mm to less than a nanometre."""

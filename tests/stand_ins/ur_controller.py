@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from stand_ins.rtde_wire import HEADER, Recipe, frame, recipe_of
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORTS = 30004, 29999, (30001, 30002, 30003)

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
-from spikingtac.types import Calibration, Contact, EventPacket, LossCounters, MarkerFrame
-from spikingtac.viewer.subject import SampledTruth, Subject
+from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame
+from spikingtac.viewer.session.source import SampledTruth, ViewSource
 
 SIZE = (320, 320)
 GRID = (8, 8)
@@ -112,9 +113,9 @@ class EverySecondWatch:
         return Contact(window.t_end_us, len(window), 20.0)
 
 
-def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> Subject:
+def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> ViewSource:
     times_us = np.arange(0, duration_us + 1, 2_000)
-    return Subject(
+    return ViewSource(
         label="circling dots",
         source=CirclingDots(duration_us, noise_per_ms),
         calibration=Calibration(
@@ -132,7 +133,7 @@ def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> Subje
     )
 
 
-def open_nothing() -> Subject:
+def open_nothing() -> ViewSource:
     raise FileNotFoundError(2, "No such file or directory", "nowhere.raw")
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import PRESETS, Config, digest, load_config
 from spikingtac.errors import ConfigError
-from spikingtac.markers.blob_tracker import BlobTracker
-from spikingtac.markers.graded_tracker import GradedTracker
-from spikingtac.registry import make_tracker
-from spikingtac.types import Calibration
+from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.published.blob_tracker import BlobTracker
+from spikingtac.markers.registry import make_tracker
 
 CALIBRATION = Calibration(
     reference_px=np.array([[30.0, 30.0]]), radius_px=np.array([6.0]), grid=(1, 1), size=(64, 64)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from spikingtac.markers.blob_tracker import PAPER_RATE_HZ
 from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.markers.published.blob_tracker import PAPER_RATE_HZ
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAPER_MAP = PROJECT / "docs" / "explanation" / "paper-map.md"

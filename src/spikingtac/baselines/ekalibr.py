@@ -31,10 +31,11 @@ from spikingtac.baselines.arc_kernels import (
 )
 from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
 from spikingtac.baselines.recent import RecentEvents
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.markers.associate import UNMATCHED, associate
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from spikingtac.markers.published.associate import UNMATCHED, associate
+from spikingtac.types import EventPacket, MarkerFrame
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

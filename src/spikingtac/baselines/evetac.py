@@ -28,9 +28,10 @@ from numpy.typing import NDArray
 
 from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
 from spikingtac.baselines.slices import SliceBuffer
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.types import Calibration, EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3
 """Mean distance of the original's dots, px; its lengths below belong to it."""

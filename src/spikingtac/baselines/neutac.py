@@ -20,11 +20,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from spikingtac.baselines.time_surface import TimeSurface
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import ConfigError
-from spikingtac.markers.blob_tracker import BlobTracker, BlobTrackerConfig
+from spikingtac.markers.published.blob_tracker import BlobTracker, BlobTrackerConfig
 from spikingtac.state_map.paint import paint_binary_discs
-from spikingtac.types import Calibration
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

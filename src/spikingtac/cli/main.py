@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Sequence
 from typing import Any
 
-from spikingtac.cli.verbs import VERBS, overview
+from spikingtac.cli.registry import VERBS, module_of, overview
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
 
 EXIT_INPUT, EXIT_ARGUMENTS, EXIT_MACHINE = 1, 2, 3
@@ -67,16 +67,16 @@ def _dispatch(arguments: list[str]) -> int:
         sys.stdout.write(overview())
         return 0 if arguments else EXIT_ARGUMENTS
     if arguments[0] in ("-V", "--version"):
-        from spikingtac import __version__
+        from spikingtac._version import package_version
 
-        sys.stdout.write(f"spikingtac {__version__}\n")
+        sys.stdout.write(f"spikingtac {package_version()}\n")
         return 0
     verb, rest = arguments[0], arguments[1:]
     if verb not in VERBS:
         raise ConfigError(
             f"unknown verb {verb!r}{nearest(verb, VERBS)} (valid: {', '.join(VERBS)})"
         )
-    module = importlib.import_module(f"spikingtac.cli.{verb}")
+    module = importlib.import_module(module_of(verb))
     return module.run(_parsed(module.Args, verb, rest))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spikingtac.contact.detect import Window, count_of, packets_of
+from spikingtac.contact.detector import Window, count_of, packets_of
 from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.types import Contact
 
@@ -38,7 +38,7 @@ class EventCountConfig:
 
 
 class EventCountDetector:
-    """Counts raw events per window; see :class:`~spikingtac.contact.detect.ContactDetector`.
+    """Counts raw events per window; see :class:`~spikingtac.contact.detector.ContactDetector`.
 
     Attributes:
         in_contact: True from a contact until enough quiet windows have passed.

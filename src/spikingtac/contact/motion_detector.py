@@ -11,15 +11,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spikingtac.contact.describe import ContactDetails, gel_touch, likeliest_onset
-from spikingtac.contact.detect import Window, packets_of
-from spikingtac.contact.learn import LearningConfig, QuietVotes, quiet_votes, scale_test
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.contact_details import ContactDetails, gel_touch, likeliest_onset
+from spikingtac.contact.detector import Window, packets_of
+from spikingtac.contact.quiet_votes import LearningConfig, QuietVotes, quiet_votes, scale_test
 from spikingtac.contact.release import ReleaseConfig, ReleaseWatch
-from spikingtac.contact.rim import RimConfig, rim_table
+from spikingtac.contact.rim_votes import RimConfig, rim_table
 from spikingtac.contact.scales import ScaleSums, ScaleTest, Vector, exceeded_kernel
-from spikingtac.contact.votes import VoteCounter
+from spikingtac.contact.vote_counter import VoteCounter
 from spikingtac.errors import CalibrationError
-from spikingtac.types import Calibration, Contact
+from spikingtac.types import Contact
 
 
 @dataclass(frozen=True, kw_only=True)

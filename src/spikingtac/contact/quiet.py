@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.contact.detect import Window, count_of, packets_of
+from spikingtac.contact.detector import Window, count_of, packets_of
 from spikingtac.errors import CalibrationError
 
 SECONDS_PER_HOUR = 3600.0

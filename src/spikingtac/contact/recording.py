@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.contact.detect import ContactDetector, Window, count_of, packets_of
+from spikingtac.contact.detector import ContactDetector, Window, count_of, packets_of
 from spikingtac.contact.motion_detector import MotionDetector
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource

@@ -1,6 +1,6 @@
 """When a contact ends: the markers have come back.
 
-Silence is no sign of an end: a finger that holds still is as silent as one that let go.
+MissingMarkers is no sign of an end: a finger that holds still is as silent as one that let go.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.contact.rim import AFFINE_MODES
+from spikingtac.contact.rim_votes import AFFINE_MODES
 from spikingtac.contact.scales import Vector
-from spikingtac.contact.votes import POLARITIES
+from spikingtac.contact.vote_counter import POLARITIES
 
 
 @dataclass(frozen=True, kw_only=True)

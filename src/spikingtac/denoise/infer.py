@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.blocks import (
+from spikingtac.denoise.network.blocks import (
     SMOOTH_REACH,
     WORDS,
     answer_kernel,
@@ -24,7 +24,12 @@ from spikingtac.denoise.blocks import (
     smooth_kernel,
     to_blocks_kernel,
 )
-from spikingtac.denoise.fold import evidence_kernel, fold_kernel, folded_shape, unfold_kernel
+from spikingtac.denoise.network.fold import (
+    evidence_kernel,
+    fold_kernel,
+    folded_shape,
+    unfold_kernel,
+)
 from spikingtac.errors import ConfigError
 
 FORMAT = "spikingtac-denoiser-1"
@@ -32,7 +37,7 @@ FORMAT = "spikingtac-denoiser-1"
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
 """Names of a float graph's inputs and output; not every network takes the evidence."""
 BLOCKS, ANSWER = "blocks", "answer"
-"""Names of the input and the output of an int8 graph (:mod:`spikingtac.denoise.block_graph`)."""
+"""Names of an int8 graph's input and output (:mod:`spikingtac.denoise.network.block_graph`)."""
 LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
 """Its metadata: logit of one step of the answer, and the byte that stands for 0."""
 MANIFEST = "weights.json"
@@ -54,7 +59,8 @@ class NetworkDenoiser:
     changes.
 
     Args:
-        path: An ``.onnx`` file that ``spikingtac train`` or :mod:`spikingtac.denoise.export` made.
+        path: An ``.onnx`` file that ``spikingtac train`` or
+            :mod:`spikingtac.denoise.network.export` made.
 
     Raises:
         ConfigError: The file is missing, damaged (its sha256 is not the one in ``weights.json``

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Protocol
 
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
+from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
-from spikingtac.events.formats.raw_stream import RawStream, is_stream
 
 READABLE = (
     ".raw", ".npz", ".csv", ".txt", ".es", ".dat", ".aedat4", ".h5", ".hdf5",
@@ -98,7 +98,7 @@ def _opener(path: Path) -> _Opener:
         start = file.read(64)
     kind = _kind_by_content(start) or _kind_by_ending(path)
     if kind == "raw":
-        from spikingtac.events.formats.raw import RawSource as Source
+        from spikingtac.events.formats.evt.raw import RawSource as Source
     elif kind == "npz":
         from spikingtac.events.formats.npz import NpzSource as Source
     elif kind == "csv":

@@ -133,7 +133,7 @@ class RecordingWriter:
         if self._closed:
             return
         self._close_files()
-        from spikingtac import __version__
+        from spikingtac._version import package_version
 
         manifest = {
             "schema": SCHEMA,
@@ -141,7 +141,7 @@ class RecordingWriter:
             "sensors": len(self._writers),
             "t_start_us": self._start_us or 0,
             "t_end_us": self._end_us,
-            "package_version": __version__,
+            "package_version": package_version(),
             "losses": dict(self.losses.kinds()),
             **self._fields,
         }

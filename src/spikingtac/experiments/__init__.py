@@ -11,15 +11,15 @@ from typing import Any
 from spikingtac.errors import ConfigError, nearest
 
 EXPERIMENTS: dict[str, str] = {
-    "point-tracking": "spikingtac.experiments.point_tracking",
-    "denoise": "spikingtac.experiments.denoise",
-    "collision": "spikingtac.experiments.collision",
-    "holes": "spikingtac.experiments.holes",
+    "point-tracking": "spikingtac.experiments.point_tracking.experiment",
+    "denoise": "spikingtac.experiments.denoise.experiment",
+    "collision": "spikingtac.experiments.collision.experiment",
+    "holes": "spikingtac.experiments.holes.experiment",
 }
 """Name -> module with ``run(options) -> summary``, imported when it is asked for."""
 
 BENCHES: dict[str, str] = {
-    "throughput": "spikingtac.experiments.throughput",
+    "throughput": "spikingtac.experiments.throughput.bench",
 }
 """The same for ``spikingtac bench``."""
 

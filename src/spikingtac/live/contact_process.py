@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, TypeVar
 
-from spikingtac.contact.detect import ContactDetector
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.live.contact_loop import Arrival, ContactLoop, GuardReport, Tap
 from spikingtac.live.ring import SharedRing
 from spikingtac.robot.arm import Arm, ArmState

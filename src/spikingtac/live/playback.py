@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from spikingtac.live.event_store import EventStore
-from spikingtac.live.history import History
+from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import Contact, EventPacket, MarkerFrame
 
@@ -165,7 +165,7 @@ class Playback:
         self._step_s.append(time.perf_counter() - begun_s)
 
     def _restart(self) -> None:
-        self._history: History[_State] = History()
+        self._history: TrackerHistory[_State] = TrackerHistory()
         self._rewind()
 
     def _rewind(self) -> None:

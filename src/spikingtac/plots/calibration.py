@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from spikingtac.types import Calibration
+from spikingtac.calibration.sensor_calibration import Calibration
 
 WIDTH_IN = 7.0
 """Width of the picture, inches."""

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detect import Window, count_of
+from spikingtac.contact.detector import Window, count_of
 from spikingtac.errors import ConfigError, DeviceError, SearchError
 from spikingtac.robot.approach import ApproachConfig, Approacher
 from spikingtac.robot.arm import Arm

@@ -9,7 +9,7 @@ from spikingtac.baselines.ekalibr import EkalibrConfig
 from spikingtac.baselines.evetac import EvetacConfig
 from spikingtac.baselines.neutac import NeutacConfig
 from spikingtac.config import load_config
-from spikingtac.experiments.cases import main_trials, seeds_of
+from spikingtac.experiments.point_tracking.cases import main_trials
 
 RECORD = Path(__file__).resolve().parents[3] / "benchmarks" / "records" / "tune_baselines.json"
 CONFIGS = {
@@ -36,6 +36,6 @@ def test_the_defaults_are_the_best_of_the_record(record: dict, name: str) -> Non
 
 
 def test_tuning_and_scoring_share_no_scene_and_no_sensor(record: dict) -> None:
-    scored = main_trials(seeds_of(0, 5), quick=False)
+    scored = main_trials(range(0, 5), quick=False)
     assert not {trial.scene for trial in scored} & set(record["about"]["scenes"])
     assert record["about"]["serial"] not in {trial.serial for trial in scored}

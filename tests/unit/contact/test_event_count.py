@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from spikingtac.contact.detect import ContactDetector
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.errors import CalibrationError

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from spikingtac.contact.detectors import DetectionConfig, make_detector
 from spikingtac.contact.motion_detector import MotionDetector
+from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.release import ReleaseConfig
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import calibration, windows

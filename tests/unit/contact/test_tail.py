@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.contact.learn import _holding_shorter
+from spikingtac.contact.quiet_votes import _holding_shorter
 from spikingtac.contact.tail import tail_threshold
 
 BLOCK, PER_BLOCK = 100, 1e-5

@@ -5,15 +5,15 @@ import sys
 import numpy as np
 import pytest
 
-from spikingtac.denoise.export import export_network, read_weights
 from spikingtac.denoise.infer import MANIFEST, NetworkDenoiser, shipped_denoiser
+from spikingtac.denoise.network.export import export_network, read_weights
+from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import ConfigError
-from spikingtac.registry import make_denoiser
 from spikingtac.state_map.paint import paint_binary_discs
 from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
 
 LOGISTIC_ERROR = 0.022
-"""How far the int8 network's logistic function may be off (denoise/blocks.py)."""
+"""How far the int8 network's logistic function may be off (denoise/network/blocks.py)."""
 
 
 @pytest.fixture(scope="module")

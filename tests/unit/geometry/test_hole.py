@@ -15,7 +15,7 @@ from spikingtac.geometry.hole import (
     hexagon_reach_mm,
     mean_hexagon_reach_mm,
 )
-from spikingtac.sim.walls import HexBit
+from spikingtac.sim.rig.walls import HexBit
 
 OPEN = HoleFitConfig(radius_sigma_mm=math.inf, center_sigma_mm=math.inf)
 

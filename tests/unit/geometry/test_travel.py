@@ -12,7 +12,7 @@ from spikingtac.geometry.travel import (
     fit_travel,
     hexagon_reach_in_hole_mm,
 )
-from spikingtac.sim.walls import HexBit
+from spikingtac.sim.rig.walls import HexBit
 
 FLATS_MM = 0.75
 SECTOR_RAD = np.radians([0, 25, 50, -25, -50, 180, 155, 130, 205, 230])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.live import history
+from spikingtac.live import tracker_history as history
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.playback import WINDOW_US, Playback
 from stand_ins.live import BurstWatch, CountingTracker, random_source

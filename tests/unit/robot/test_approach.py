@@ -9,7 +9,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
-from spikingtac.sim.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.types import Contact
 
 WALL_MM = 60.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, SearchError
-from spikingtac.experiments.hole_scoring import REGION
+from spikingtac.experiments.holes.scoring import REGION
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.evt.header import RawHeader, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.events.formats.header import RawHeader, read_header
 
 CD_TYPES = (0x00, 0x0C)
 EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])

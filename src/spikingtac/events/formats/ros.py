@@ -152,8 +152,8 @@ class _WordReader(_Reader):
     """Feeds the words of each message to one stateful decoder."""
 
     def __init__(self, encoding: str, source: RosSource) -> None:
-        from spikingtac.events.formats.raw import word_decoder
-        from spikingtac.events.formats.words import WordStream
+        from spikingtac.events.formats.evt.raw import word_decoder
+        from spikingtac.events.formats.evt.words import WordStream
 
         decoder = word_decoder(encoding, source.size)
         self._stream = WordStream(decoder, source.losses, source.triggers)

@@ -1,0 +1,10 @@
+"""The version of the installed package."""
+
+from __future__ import annotations
+
+
+def package_version() -> str:
+    """Return the version of the installed package."""
+    from importlib.metadata import version  # slow to import, seldom needed
+
+    return version("spikingtac")

@@ -1,0 +1,1 @@
+"""The calibration of a sensor: its values and its file."""

@@ -1,0 +1,95 @@
+"""The JSON of a calibration, checked key by key before it becomes a value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.step_maps import unpack_map
+from spikingtac.errors import CalibrationError
+
+CALIBRATION_SCHEMA = 1
+OPTIONAL_NUMBERS = ("step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm")
+"""Keys that may be absent; finite and not negative where present."""
+OPTIONAL_MAPS = ("step_on_map", "step_off_map")
+"""Keys that may be absent; packed maps (:mod:`spikingtac.calibration.step_maps`)."""
+
+
+def checked_document(document: Any, where: str) -> dict[str, Any]:
+    """Return the arguments of ``Calibration`` from parsed JSON.
+
+    Args:
+        document: What the JSON held.
+        where: Its origin, for errors.
+
+    Raises:
+        CalibrationError: A key is missing or unfit; names it and what a calibration needs.
+    """
+    try:
+        return _checked(document)
+    except KeyError as error:
+        what = f"the key {error} is missing"
+    except (TypeError, ValueError) as error:
+        what = str(error)
+    raise CalibrationError(
+        f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols], "
+        "reference_px [[x, y], ...] row-major and radius_px [...]"
+    )
+
+
+def _checked(document: Any) -> dict[str, Any]:
+    if not isinstance(document, dict):
+        raise ValueError("the document is not a JSON object")
+    if document.get("schema") != CALIBRATION_SCHEMA:
+        raise ValueError(f"schema is {document.get('schema')!r}, this version reads 1")
+    polarity = document.get("polarity", "white")
+    if polarity not in ("white", "dark"):
+        raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
+    grid, size = _pair(document["grid"]), _pair(document["size"])
+    return {
+        "size": size,
+        "grid": grid,
+        **_markers(document, grid[0] * grid[1]),
+        **_numbers(document),
+        **_maps(document, size),
+        "polarity": polarity,
+        "hysteresis": document.get("hysteresis"),
+        "provenance": dict(document.get("provenance") or {}),
+    }
+
+
+def _markers(document: dict[str, Any], markers: int) -> dict[str, NDArray[np.float64]]:
+    reference = np.array(document["reference_px"], np.float64)
+    radius = np.array(document["radius_px"], np.float64)
+    if reference.shape != (markers, 2):
+        raise ValueError(f"the grid asks for {markers} points, got shape {reference.shape}")
+    if radius.ndim == 0:
+        radius = np.full(markers, float(radius))
+    if radius.shape != (markers,):
+        raise ValueError(f"radius_px has shape {radius.shape}, expected ({markers},)")
+    if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
+        raise ValueError("positions must be finite and radii positive")
+    return {"reference_px": reference, "radius_px": radius}
+
+
+def _numbers(document: dict[str, Any]) -> dict[str, float]:
+    given = {name: document.get(name) for name in OPTIONAL_NUMBERS}
+    numbers = {name: float(value) for name, value in given.items() if value is not None}
+    for name, value in numbers.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} is {value}, it must be finite and not negative")
+    return numbers
+
+
+def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
+    given = {name: document.get(name) for name in OPTIONAL_MAPS}
+    return {name: unpack_map(text, size, name) for name, text in given.items() if text is not None}
+
+
+def _pair(value: Any) -> tuple[int, int]:
+    first, second = (int(item) for item in value)
+    if first < 1 or second < 1:
+        raise ValueError(f"{[first, second]} must be positive")
+    return first, second

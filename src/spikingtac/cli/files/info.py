@@ -1,0 +1,115 @@
+"""``spikingtac info``: what an event file holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
+
+PEAK_WINDOW_US = 1_000
+"""Windows in which the peak rate is counted: the project's contact window."""
+
+US_PER_S = 1_000_000
+EVENTS_PER_MEV = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Say what an event file or recording folder holds: format, size, counts, rates, damage."""
+
+    file: tyro.conf.Positional[Path]
+    """Event file or recording folder."""
+    sensor: int = 0
+    """In a folder, the sensor: 1 reads events_1.raw."""
+    encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
+    """RAW words to assume, whatever the header says."""
+    strict: bool = False
+    """Refuse a damaged file instead of counting what is wrong."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+
+def run(args: Args) -> int:
+    """Read the whole file once and print what it holds."""
+    from spikingtac.events.open import open_events
+
+    source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
+    found = summary(source)
+    if args.json:
+        emit_json(found)
+        return 0
+    for note in source.notes:
+        remark(f"note: {note}")
+    anomalies = found.pop("anomalies")
+    rows = [(key, _spoken(value)) for key, value in found.items()]
+    emit_table(str(args.file), ("", ""), rows, words=2)
+    if anomalies:
+        from spikingtac.events.formats.codec import KINDS
+
+        rows = [(kind, KINDS.get(kind, ""), count) for kind, count in anomalies.items()]
+        emit_table("anomalies", ("kind", "what it means", "times"), rows, words=2)
+    elif not found["events"]:
+        remark("the file holds no events")
+    return 0
+
+
+def summary(source: FileSource) -> dict[str, Any]:
+    """Read a source to its end and return its figures; times are None where there is no event."""
+    events = ups = peak = 0
+    first_us = last_us = None
+    counter = _PeakCounter(PEAK_WINDOW_US)
+    with progress(f"reading {source.path.name}") as advance:
+        for packet in source:
+            if first_us is None:
+                first_us = packet.t_start_us
+            last_us = int(packet.t[-1]) if len(packet) else last_us
+            events += len(packet)
+            ups += int(packet.p.sum())
+            peak = counter.add(packet.t - first_us)
+            advance(source.progress)
+    duration_s = 0.0 if first_us is None or last_us is None else (last_us - first_us) / US_PER_S
+    return {
+        "format": source.format,
+        "size": list(source.size),
+        "events": events,
+        "on_fraction": ups / events if events else None,
+        "t_first_us": first_us,
+        "t_last_us": last_us,
+        "duration_s": duration_s,
+        "mean_rate_mev_s": events / duration_s / EVENTS_PER_MEV if duration_s else 0.0,
+        "peak_rate_mev_s": peak / PEAK_WINDOW_US * US_PER_S / EVENTS_PER_MEV,
+        "anomalies": dict(source.losses.kinds()),
+    }
+
+
+class _PeakCounter:
+    """The largest count in any window, for events that come in order of time."""
+
+    def __init__(self, window_us: int) -> None:
+        self._window_us = window_us
+        self._window, self._count, self._peak = 0, 0, 0
+
+    def add(self, t: Any) -> int:
+        """Count more events, times from the first one on; return the peak so far."""
+        import numpy as np
+
+        if len(t):
+            windows, counts = np.unique(t // self._window_us, return_counts=True)
+            if windows[0] == self._window:
+                counts[0] += self._count
+            self._window, self._count = int(windows[-1]), int(counts[-1])
+            self._peak = max(self._peak, int(counts.max()))
+        return self._peak
+
+
+def _spoken(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)

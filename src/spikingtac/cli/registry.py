@@ -1,0 +1,64 @@
+"""The verbs of the command line: name, one line of help, and where each lives.
+
+The table is static, so that ``spikingtac --help`` answers without importing any verb.
+"""
+
+from __future__ import annotations
+
+VERBS: dict[str, str] = {
+    "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
+    "info": "say what an event file holds: format, size, counts, rates, damage",
+    "convert": "rewrite an event file in another format, or cut a stretch of time out of it",
+    "simulate": "render a scene of the digital twin into a recording folder with ground truth",
+    "calibrate": "learn where the markers rest from bootstrap slides",
+    "track": "follow every marker through a recording",
+    "contact": "find the contacts in a recording, from raw events in 1 ms windows",
+    "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
+    "train": "teach the denoising network on recordings, without labels",
+    "view": "look at a recording or a scene in the browser: replay, tune, measure",
+    "experiment": "re-run one of the paper's experiments: every method, every case, one report",
+    "bench": "measure how fast this machine tracks, beside tuned peers on the same stream",
+    "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
+}
+"""Verb -> one line of help."""
+
+FOLDERS: dict[str, tuple[str, ...]] = {
+    "files": ("info", "convert"),
+    "robot": ("probe",),
+    "sensing": ("calibrate", "track", "contact"),
+    "studies": ("train", "experiment", "bench"),
+    "system": ("doctor",),
+    "twin": ("demo", "simulate"),
+    "viewing": ("view",),
+}
+"""Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""
+
+OVERVIEW = """\
+usage: spikingtac VERB [options]
+
+Event-camera tactile sensing: marker displacements and contacts from raw events.
+
+verbs:
+{verbs}
+
+options for every verb:
+  -h, --help   what the verb takes
+  --json       one JSON object on stdout; progress goes to stderr
+  --debug      show the traceback of an error
+  --version    print the version
+
+exit codes: 0 done, 1 the input is at fault, 2 the arguments are, 3 the machine is.
+"""
+
+
+def overview() -> str:
+    """Return the text of ``spikingtac --help``."""
+    width = max(len(verb) for verb in VERBS)
+    lines = (f"  {verb:<{width}}   {line}" for verb, line in VERBS.items())
+    return OVERVIEW.format(verbs="\n".join(lines))
+
+
+def module_of(verb: str) -> str:
+    """Return the full name of the module of a verb."""
+    folder = next(folder for folder, verbs in FOLDERS.items() if verb in verbs)
+    return f"spikingtac.cli.{folder}.{verb}"

@@ -1,0 +1,1 @@
+"""Verbs that turn events into results."""

@@ -1,0 +1,219 @@
+"""``spikingtac contact``: say when something touched, from raw events in 1 ms windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.errors import CalibrationError, ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.contact.detector import ContactDetector
+    from spikingtac.contact.recording import FoundContact
+    from spikingtac.events.formats.file_source import FileSource
+
+SECOND_SENSOR = "events_1.raw"
+CALIBRATION_NAMES = "calibration.json", "calibration_1.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Find the contacts in a recording: not a safety function, see the how-to.
+
+    A recording begins with a stretch without contact, from which the thresholds are taken, or a
+    quiet one of the moving arm is given beside it. The default detector looks at the rims of the
+    markers and needs a calibration of each sensor; without one, raw events are counted.
+    """
+
+    recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
+    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a named
+    pipe or - for RAW as it comes, with --quiet."""
+    calibration: tuple[Path, ...] = ()
+    """calibration.json of each sensor; calibration.json and calibration_1.json beside the recording
+    are found by themselves."""
+    quiet: Path | None = None
+    """Recording of the moving arm without contact; the beginning of RECORDING unless given."""
+    detector: Literal["default", "event_count"] | None = None
+    """default (signed, sequential) or event_count (as published); default where there is a
+    calibration, event_count otherwise."""
+    budget: float = 1.0
+    """False contacts per hour of free motion that are put up with."""
+    strict: bool = False
+    """Refuse a damaged recording instead of mending it."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Learn what is quiet, find the contacts, and say what was found."""
+    from spikingtac.contact.recording import find_contacts
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+
+    if not args.budget > 0.0:
+        raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+    live = is_stream(args.recording)
+    if live and args.quiet is None:
+        raise ConfigError(
+            f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
+            "of the moving arm without contact to learn from: --quiet RECORDING"
+        )
+    sources = _sources(args.recording, args.strict)
+    calibrations = _calibrations(args, sources)
+    name = args.detector or ("default" if calibrations else "event_count")
+    detector, quiet = _learn(args, name, sources, calibrations)
+    found = []
+    with progress(f"looking for contacts in {args.recording.name}") as advance:
+        for contact in find_contacts(sources, detector):
+            found.append(contact)
+            if live:
+                remark(f"contact at {contact.contact.t_us} us")
+            advance(sources[0].progress)
+    summary = {
+        "contacts": [_contact(contact) for contact in found],
+        "detector": name,
+        "sensors": len(sources),
+        "budget_per_hour": args.budget,
+        "quiet": quiet | _learned(detector),
+        "anomalies": _anomalies(sources),
+    }
+    if args.json:
+        emit_json(summary)
+    else:
+        _print(summary, args, fallback=args.detector is None and not calibrations)
+    return 0
+
+
+def _learn(
+    args: Args, name: str, sources: Sequence[FileSource], calibrations: Sequence[Calibration]
+) -> tuple[ContactDetector, dict[str, Any]]:
+    """Return the detector, and the statistics of the windows that it was built from."""
+    from spikingtac.contact.quiet import QuietStatistics
+    from spikingtac.contact.recording import leading_quiet, paired_windows
+    from spikingtac.contact.registry import DetectionConfig, make_detector
+
+    given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
+    if len(given) < len(sources):
+        raise ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
+    length = leading_quiet(sources) if args.quiet is None else None
+    statistics = QuietStatistics.of(islice(paired_windows(given), length))
+    config = DetectionConfig(false_alarms_per_hour=args.budget)
+    detector = make_detector(name, config, calibrations, islice(paired_windows(given), length))
+    return detector, {
+        "source": "beginning" if args.quiet is None else args.quiet.name,
+        "windows": statistics.windows,
+        "seconds": round(statistics.windows * statistics.period_s, 6),
+        "mean": statistics.mean,
+        "variance": statistics.variance,
+        "highest": statistics.highest,
+    }
+
+
+def _sources(path: Path, strict: bool) -> list[FileSource]:
+    from spikingtac.events.open import open_events
+
+    sensors = 2 if (path / SECOND_SENSOR).is_file() else 1
+    return [open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
+
+
+def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration]:
+    from spikingtac.calibration.sensor_calibration import Calibration
+
+    if args.detector == "event_count":
+        return []
+    folder = args.recording if args.recording.is_dir() else args.recording.parent
+    beside = [folder / name for name in CALIBRATION_NAMES[: len(sources)]]
+    paths = list(args.calibration) or [path for path in beside if path.is_file()]
+    if args.calibration and len(paths) != len(sources):
+        raise ConfigError(
+            f"{len(paths)} calibrations were given for {len(sources)} sensors; "
+            "give one for each, in the sensors' order"
+        )
+    if len(paths) != len(sources):
+        return []
+    calibrations = [Calibration.load(path) for path in paths]
+    for calibration, source, path in zip(calibrations, sources, paths, strict=True):
+        if calibration.size != source.size:
+            raise CalibrationError(
+                f"{path.name} is for {calibration.size[0]}x{calibration.size[1]}, the recording is "
+                f"{source.size[0]}x{source.size[1]}; calibrate this sensor: "
+                "spikingtac calibrate RECORDING -o calibration.json"
+            )
+    return calibrations
+
+
+def _contact(found: FoundContact) -> dict[str, Any]:
+    contact = found.contact
+    return {
+        "t_us": contact.t_us,
+        "count": contact.count,
+        "threshold": contact.threshold,
+        "end_us": found.end_us,
+    } | found.details
+
+
+def _learned(detector: ContactDetector) -> dict[str, Any]:
+    from spikingtac.contact.event_count import EventCountDetector
+    from spikingtac.contact.motion_detector import MotionDetector
+
+    if isinstance(detector, MotionDetector):
+        return {
+            "hot_pixels": list(detector.hot_pixels),
+            "scales_ms": detector.test.windows.tolist(),
+            "thresholds": [round(float(value), 3) for value in detector.test.threshold],
+        }
+    if isinstance(detector, EventCountDetector):
+        return {"threshold": detector.threshold}
+    return {}
+
+
+def _anomalies(sources: Sequence[FileSource]) -> dict[str, int]:
+    out: dict[str, int] = {}
+    for source in sources:
+        for kind, count in source.losses.kinds():
+            out[kind] = out.get(kind, 0) + count
+    return out
+
+
+def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
+    if fallback:
+        remark(
+            "note: no calibration was given or found, so raw events are counted as published; "
+            "with --calibration the default detector finds lighter contacts"
+        )
+    for kind, count in summary["anomalies"].items():
+        remark(f"note: {kind} {count} times in the recording")
+    quiet = summary["quiet"]
+    title = (
+        f"contacts in {args.recording.name} by {summary['detector']}, at most "
+        f"{summary['budget_per_hour']:g} false an hour; quiet: {quiet['seconds']:g} s, "
+        f"{quiet['mean']:.2f} events/ms, variance {quiet['variance']:.2f}"
+    )
+    emit_table(
+        title,
+        ("t ms", "ends ms", "statistic", "threshold", "where px"),
+        [
+            (
+                f"{contact['t_us'] / 1e3:.1f}",
+                "-" if contact["end_us"] is None else f"{contact['end_us'] / 1e3:.1f}",
+                f"{contact['count']:.0f}",
+                f"{contact['threshold']:.0f}",
+                _places(contact),
+            )
+            for contact in summary["contacts"]
+        ],
+        words=0,
+    )
+
+
+def _places(contact: dict[str, Any]) -> str:
+    places = [touch["place_px"] if touch else None for touch in contact.get("sensors", [])]
+    return "; ".join(
+        "-" if place is None else f"{place[0]:.0f}, {place[1]:.0f}" for place in places
+    )

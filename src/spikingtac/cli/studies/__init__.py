@@ -1,0 +1,1 @@
+"""Verbs that repeat experiments and train networks."""

@@ -1,0 +1,129 @@
+"""``spikingtac view``: look at a recording or a scene in the browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.errors import ConfigError
+
+HEADLESS_S = 10.0
+"""How long --headless runs where --seconds is not given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Look at a recording, a recording folder or a scene of the twin in the browser."""
+
+    source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
+    """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
+    --list)."""
+    calibration: Path | None = None
+    """calibration.json of this sensor; a folder's own unless given."""
+    preset: str = "default"
+    """default, fast or paper, or a TOML file."""
+    rate_hz: float | None = None
+    """Estimates per second; the preset's unless given."""
+    seed: int = 0
+    """Of a scene."""
+    camera: Literal["clean", "typical", "noisy"] | None = None
+    """Camera of a scene; its own unless given."""
+    host: str = "127.0.0.1"
+    """Address to serve on; beyond loopback the printed address carries a random token."""
+    port: int = 8765
+    """Port, or 0 for any free one."""
+    no_browser: bool = False
+    """Serve, but open no browser."""
+    headless: bool = False
+    """Serve without a browser, end by itself, print the summary."""
+    seconds: float | None = None
+    """How long to run; without end unless given (10 with --headless)."""
+    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File for a picture of what was seen: .png, .svg or .pdf."""
+    export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
+    overwrite: bool = False
+    """Replace an export that is already there."""
+    json: bool = False
+    """Print one JSON object at the end."""
+
+
+def run(args: Args) -> int:
+    """Serve the page; print what was seen once it ends."""
+    check_seconds(args.seconds)
+    arguments = {
+        "source": args.source,
+        "calibration": str(args.calibration) if args.calibration else None,
+        "preset": args.preset,
+        "rate_hz": args.rate_hz,
+        "seed": args.seed,
+        "camera": args.camera,
+    }
+    if args.export is not None:
+        if args.picture is not None:
+            raise ConfigError("--picture shows what a page saw; give it or --export, not both")
+        summary = _exported(arguments, args)
+    else:
+        summary = show_source(arguments, args, repeat=False)
+    report(args.source, summary, as_json=args.json)
+    return 0
+
+
+def check_seconds(seconds: float | None) -> None:
+    """Refuse a showing of no length.
+
+    Raises:
+        ConfigError: ``seconds`` is not above 0.
+    """
+    if seconds is not None and not seconds > 0.0:
+        raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
+
+
+def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
+    from spikingtac.viewer.export.by_ending import check_target, export
+    from spikingtac.viewer.session.opening import open_view_source
+
+    assert args.export is not None
+    check_target(args.export, overwrite=args.overwrite)
+    with progress(f"exporting to {args.export.name}"):
+        written = export(open_view_source(**arguments), args.export, seconds=args.seconds)
+    return {"export": str(args.export), "written": written}
+
+
+def show_source(
+    arguments: dict[str, Any], args: Any, *, repeat: bool, tracks: Path | None = None
+) -> dict[str, Any]:
+    """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
+    from spikingtac.viewer.session.opening import open_view_source
+    from spikingtac.viewer.web.show import Showing, show
+
+    check_seconds(args.seconds)
+    showing = Showing(
+        host=args.host,
+        port=args.port,
+        browser=not (args.no_browser or args.headless),
+        seconds=args.seconds or (HEADLESS_S if args.headless else None),
+        repeat=repeat,
+        picture=args.picture,
+        tracks=tracks,
+    )
+    return show(open_view_source, arguments, showing, remark)
+
+
+def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print the summary of what was seen, as a table or as JSON."""
+    if as_json:
+        emit_json({"source": source, **summary})
+        return
+    rows = ((name.replace("_", " "), _text(value)) for name, value in summary.items())
+    emit_table(f"what was seen of {source}", ("", ""), rows)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{kind} {count}" for kind, count in value.items()) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

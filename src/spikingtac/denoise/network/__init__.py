@@ -1,0 +1,1 @@
+"""The network: architecture, ONNX export, integer graph."""

@@ -1,0 +1,230 @@
+"""Train a denoiser on recordings: plain PyTorch, resumable, a log line for every round.
+
+A run's folder holds ``config.json``, ``log.jsonl``, ``state.safetensors`` (to go on from) and
+``weights.safetensors``. A round draws its degradations, crops and flips from (seed, round) alone,
+so that a run which was interrupted goes on to the same weights as one that was not.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.random import Generator
+from torch import Tensor
+
+from spikingtac.denoise.network.architecture import NetworkConfig, apply_network, make_network
+from spikingtac.denoise.training.dataset import LEVELS, Clip, PairConfig, Pairs, make_pairs
+from spikingtac.denoise.training.losses import LossConfig, loss_terms
+from spikingtac.denoise.training.training_state import (
+    TrainingState,
+    load_state,
+    save_state,
+    save_weights,
+)
+from spikingtac.errors import ConfigError
+from spikingtac.schema import to_mapping
+
+HELD_OUT_SEED = 1 << 20
+"""Seed of the held-out pairs beside the run's: no round has this number."""
+HELD_OUT_EVERY = 5
+"""Rounds between two looks at the held-out loss: it costs as much as a dozen steps."""
+CONFIG_FILE, LOG_FILE = "config.json", "log.jsonl"
+STATE_FILE, WEIGHTS_FILE = "state.safetensors", "weights.safetensors"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainConfig:
+    """Everything that a training run can be told.
+
+    Attributes:
+        scenes: Scenes of the digital twin to render and train on, where no recordings are given.
+        seeds: Seeds of each scene.
+        held_out: Scene that no training pair comes from; its loss is logged.
+        bootstrap: Scene whose slides paint the map that the others begin with.
+        pairs: How recordings become pairs.
+        network: Its size.
+        loss: Weights of the terms.
+        seed: Of weights, degradations, crops.
+        rounds: Times that each recording is degraded anew.
+        steps: Steps of the optimiser in each round.
+        batch: Crops in each step.
+        crop_px: Side of a crop, px; a multiple of the network's.
+        learning_rate: At the beginning; it falls to zero along half a cosine.
+        threads: CPU threads.
+        device: ``cpu`` or ``cuda``.
+    """
+
+    scenes: tuple[str, ...] = ()
+    seeds: tuple[int, ...] = (1, 2)
+    held_out: str = ""
+    bootstrap: str = ""
+    pairs: PairConfig = field(default_factory=PairConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    seed: int = 1
+    rounds: int = 60
+    steps: int = 40
+    batch: int = 24
+    crop_px: int = 160
+    learning_rate: float = 2e-3
+    threads: int = 2
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        if min(self.rounds, self.steps, self.batch, self.threads) < 1 or self.seed < 0:
+            raise ValueError("rounds, steps, batch and threads must be positive, seed not negative")
+        if self.crop_px < 1 or self.crop_px % self.network.multiple_px:
+            raise ValueError(
+                f"crop_px is {self.crop_px}, it must be a multiple of {self.network.multiple_px}"
+            )
+        if not self.learning_rate > 0:
+            raise ValueError(f"learning_rate is {self.learning_rate}, it must be positive")
+
+
+def train(
+    clips: Sequence[Clip],
+    held_out: Sequence[Clip],
+    config: TrainConfig,
+    folder: str | Path,
+    advance: Callable[[float], None] = lambda share: None,
+) -> Path:
+    """Train a network, or go on with the run that the folder holds.
+
+    Args:
+        clips: What to train on, all of one sensor size.
+        held_out: What to report the loss on, now and then; may be empty.
+        config: Settings; a folder that was made with others is refused.
+        folder: Where the run lives.
+        advance: Told the share that is done, 0 to 1.
+
+    Returns:
+        The path of ``weights.safetensors``.
+
+    Raises:
+        ConfigError: There is nothing to train on, the sizes differ or are smaller than a crop, the
+            folder holds another run, or the device is not there.
+    """
+    _check(clips, config)
+    run = _Run(config, Path(folder))
+    check_pairs = _held_out_pairs(held_out, config)
+    for number in range(run.state.round, config.rounds):
+        line = run.round(clips, number)
+        if check_pairs is not None and (number + 1) % HELD_OUT_EVERY == 0:
+            line["held_out"] = run.loss_on(check_pairs)
+        run.finish(number + 1, line)
+        advance((number + 1) / config.rounds)
+    weights = run.folder / WEIGHTS_FILE
+    save_weights(weights, run.network, config.network)
+    return weights
+
+
+class _Run:
+    def __init__(self, config: TrainConfig, folder: Path) -> None:
+        torch.set_num_threads(config.threads)
+        torch.manual_seed(config.seed)
+        self.config, self.folder = config, folder
+        self.network = make_network(config.network).to(config.device)
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
+        self.state = TrainingState(self.network, self.optimiser)
+        folder.mkdir(parents=True, exist_ok=True)
+        _claim(folder / CONFIG_FILE, config)
+        if (folder / STATE_FILE).is_file():
+            load_state(folder / STATE_FILE, self.state)
+
+    def round(self, clips: Sequence[Clip], number: int) -> dict[str, float]:
+        config = self.config
+        random = np.random.default_rng([config.seed, number])
+        pairs = make_pairs(clips, config.pairs, random)
+        sums: dict[str, float] = {}
+        for step in range(config.steps):
+            done = (number + step / config.steps) / config.rounds
+            rate = config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * done)))
+            for group in self.optimiser.param_groups:
+                group["lr"] = rate
+            for name, value in self._step(*_crops(pairs, config, random)).items():
+                sums[name] = sums.get(name, 0.0) + value / config.steps
+        return sums
+
+    def _step(self, inputs: Tensor, targets: Tensor) -> dict[str, float]:
+        config = self.config
+        self.optimiser.zero_grad(set_to_none=True)
+        logits = apply_network(self.network, inputs.to(config.device), config.network.fold)
+        terms = loss_terms(logits, targets.to(config.device), config.loss)
+        terms["loss"].backward()
+        self.optimiser.step()
+        return {name: float(value.detach()) for name, value in terms.items()}
+
+    @torch.no_grad()
+    def loss_on(self, pairs: Pairs) -> float:
+        config = self.config
+        total = 0.0
+        for first in range(0, len(pairs), config.batch):
+            chosen = slice(first, first + config.batch)
+            inputs = _levels(pairs.inputs[chosen]).to(config.device)
+            logits = apply_network(self.network, inputs, config.network.fold)
+            target = _levels(pairs.targets[chosen]).to(config.device)
+            terms = loss_terms(logits, target, config.loss)
+            total += float(terms["loss"]) * len(inputs)
+        return total / len(pairs)
+
+    def finish(self, rounds: int, line: dict[str, float]) -> None:
+        self.state.round = rounds
+        save_state(self.folder / STATE_FILE, self.state)
+        with (self.folder / LOG_FILE).open("a", encoding="utf-8") as log:
+            log.write(json.dumps({"round": rounds, **line}) + "\n")
+
+
+def _levels(maps: np.ndarray) -> Tensor:
+    return torch.from_numpy(maps[:, None].astype(np.float32) / np.float32(LEVELS))
+
+
+def _crops(pairs: Pairs, config: TrainConfig, random: Generator) -> tuple[Tensor, Tensor]:
+    """Cut one batch at random places, flipped and turned at random: a marker has no direction."""
+    side = config.crop_px
+    _, height, width = pairs.inputs.shape
+    inputs = np.empty((config.batch, side, side), np.uint8)
+    targets = np.empty_like(inputs)
+    for index in range(config.batch):
+        item = random.integers(len(pairs))
+        top, left = random.integers(height - side + 1), random.integers(width - side + 1)
+        turns, flipped = int(random.integers(4)), int(random.integers(2))
+        for source, out in ((pairs.inputs, inputs), (pairs.targets, targets)):
+            cropped = np.rot90(source[item, top : top + side, left : left + side], turns)
+            out[index] = cropped[::-1] if flipped else cropped
+    return _levels(inputs), _levels(targets)
+
+
+def _held_out_pairs(clips: Sequence[Clip], config: TrainConfig) -> Pairs | None:
+    if not clips:
+        return None
+    random = np.random.default_rng([config.seed, HELD_OUT_SEED])
+    pairs = make_pairs(clips, config.pairs, random)
+    multiple = config.network.multiple_px
+    rows, columns = (side // multiple * multiple for side in pairs.inputs.shape[1:])
+    return Pairs(pairs.inputs[:, :rows, :columns], pairs.targets[:, :rows, :columns])
+
+
+def _check(clips: Sequence[Clip], config: TrainConfig) -> None:
+    if not clips:
+        raise ConfigError("there is no recording to train on; give recordings, or name scenes")
+    sizes = {clip.events.size for clip in clips}
+    if len(sizes) > 1:
+        raise ConfigError(f"the recordings differ in size: {sorted(sizes)}; train on one sensor")
+    if min(*sizes.pop()) < config.crop_px:
+        raise ConfigError(f"the sensor is smaller than crop_px, {config.crop_px}; lower it")
+    if config.device.startswith("cuda") and not torch.cuda.is_available():
+        raise ConfigError("no CUDA device was found; use device = 'cpu'")
+
+
+def _claim(path: Path, config: TrainConfig) -> None:
+    text = json.dumps(to_mapping(config), indent=1, sort_keys=True)
+    if path.is_file() and path.read_text(encoding="utf-8") != text:
+        raise ConfigError(
+            f"{str(path.parent)!r} holds a run with other settings; choose another folder"
+        )
+    path.write_text(text, encoding="utf-8")

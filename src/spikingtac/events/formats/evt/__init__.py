@@ -1,0 +1,1 @@
+"""Prophesee RAW files and streams: EVT2, EVT2.1, EVT3."""

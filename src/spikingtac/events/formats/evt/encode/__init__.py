@@ -1,0 +1,1 @@
+"""Write EVT2, EVT2.1 and EVT3."""

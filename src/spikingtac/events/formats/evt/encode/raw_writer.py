@@ -1,0 +1,115 @@
+"""Writes Prophesee RAW files in EVT2, EVT2.1 or EVT3, packet by packet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.formats.evt.encode.word_encoder import WordEncoder
+from spikingtac.events.formats.evt.header import ENCODINGS, format_header
+from spikingtac.types import EventPacket
+
+COORDINATE_LIMIT_PX = 1 << 11
+"""Rows and columns that the eleven bits of an address can name."""
+
+SILENCE_LIMIT_US = 86_400_000_000
+"""Longest pause between two events that is written: a day."""
+
+
+class RawWriter(EventWriter):
+    """A RAW file that grows packet by packet; the same events always give the same bytes.
+
+    Times beyond the counter of the wire are kept: the header names the base of the first event.
+
+    Args:
+        path: File to write; replaced if it exists.
+        size: ``(width, height)``, px, at most 2048 each.
+        encoding: ``evt2``, ``evt21`` (little-endian words) or ``evt3``.
+
+    Raises:
+        ConfigError: The encoding is unknown.
+        FormatError: The sensor does not fit into eleven-bit addresses.
+    """
+
+    def __init__(self, path: str | Path, size: tuple[int, int], encoding: str = "evt3") -> None:
+        if max(size) > COORDINATE_LIMIT_PX:
+            raise FormatError(
+                f"a sensor of {size[0]}x{size[1]} px does not fit into RAW addresses "
+                f"(at most {COORDINATE_LIMIT_PX} each); write .npz or .h5 instead"
+            )
+        self.size = size
+        self._encoder = _encoder(encoding)
+        self._file: BinaryIO | None = open(path, "wb")  # noqa: SIM115
+        self._base_us: int | None = None
+        self._last_us = 0
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet that follows the ones before it in time.
+
+        Raises:
+            FormatError: An event is outside of the sensor, before its predecessor or before zero.
+        """
+        if not len(packet):
+            return
+        base_us = self._base_us
+        if base_us is None:
+            base_us = self._begin(int(packet.t[0]))
+        self._check(packet)
+        words = self._encoder.encode(packet.t - base_us, packet.x, packet.y, packet.p)
+        self._open_file().write(words.tobytes())
+        self._last_us = int(packet.t[-1])
+
+    def close(self) -> None:
+        """Complete the file; one without events holds its header alone."""
+        if self._file is None:
+            return
+        if self._base_us is None:
+            self._begin(0)
+        self._open_file().close()
+        self._file = None
+
+    def _begin(self, first_us: int) -> int:
+        period_bits = self._encoder.time_bits
+        self._base_us = (max(first_us, 0) >> period_bits) << period_bits
+        self._last_us = first_us
+        self._open_file().write(format_header(self._encoder.name, self.size, self._base_us))
+        return self._base_us
+
+    def _open_file(self) -> BinaryIO:
+        if self._file is None:
+            raise FormatError("the file is closed; open another to write more events")
+        return self._file
+
+    def _check(self, packet: EventPacket) -> None:
+        steps = np.diff(packet.t, prepend=self._last_us)
+        if packet.t[0] < 0 or int(steps.min()) < 0:
+            raise FormatError("events must be in order of time, from zero on; sort them first")
+        if int(steps.max()) > SILENCE_LIMIT_US:
+            raise FormatError("a pause of more than a day cannot be written; split the recording")
+        if int(packet.x.max()) >= self.size[0] or int(packet.y.max()) >= self.size[1]:
+            raise FormatError(
+                f"events reach ({int(packet.x.max())}, {int(packet.y.max())}), outside of the "
+                f"sensor of {self.size[0]}x{self.size[1]} px; crop them or give the true size"
+            )
+
+
+def _encoder(name: str) -> WordEncoder:
+    if name == "evt3":
+        from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+
+        return Evt3Encoder()
+    if name == "evt2":
+        from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
+
+        return Evt2Encoder()
+    if name == "evt21":
+        from spikingtac.events.formats.evt.encode.evt21 import Evt21Encoder
+
+        return Evt21Encoder()
+    raise ConfigError(
+        f"unknown encoding {name!r}{nearest(name, ENCODINGS)} (valid: {', '.join(ENCODINGS)})"
+    )

@@ -1,0 +1,156 @@
+"""Prophesee RAW files: a text header, then words of EVT2, EVT2.1 or EVT3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.formats.evt.header import ENCODINGS, RawHeader, read_header
+from spikingtac.events.formats.evt.plausible import (
+    FOREIGN_SHARE,
+    SOUND_SHARE,
+    best_candidate,
+    implausible_share,
+)
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.evt.decoder import WordDecoder
+    from spikingtac.events.formats.evt.words import WordStream
+
+CHUNK_BYTES = 1 << 18
+"""Bytes that are decoded at once."""
+
+SAMPLE_BYTES = 1 << 16
+"""Bytes that are judged before the first one is decoded."""
+
+NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
+
+
+class RawSource(FileSource):
+    """Events of a RAW file; damage is mended and counted.
+
+    Raises:
+        ConfigError: ``encoding`` is unknown.
+        FormatError: The words do not look like the encoding that the header names, and do look
+            like another one.
+    """
+
+    checked = True
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        if options.encoding is not None and options.encoding not in ENCODINGS:
+            raise ConfigError(
+                f"unknown encoding {options.encoding!r}{nearest(options.encoding, ENCODINGS)} "
+                f"(valid: {', '.join(ENCODINGS)})"
+            )
+        sample = self._begin(path)
+        self._notes: list[str] = []
+        self._encoding, self._byte_order = self._dispatched(path, sample, options)
+        self.format = NAMES[self._encoding]
+        super().__init__(path, options)
+        self.notes.extend(self._notes)
+
+    def _begin(self, path: Path) -> bytes:
+        """Read the header; return words that are judged before the first one is decoded."""
+        with path.open("rb") as file:
+            self.header = read_header(file)
+            return file.read(SAMPLE_BYTES)
+
+    def _size(self) -> tuple[int, int]:
+        return self.header.size or self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        stream, base_us = self._words(), self.header.time_base_us
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
+            file.seek(self.header.length)
+            data = file.read(CHUNK_BYTES)
+            while data:
+                following = file.read(CHUNK_BYTES)
+                x, y, p, t = stream.feed(data, final=not following)
+                self.progress = file.tell() / total
+                yield x, y, p, t + base_us if base_us else t
+                data = following
+
+    def _words(self) -> WordStream:
+        """Return a fresh decoder with its salvage."""
+        from spikingtac.events.formats.evt.words import WordStream
+
+        continuous = self._encoding == "evt3" and self.header.generated_here
+        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
+        return WordStream(decoder, self.losses, self.triggers)
+
+    def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
+        """Return encoding and byte order, from the header or else from the first words."""
+        header = self.header
+        claimed = options.encoding or header.encoding
+        if claimed is None:
+            return self._guessed(path, sample)
+        orders = [header.byte_order] if header.byte_order else ["little", "legacy"]
+        names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
+        if not sample:
+            return claimed, orders[0]
+        name, share = best_candidate(sample, header.size, names)
+        if claimed == "evt21" and not header.byte_order:
+            self._notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
+        if options.encoding is None and share > FOREIGN_SHARE:
+            _refuse_foreign(path, sample, header, name)
+        return claimed, name.partition("/")[2] or "little"
+
+    def _guessed(self, path: Path, sample: bytes) -> tuple[str, str]:
+        if not sample:
+            self._notes.append("the file holds no events")
+            return "evt3", "little"
+        name, share = best_candidate(sample, self.header.size)
+        if share > FOREIGN_SHARE:
+            raise FormatError(
+                f"{str(path)!r} names no encoding in its header, and its words fit none of "
+                f"{', '.join(NAMES.values())}; give one with encoding="
+            )
+        encoding, _, order = name.partition("/")
+        self._notes.append(f"the header names no encoding; {NAMES[encoding]} fits")
+        return encoding, order or "little"
+
+
+def word_decoder(
+    encoding: str, size: tuple[int, int], byte_order: str = "little", continuous: bool = False
+) -> WordDecoder:
+    """Return a fresh decoder.
+
+    Args:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        byte_order: Of EVT2.1 words.
+        continuous: Whether the writer is known to leave no time word out.
+    """
+    if encoding == "evt3":
+        from spikingtac.events.formats.evt.evt3 import Evt3Decoder
+
+        return Evt3Decoder(size, continuous)
+    if encoding == "evt2":
+        from spikingtac.events.formats.evt.evt2 import Evt2Decoder
+
+        return Evt2Decoder(size, continuous)
+    from spikingtac.events.formats.evt.evt21 import Evt21Decoder
+
+    return Evt21Decoder(size, continuous, byte_order)
+
+
+def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:
+    found, share = best_candidate(sample, header.size)
+    if found == claimed or share > SOUND_SHARE:
+        return
+    doubt = implausible_share(sample, claimed, header.size)
+    raise FormatError(
+        f"{str(path)!r}: the header says {_spoken(claimed)}, but the words are {_spoken(found)} "
+        f"({doubt:.0%} of them make no sense as {_spoken(claimed)}); correct the header's "
+        f"'% evt' and '% format' lines, or read it with encoding={found.partition('/')[0]!r}"
+    )
+
+
+def _spoken(candidate: str) -> str:
+    encoding, _, order = candidate.partition("/")
+    return NAMES[encoding] + (f" ({order} byte order)" if order else "")

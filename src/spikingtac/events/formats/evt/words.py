@@ -1,0 +1,112 @@
+"""From bytes to events: carry over what is incomplete, decode, and mend only where it is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.events.formats.codec import Trigger
+from spikingtac.events.formats.evt import clock, salvage
+from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
+from spikingtac.types import LossCounters
+
+ALIGNMENT_SUSPECTS = 4
+"""Unknown or outside words in a chunk from which on the word boundaries are questioned."""
+
+CARRY_LIMIT_BYTES = 1 << 20
+"""Most that is held back until a leap of the time is confirmed."""
+
+
+class WordStream:
+    """Feeds bytes to a decoder; what is wrong is mended and counted.
+
+    Args:
+        decoder: Decoder of one word format.
+        losses: Counters to fill.
+        triggers: Where trigger edges are appended.
+    """
+
+    def __init__(self, decoder: WordDecoder, losses: LossCounters, triggers: list[Trigger]) -> None:
+        self._decoder = decoder
+        self._losses = losses
+        self._triggers = triggers
+        self._carry = np.empty(0, np.uint8)
+        self._out = Columns.empty(0, 0)
+
+    def feed(
+        self, data: bytes, final: bool = False
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return the columns x, y, p and t of the events in the next bytes.
+
+        They are views of buffers that the next call overwrites.
+
+        Args:
+            data: Bytes that follow the ones before.
+            final: Whether nothing follows: incomplete words are counted, not carried over.
+        """
+        decoder = self._decoder
+        buffer = np.frombuffer(data, np.uint8)
+        if len(self._carry):
+            buffer = np.concatenate((self._carry, buffer))
+        end = len(buffer) // decoder.word.itemsize * decoder.word.itemsize
+        words = buffer[:end].view(decoder.word)
+        before = decoder.state.copy()
+        count = self._decode(words)
+        misplaced = int(decoder.state[clock.UNKNOWN] + decoder.state[clock.OUTSIDE])
+        if self._is_suspect(final):
+            decoder.state[:] = before
+            words, end = self._mended(buffer, misplaced >= ALIGNMENT_SUSPECTS)
+            count = self._decode(words)
+            held = int(decoder.state[clock.UNCONFIRMED])
+            if not final and held > 0 and len(buffer) < CARRY_LIMIT_BYTES:
+                decoder.state[:] = before
+                count = self._decode(words[:held])
+                tail = words[held:].view(np.uint8)
+                buffer, end = np.concatenate((tail, buffer[end:])), 0
+        self._carry = np.empty(0, np.uint8) if final else buffer[end:].copy()
+        self._losses.add("truncated", int(final and end < len(buffer)))
+        return self._taken(count)
+
+    def _decode(self, words: NDArray[Any]) -> int:
+        needed = len(words) * self._decoder.events_per_word
+        if len(self._out.x) < needed or len(self._out.triggers) < len(words):
+            self._out = Columns.empty(needed, len(words))
+        return self._decoder.decode(words, self._out)
+
+    def _is_suspect(self, final: bool) -> bool:
+        state = self._decoder.state
+        fallen = state[clock.BACKWARDS] + state[clock.RESET] + state[clock.JUMP]
+        return bool(
+            fallen
+            or state[clock.UNKNOWN] + state[clock.OUTSIDE] >= ALIGNMENT_SUSPECTS
+            or (state[clock.UNCONFIRMED] >= 0 and not final)
+        )
+
+    def _mended(self, buffer: NDArray[np.uint8], misaligned: bool) -> tuple[NDArray[Any], int]:
+        decoder = self._decoder
+        size = decoder.word.itemsize
+        end = len(buffer) // size * size
+        words = buffer[:end].view(decoder.word).copy()
+        if misaligned:
+            suspects = decoder.suspects(buffer)
+            words, end, breaks = salvage.aligned(buffer, suspects, decoder.word)
+            self._losses.add("resynchronised", breaks)
+            unknown = decoder.suspects(words.view(np.uint8))[::size] == decoder.UNKNOWN_TYPE
+            words, blocks = salvage.without_garbage(words, unknown)
+            self._losses.add("garbage", blocks)
+        times = decoder.time_words(words)
+        last = int(decoder.state[clock.HIGH])
+        mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.high_bits)
+        decoder.set_time_words(words, times)
+        self._losses.add("time_glitch", int(mended) + decoder.mended)
+        decoder.mended = 0
+        return words, end
+
+    def _taken(self, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        out, state = self._out, self._decoder.state
+        for t_us, channel, value in out.triggers[: state[clock.TRIGGERS]].tolist():
+            self._triggers.append(Trigger(t_us, channel, bool(value)))
+        clock.take_counts(state, self._losses)
+        return out.x[:count], out.y[:count], out.p[:count], out.t[:count]

@@ -1,0 +1,1 @@
+"""The collision experiment (paper section V-B)."""

@@ -1,0 +1,148 @@
+"""The collision experiment's scene: what is pinned, what is varied, how an approach goes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import digest
+from spikingtac.schema import to_mapping
+from spikingtac.sim.free_motion.free_rig import FreeRig
+from spikingtac.sim.rig.fingers import EDGE, STEPS, VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.rig.probe import ProbeConfig
+from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.walls import PlaneWall, RoundBit
+from spikingtac.sim.scene.scene import CameraChoice
+
+Vector = NDArray[np.float64]
+Load = Literal["lateral", "axial", "across"]
+Past = Literal["released", "rested", "fresh"]
+
+DIRECTIONS: dict[str, tuple[float, float, float]] = {
+    "lateral": (1.0, 0.0, 0.0),
+    "axial": (0.0, 0.0, -1.0),
+    "across": (0.0, 1.0, 0.0),
+}
+"""Load -> direction of the approach in the base frame: along the pads, along the rod, across."""
+
+NEAR_MM = 0.5
+"""Distance from the wall at which the touch before the experiment begins, mm."""
+SETTLE_WINDOWS = 100
+"""Windows of cruising before anything listens: the rod has rung down to a fifth."""
+MARGIN_S = 0.04
+"""Reported speed, cycle, network and servo make the cruise begin so much later at most, s."""
+RELEASED_S = 1.0
+"""From the release of the touch before to the next one, s (contract.md)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CollisionScene:
+    """One set of physics; the defaults are pinned in contract.md.
+
+    Attributes:
+        preset: ``typical`` or ``noisy``: camera and vibration.
+        stickout_mm: Of the probe.
+        contrast: Of marker to ground; None is the preset's.
+        threshold: Of the pixels (log); None is the preset's.
+        load: Where the wall stands.
+        past: What came before: a contact released 1 s ago (pinned), a long rest, or nothing.
+        serial: Which sensor of the series.
+        rig: Pads and arm; probe and vibration are replaced by those above.
+    """
+
+    preset: str = "typical"
+    stickout_mm: float = 40.0
+    contrast: float | None = None
+    threshold: float | None = None
+    load: Load = "lateral"
+    past: Past = "released"
+    serial: int = 1
+    rig: RigConfig = field(default_factory=RigConfig)
+
+    @property
+    def direction(self) -> Vector:
+        """Unit vector ``(3,)`` of the approach, base frame."""
+        return np.array(DIRECTIONS[self.load])
+
+    def finger(self) -> FingerConfig:
+        """Return the sensing finger."""
+        settings: dict[str, Any] = {key: dict(value) for key, value in (EDGE | STEPS).items()}
+        if self.contrast is not None:
+            settings["light"]["contrast"] = self.contrast
+        if self.threshold is not None:
+            settings["pixel"] = {"threshold_on": self.threshold, "threshold_off": self.threshold}
+        history = "fresh" if self.past == "fresh" else "rested"
+        return FingerConfig(
+            camera=self.preset, settings=settings, history=history, serial=self.serial
+        )
+
+    def rig_config(self) -> RigConfig:
+        """Return probe, pads, arm and the preset's vibration."""
+        vibration = replace(self.rig.vibration, rms_mm=VIBRATION_MM[self.preset])
+        probe = ProbeConfig(stickout_mm=self.stickout_mm)
+        return replace(self.rig, probe=probe, vibration=vibration)
+
+    def make_rig(self, seed: int) -> Rig:
+        """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
+        way = self.direction
+        wall = PlaneWall(point_mm=_three(way * RoundBit().radius_mm), normal=_three(-way))
+        finger = SensingFinger(self.finger(), seed)
+        rng = np.random.default_rng(seed)
+        return Rig(self.rig_config(), wall, [finger], -NEAR_MM * way, rng)
+
+    def make_free_rig(self, seed: int, history: Literal["rested", "random"]) -> FreeRig:
+        """Return the fast path of the same sensor and probe, without a wall."""
+        finger = replace(self.finger(), history=history)
+        return FreeRig(self.rig_config(), [finger], [seed], np.random.default_rng(seed))
+
+    def calibration(self, free: FreeRig) -> Calibration:
+        """Return the true calibration of the sensor in the grip."""
+        image = free.images[0]
+        return Calibration(
+            reference_px=image.center_px,
+            radius_px=image.radius_px,
+            grid=self.rig.pad.skin.grid,
+            size=self.finger().optics.size,
+        )
+
+    def resolved(self) -> dict[str, Any]:
+        """Return every value behind the scene, the camera's preset spelled out."""
+        finger = self.finger()
+        choice = CameraChoice(preset=finger.camera, settings=finger.settings)
+        return {
+            "scene": to_mapping(self),
+            "rig": to_mapping(self.rig_config()),
+            "camera": to_mapping(choice.resolve(finger.optics.size)),
+            "optics": to_mapping(finger.optics),
+            "past": {"touch": to_mapping(HistoryTouch()), "released_s": RELEASED_S},
+        }
+
+    def digest(self) -> str:
+        """Return the digest of :meth:`resolved`."""
+        return digest(self.resolved())
+
+
+def run_up_mm(scene: CollisionScene, speed_mm_s: float) -> float:
+    """Return the distance from the start to the wall that lets the probe ring down, mm."""
+    braking = speed_mm_s**2 / (2.0 * scene.rig.arm.acceleration_mm_s2)
+    ramp = speed_mm_s * math.sqrt(speed_mm_s / scene.rig.arm.jerk_mm_s3)
+    listening = speed_mm_s * (SETTLE_WINDOWS * 1e-3 + MARGIN_S)
+    return NEAR_MM + braking + ramp + listening
+
+
+def travel_time_s(scene: CollisionScene, speed_mm_s: float, way_mm: float) -> float:
+    """Return the time from a command to the passing of a place at full speed, s."""
+    arm = scene.rig.arm
+    late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(arm.servo_lag_s))
+    ramp_s = min(arm.acceleration_mm_s2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))
+    return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / arm.acceleration_mm_s2 + ramp_s)
+
+
+def _three(vector: Vector) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z

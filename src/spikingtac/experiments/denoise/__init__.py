@@ -1,0 +1,1 @@
+"""The denoising experiment, and training runs."""

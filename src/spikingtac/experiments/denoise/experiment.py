@@ -1,0 +1,168 @@
+"""The ``denoise`` experiment: which denoiser moves the markers least, under which noise.
+
+Rows: none, median3, box7, the shipped network in float32 and int8, and a network that was trained
+with the simulator's noise-free maps as an upper bound (``supervised``); each with and without the
+event-activity filter. The twin's recordings are rendered without noise and degraded afterwards, so
+that the reference is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from spikingtac.experiments import RunOptions
+from spikingtac.experiments.denoise.cases import (
+    METHODS,
+    UNITS,
+    DenoiseConfig,
+    Samples,
+    report_rows,
+    score_all,
+)
+from spikingtac.experiments.denoise.figures import before_and_after
+from spikingtac.experiments.denoise.recordings import open_v2e, render
+from spikingtac.experiments.denoise.scoring import ACTIVITY
+from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.worker_pool import worker_pool
+from spikingtac.experiments.trials.trials import V2E
+from spikingtac.schema import to_mapping
+
+NAME = "denoise"
+FIRST_SEED = 1001
+"""Added to the run's seed: training uses seeds 1 and 2."""
+FULL_SEEDS = 2
+"""Seeds of a full run."""
+QUICK = {"duration_s": 5.0, "every_us": 500_000}
+"""What a quick run shortens: moments rather than time, since noise gathers in a binary map."""
+GROUPS = {
+    "": "Ten trajectories",
+    "heldout/": "Held-out motion (torsion)",
+    f"{V2E}/": "The v2e recording mix",
+    "fast/": "Fast markers",
+    "slow/": "Slow markers",
+}
+"""What the beginning of a case's name says, in the order of the tables."""
+SAID = (("binary", 1.0, 0.5), ("binary", 0.05, 0.1), ("graded", 1.0, 0.5))
+"""Map, background (Hz/px) and share of dropped events of the cases on the first page."""
+ABOUT = {
+    "none": "the map as it is",
+    "median3": "3x3 median",
+    "box7": "7x7 mean",
+    "network": "the shipped unsupervised network, float32",
+    "network-int8": "the same in int8",
+    "supervised": "SUPERVISED with the simulator's noise-free maps: an upper bound, not a method",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One recording for one process: a scene, or the v2e recording of a folder."""
+
+    config: DenoiseConfig
+    scene: str
+    seed: int
+    data: Path | None = None
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary."""
+    count = options.seeds or (1 if options.quick else FULL_SEEDS)
+    seeds = tuple(FIRST_SEED + options.seed + number for number in range(count))
+    config = replace(DenoiseConfig(seeds=seeds), **(QUICK if options.quick else {}))
+    settings = {"experiment": NAME, "quick": options.quick, **to_mapping(config)}
+    claim(options.output, settings, options.resume)
+    parts = list(_in_processes(_jobs(config, options.data), options))
+    rows = report_rows(parts)
+    report = Report(
+        experiment=NAME,
+        title="Denoising",
+        provenance=provenance(options.command(NAME), settings),
+        rows=rows,
+        findings=findings(rows),
+        tables=_tables(rows),
+        figures=[before_and_after(config)],
+        methods=ABOUT | {f"{ACTIVITY}...": "the same behind the event-activity filter"},
+    )
+    report.write(options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "rows": len(rows),
+        "findings": list(report.findings),
+    }
+
+
+def score_job(job: Job) -> Samples:
+    """Make one recording and score every method in every case on it."""
+    if job.data is not None:
+        return score_all(open_v2e(job.data / V2E), job.config, job.seed)
+    return score_all(render(job.scene, job.seed, job.config.duration_s), job.config, job.seed)
+
+
+def findings(rows: Sequence[Row]) -> list[str]:
+    """Return the sentences that the issue asks for, each with its figures."""
+    said = (
+        _compared(rows, prefix, kind, noise_hz, drop)
+        for prefix in ("", "heldout/", f"{V2E}/")
+        for kind, noise_hz, drop in SAID
+    )
+    return [sentence for sentence in said if sentence]
+
+
+def _compared(
+    rows: Sequence[Row], prefix: str, kind: str, noise_hz: float, drop: float
+) -> str | None:
+    case = f"{prefix}{kind}@{noise_hz}-{drop}"
+
+    def excess(method: str) -> float | None:
+        row = find(rows, ACTIVITY + method, case, "excess_mean_px")
+        return row.value if row else None
+
+    classical = {name: value for name in METHODS[:3] if (value := excess(name)) is not None}
+    network, int8 = excess("network"), excess("network-int8")
+    recall = find(rows, f"{ACTIVITY}network-int8", case, "recall")
+    if not classical or network is None or int8 is None or recall is None or recall.value is None:
+        return None
+    best = min(classical, key=lambda name: classical[name])
+    share = network / classical[best] - 1.0
+    return (
+        f"{GROUPS[prefix]}, {kind} map, {noise_hz:g} Hz/px, {drop:.0%} dropped, the same event "
+        f"filter before every method: excess of the network {network:.3f} px (int8 {int8:.3f} px, "
+        f"recall {recall.value:.4f}), of the best classical filter, {best}, "
+        f"{classical[best]:.3f} px: {abs(share):.0%} {'less' if share < 0 else 'more'} (simulated)."
+    )
+
+
+def _jobs(config: DenoiseConfig, data: Path | None) -> list[Job]:
+    jobs = [Job(config, scene, seed) for scene in config.scenes for seed in config.seeds]
+    if data is not None and (data / V2E / "mix.raw").is_file():
+        jobs.insert(0, Job(config, "mix", config.seeds[0], data))
+    return jobs
+
+
+def _in_processes(jobs: Sequence[Job], options: RunOptions) -> Iterator[Samples]:
+    with worker_pool(options.workers, len(jobs)) as pool:
+        futures = [pool.submit(score_job, job) for job in jobs]
+        for number, future in enumerate(as_completed(futures), 1):
+            future.result()
+            if options.advance:
+                options.advance(number / len(jobs))
+        yield from (future.result() for future in futures)
+
+
+def _tables(rows: Sequence[Row]) -> list[Table]:
+    methods = [prefix + name for prefix in ("", ACTIVITY) for name in METHODS]
+    cases = sorted(dict.fromkeys(row.case for row in rows), key=_place)
+    return [Table.of_case(case, UNITS, methods) for case in cases]
+
+
+def _place(case: str) -> int:
+    before, slash, _ = case.rpartition("/")
+    return list(GROUPS).index(before + slash)

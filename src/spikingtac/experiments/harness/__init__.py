@@ -1,0 +1,1 @@
+"""What every experiment needs: worker processes, run folders, rows, reports."""

@@ -1,0 +1,1 @@
+"""The hole experiment (paper section V-C)."""

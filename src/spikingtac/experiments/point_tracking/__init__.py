@@ -1,0 +1,1 @@
+"""The point-tracking experiment (paper section V-A)."""

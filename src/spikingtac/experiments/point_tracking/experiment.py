@@ -1,0 +1,170 @@
+"""Section V-A: point tracking on ten contact trajectories, beside the baselines and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from spikingtac.experiments import RunOptions, chosen
+from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.published import POINT_TRACKING
+from spikingtac.experiments.harness.report import Report
+from spikingtac.experiments.harness.rows import Row, rows_of
+from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.point_tracking.ablation import (
+    ABLATION_SCENES,
+    ablation_methods,
+    ablation_trials,
+    methods_on,
+)
+from spikingtac.experiments.point_tracking.cases import (
+    ALL,
+    VARIANTS,
+    foreign_trials,
+    main_trials,
+)
+from spikingtac.experiments.point_tracking.figures import deviation_figure, key_point_figure
+from spikingtac.experiments.point_tracking.findings import findings
+from spikingtac.experiments.point_tracking.tables import report_tables
+from spikingtac.experiments.trials.laws import (
+    LAW_MARK,
+    LawMethod,
+    compared_laws,
+    law_rows,
+    neutac_binary,
+)
+from spikingtac.experiments.trials.methods import TRUTH, Method, main_methods
+from spikingtac.experiments.trials.metrics import POINT_METRICS
+from spikingtac.experiments.trials.runner import Work, run_all
+from spikingtac.experiments.trials.trials import V2E, Trial
+from spikingtac.sim.scene.catalog import TRAJECTORIES
+
+NAME = "point-tracking"
+FULL_SEEDS = 5
+"""Seeds of a full run."""
+
+FIGURE_METHODS = ("default", "paper", "evetac", "neutac")
+KEY_POINT_SCENE = "spoon-rubs"
+"""Trajectory of the first figure: repeated contact."""
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary."""
+    table = ablation_methods if options.ablations else all_methods
+    names = chosen((*table(), TRUTH), options.methods)
+    count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
+    settings = {
+        "experiment": NAME,
+        "ablations": options.ablations,
+        "quick": options.quick,
+        "first_seed": options.seed,
+        "seeds": count,
+    }
+    claim(options.output, settings, options.resume)
+    works = [
+        Work(
+            trial=trial,
+            methods=tuple(name for name in names if name in asked),
+            table=table,
+            folder=options.output,
+            data=options.data,
+        )
+        for trial, asked in _trials(options, range(options.seed, options.seed + count))
+    ]
+    records = run_all(works, options.workers, options.advance)
+    report = _report(records, options, settings | {"methods": names}, table())
+    report.write(options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "trials": len(works),
+        "rows": len(report.rows),
+        "findings": list(report.findings),
+    }
+
+
+def all_methods() -> dict[str, Method | LawMethod]:
+    """Return the methods of the main tables, and the laws that take their estimates from them."""
+    methods: dict[str, Method | LawMethod] = {}
+    for name, method in main_methods().items():
+        methods[name] = method
+        if name == "neutac":
+            methods["neutac-binary"] = neutac_binary()
+    return methods | {method.name: method for method in compared_laws()}
+
+
+def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:
+    """Yield the trials, and which methods are asked about each."""
+    if options.ablations:
+        scenes = ABLATION_SCENES[:1] if options.quick else ABLATION_SCENES
+        for trial in ablation_trials(seeds, scenes):
+            yield trial, (*methods_on(trial), TRUTH)
+        return
+    for trial in (*foreign_trials(options.data), *main_trials(seeds, options.quick)):
+        asked_too = trial.camera in ("typical", V2E) and not options.quick
+        left_out = () if asked_too else VARIANTS
+        yield trial, tuple(name for name in (*all_methods(), TRUTH) if name not in left_out)
+
+
+def _report(
+    records: list[dict[str, Any]],
+    options: RunOptions,
+    settings: dict[str, Any],
+    table: Mapping[str, Method | LawMethod],
+) -> Report:
+    names = settings["methods"]
+    laws = [table[name] for name in names if LAW_MARK in name]
+    laws = [method for method in laws if isinstance(method, LawMethod)]
+    rows = [*rows_of(records, POINT_METRICS, POINT_TRACKING, paper_case=ALL), *law_rows(laws)]
+    told = [] if options.ablations else [*findings(rows), *_skipped(options)]
+    return Report(
+        experiment=NAME,
+        title="Point tracking" + (": ablations" if options.ablations else ""),
+        provenance=provenance(options.command(NAME), settings)
+        | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
+        rows=rows,
+        findings=told,
+        tables=report_tables(rows, names),
+        figures=[] if options.ablations else _figures(rows, records, options.output),
+        methods={name: table[name].about for name in names if name in table}
+        | {TRUTH: "knows the truth: what its markers are off at the end is the gel's residual"},
+    )
+
+
+def _skipped(options: RunOptions) -> list[str]:
+    if foreign_trials(options.data):
+        return []
+    return [
+        f"{V2E}/mix was not run: the variable SPIKINGTAC_DATA names no folder with {V2E}/mix.raw."
+    ]
+
+
+def _digests(records: list[dict[str, Any]]) -> dict[str, str]:
+    return {record["trial"]["case"]: record["key"] for record in records}
+
+
+def _figures(
+    rows: Sequence[Row], records: list[dict[str, Any]], folder: Path
+) -> list[tuple[str, str]]:
+    one = [record for record in records if record["trial"]["case"] == KEY_POINT_SCENE]
+    seed = min((record["trial"]["seed"] for record in one), default=0)
+    one = [record for record in one if record["trial"]["seed"] == seed]
+    drawn = ("default", "fast", "paper", "evetac", "neutac", "ekalibr", TRUTH)
+    figures = [
+        (
+            f"Stability of a single key point under repeated contact ({KEY_POINT_SCENE}, "
+            "simulated): displacement of the marker that moves most, as given out by each method.",
+            key_point_figure(one, folder, FIGURE_METHODS),
+        ),
+        (
+            "Deviation from rest at the end of each of the ten sequences (simulated; the paper's "
+            "metric). The row 'truth' is the gel's own residual.",
+            deviation_figure(rows, TRAJECTORIES, drawn, "return_mean_px"),
+        ),
+        (
+            "Error against the truth over each of the ten sequences (simulated).",
+            deviation_figure(rows, TRAJECTORIES, drawn[:-1], "error_mean_px"),
+        ),
+    ]
+    return [(caption, svg) for caption, svg in figures if svg]

@@ -1,0 +1,1 @@
+"""The throughput bench, beside tuned peers."""

@@ -1,0 +1,1 @@
+"""Trials with truth, methods, predictions and metrics."""

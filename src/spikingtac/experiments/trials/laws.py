@@ -1,0 +1,201 @@
+"""Output laws compared on the same kept estimates: none, the published one, the anchored, re-zero.
+
+A law only turns what was detected into what is given out, so that no recording has to be tracked
+again for it: every law sees the same estimates, at the rate at which they are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from spikingtac.config import digest
+from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind
+from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.trials.ground_truth import GroundTruth
+from spikingtac.experiments.trials.prediction import Prediction
+from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig, ReZero, ReZeroConfig
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw, PaperLawConfig
+from spikingtac.schema import to_mapping
+
+LAW = "law"
+"""Case of the rows that no recording stands behind: what a law does to exact detections."""
+
+LAW_MARK = "-law-"
+"""In the names of the laws that are compared on the estimates of one tracker."""
+
+LOOP_PX, LOOP_STEP_PX = 10.0, 0.05
+"""The loop of ``loop_drift_px``: leaves along x, turns, comes back along y, in small steps."""
+
+LAW_METRICS = {
+    "steepest_slope": "largest change of the output per change of the detection",
+    "worst_falsification_px": "largest distance of the output from the detection, where bounded",
+    "loop_drift_px": f"output after exact detections went {LOOP_PX:g} px along x, back along y",
+}
+"""Metric of the case :data:`LAW` -> its definition."""
+
+GAMMAS, DELTAS_PX = (0.3, 0.5, 0.7, 1.0), (2.0, 4.0, 6.0)
+"""Sweep of the published law."""
+
+ANCHORED_GAMMAS = (0.15, 0.3, 0.5, 0.7)
+ANCHORED_DELTAS_PX = ((0.5, 1.5), (0.75, 2.0), (1.0, 3.0), (2.0, 4.0))
+"""Sweep of the anchored law: γ, and (δ1, δ2)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawMethod:
+    """A law on top of another method's estimates.
+
+    Attributes:
+        name: Row of the report.
+        about: One line.
+        of: The method whose estimates it takes.
+        law: Makes the law.
+        settings: Everything that was chosen.
+    """
+
+    name: str
+    about: str
+    of: str
+    law: Callable[[], OutputLaw]
+    settings: Any
+
+    def key(self) -> str:
+        """Return the digest of configuration and code; that of ``of`` stands beside it."""
+        code = code_digest(modules_behind(("markers/hysteresis.py", "experiments/trials/laws.py")))
+        return digest({"name": self.name, "of": self.of, "law": self.settings, "code": code})
+
+
+def under_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
+    """Return a prediction as a law would have given it out.
+
+    Re-zero is told by the truth when nothing touches the skin: the best that a contact detector
+    could do for it. Before the first release it stays frozen.
+    """
+    at_us = prediction.t_us[:, None]
+    free = (at_us >= truth.free_us[:, 0]) & (at_us < truth.free_us[:, 1])
+    touched = np.logical_not(np.any(free, axis=1))
+    given = np.empty_like(prediction.detected_px)
+    for number, (t_us, detected) in enumerate(
+        zip(prediction.t_us.tolist(), prediction.detected_px.astype(np.float64), strict=True)
+    ):
+        if isinstance(law, ReZero):
+            law.observe(t_us, bool(touched[number]))
+        given[number] = law.update(detected, prediction.reference_px)
+    return replace(prediction, position_px=given)
+
+
+def compared_laws(of: str = "default") -> list[LawMethod]:
+    """Return the laws of the main tables on one method's estimates."""
+    return [
+        _paper(f"{of}-law-paper", of, PaperLawConfig()),
+        _anchored(f"{of}-law-anchored", of, AnchoredLawConfig()),
+        LawMethod(
+            name=f"{of}-law-rezero",
+            about="anchored law around a zero that learns the residue between contacts",
+            of=of,
+            law=ReZero,
+            settings=to_mapping(ReZeroConfig()),
+        ),
+    ]
+
+
+def neutac_binary() -> LawMethod:
+    """Return NeuTac's second variant: on the binary map it is ``paper`` without its law."""
+    return LawMethod(
+        name="neutac-binary",
+        about="binary map, detection, no law: the estimates of paper before its law",
+        of="paper",
+        law=NoLaw,
+        settings={},
+    )
+
+
+def swept_laws(of: str = "default") -> list[LawMethod]:
+    """Return the sweep of the published law's γ and δ, and of the anchored law's."""
+    published = [
+        _paper(
+            f"{of}-law-paper-{gamma:g}-{delta:g}", of, PaperLawConfig(gamma=gamma, delta_px=delta)
+        )
+        for gamma in GAMMAS
+        for delta in DELTAS_PX
+    ]
+    anchored = [
+        _anchored(
+            f"{of}-law-anchored-{gamma:g}-{near:g}-{far:g}",
+            of,
+            AnchoredLawConfig(gamma=gamma, delta1_px=near, delta2_px=far),
+        )
+        for gamma in ANCHORED_GAMMAS
+        for near, far in ANCHORED_DELTAS_PX
+    ]
+    return [*published, *anchored]
+
+
+def law_rows(methods: Iterable[LawMethod]) -> Iterator[Row]:
+    """Yield what each law does to exact detections: slope, falsification, drift on a loop."""
+    for method in methods:
+        law = method.law()
+        slope, falsified_px = _bounds(law)
+        yield _row(method.name, "steepest_slope", slope, "px/px")
+        yield _row(method.name, "worst_falsification_px", falsified_px, "px")
+        yield _row(method.name, "loop_drift_px", loop_drift_px(law), "px")
+
+
+def loop_drift_px(law: OutputLaw) -> float:
+    """Return how far from zero a law ends after a closed loop of exact detections, px."""
+    out = np.arange(0.0, LOOP_PX, LOOP_STEP_PX)
+    turn = np.arange(0.0, 0.5 * np.pi, LOOP_STEP_PX / LOOP_PX)
+    none = np.zeros_like(out)
+    x = np.concatenate([out, LOOP_PX * np.cos(turn), none, [0.0]])
+    y = np.concatenate([none, LOOP_PX * np.sin(turn), out[::-1], [0.0]])
+    rest = np.zeros((1, 2))
+    law.reset()
+    given = rest
+    for point in zip(x.tolist(), y.tolist(), strict=True):
+        given = law.update(np.array([point]), rest)
+    return float(np.hypot(*given[0]))
+
+
+def _bounds(law: OutputLaw) -> tuple[float, float | None]:
+    if isinstance(law, AnchoredLaw):
+        return law.config.steepest_slope, law.config.worst_falsification_px
+    if isinstance(law, ReZero):
+        config = law.config
+        return config.map.steepest_slope, config.map.worst_falsification_px + config.reach_px
+    return 1.0, 0.0 if isinstance(law, NoLaw) else None
+
+
+def _paper(name: str, of: str, config: PaperLawConfig) -> LawMethod:
+    about = f"published law, gamma {config.gamma:g}, delta {config.delta_px:g} px"
+    return LawMethod(
+        name=name, about=about, of=of, law=lambda: PaperLaw(config), settings=to_mapping(config)
+    )
+
+
+def _anchored(name: str, of: str, config: AnchoredLawConfig) -> LawMethod:
+    span = f"{config.delta1_px:g} to {config.delta2_px:g} px"
+    return LawMethod(
+        name=name,
+        about=f"anchored law, gamma {config.gamma:g}, {span}",
+        of=of,
+        law=lambda: AnchoredLaw(config),
+        settings=to_mapping(config),
+    )
+
+
+def _row(method: str, metric: str, value: float | None, unit: str) -> Row:
+    return Row(
+        method=method,
+        case=LAW,
+        metric=metric,
+        value=value,
+        unit=unit,
+        n=1,
+        source="twin",
+        paper=None,
+        definition=LAW_METRICS[metric],
+    )

@@ -1,0 +1,155 @@
+"""The methods that an experiment compares: name -> tracker, and all that it depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
+from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import Config, digest, load_config
+from spikingtac.denoise.registry import make_denoiser
+from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind
+from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.schema import to_mapping
+from spikingtac.types import EventPacket
+
+Builder = Callable[[Calibration], MarkerTracker]
+Before = Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]]
+
+_GRADED = ("markers/graded/tracker.py", "markers/hysteresis.py")
+_BLOBS = (
+    "markers/published/blob_tracker.py",
+    "denoise/classical.py",
+    "denoise/infer.py",
+    "denoise/weights",
+)
+OWN_CODE: dict[str, tuple[str, ...]] = {
+    "disc": ("markers/graded/disc_locator.py", *_GRADED),
+    "centroid": ("markers/graded/centroid_locator.py", *_GRADED),
+    "blobs": _BLOBS,
+}
+"""``tracking.method`` -> the modules that its tracker is assembled from."""
+
+READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
+"""What of a calibration a tracker reads that knows neither steps nor contrast nor lag."""
+
+EVETAC_HZ = 500.0
+"""How often Evetac's dots are looked at; they move in slices of 1 ms whatever this is."""
+
+TRUTH = "truth"
+"""The method that knows the truth: its return distance is the gel's own residual."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A tracker as an experiment runs it.
+
+    Attributes:
+        name: Row of the report.
+        about: One line.
+        rate_hz: Estimates per second of data time.
+        build: Makes the tracker for one calibration.
+        settings: Everything that was chosen, for the digest and the report.
+        code: Modules that it is assembled from; what these import counts as well.
+        reads: What of the calibration it reads; empty is everything.
+        before: Works on the events before the tracker sees them; None is nothing.
+    """
+
+    name: str
+    about: str
+    rate_hz: float
+    build: Builder
+    settings: Any
+    code: tuple[str, ...]
+    reads: tuple[str, ...] = ()
+    before: Before | None = field(default=None)
+
+    def key(self) -> str:
+        """Return the digest of configuration and code."""
+        about = {"name": self.name, "rate_hz": self.rate_hz, "settings": self.settings}
+        code = code_digest(modules_behind((*self.code, "pipeline/follow.py")))
+        return digest({"method": about, "code": code})
+
+
+def preset(name: str, preset_name: str | None = None, about: str = "") -> Method:
+    """Return one of the project's own presets as a method."""
+    config = load_config(preset_name or name)
+    return of_config(name, about, config)
+
+
+def of_config(name: str, about: str, config: Config) -> Method:
+    """Return the tracker of a configuration as a method."""
+    return Method(
+        name=name,
+        about=about,
+        rate_hz=config.tracking.rate_hz,
+        build=lambda calibration: make_tracker(config.tracking, calibration),
+        settings=to_mapping(config.tracking),
+        code=OWN_CODE[config.tracking.method],
+        reads=READ_BY_BASELINES if config.tracking.method == "blobs" else (),
+    )
+
+
+def _evetac(name: str, about: str, config: EvetacConfig) -> Method:
+    return Method(
+        name=name,
+        about=about,
+        rate_hz=EVETAC_HZ,
+        build=lambda calibration: EvetacTracker(config, calibration),
+        settings=to_mapping(config),
+        code=("baselines/evetac.py",),
+        reads=READ_BY_BASELINES,
+    )
+
+
+def _neutac(name: str, about: str, config: NeutacConfig) -> Method:
+    denoiser = load_config("paper").tracking.denoiser
+    return Method(
+        name=name,
+        about=f"{about}, denoiser {denoiser}",
+        rate_hz=config.rate_hz,
+        build=lambda calibration: neutac_tracker(config, calibration, make_denoiser(denoiser)),
+        settings={"denoiser": denoiser, **to_mapping(config)},
+        code=("baselines/neutac.py", *_BLOBS),
+        reads=READ_BY_BASELINES,
+    )
+
+
+def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
+    return Method(
+        name=name,
+        about=about,
+        rate_hz=config.rate_hz,
+        build=lambda calibration: EkalibrTracker(config, calibration),
+        settings=to_mapping(config),
+        code=("baselines/ekalibr.py",),
+        reads=READ_BY_BASELINES,
+    )
+
+
+def main_methods() -> dict[str, Method]:
+    """Return the methods of the main table, in its order (``truth`` is added by the runner)."""
+    methods = (
+        preset("default", about="graded map, disc fit, no law"),
+        preset("fast", about="graded map, centroids, 10 kHz"),
+        preset("paper", about="filter of lone events and refreshed map (ours), binary map, "
+                              "network, blobs, k-d tree, hold, published law, 350 Hz"),
+        as_published("paper-printed", "the same without filter and refresh, as printed"),
+        _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
+        _evetac("evetac-strong", "attraction law, strong regulariser", EvetacConfig.strong()),
+        _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
+        _ekalibr("ekalibr", "arcs paired, circle that moves in time", EkalibrConfig()),
+    )  # fmt: skip
+    return {method.name: method for method in methods}
+
+
+def as_published(name: str, about: str) -> Method:
+    """Return the preset ``paper`` without what is ours in it: the filter, the refreshed map."""
+    config = load_config("paper")
+    blobs = replace(config.tracking.blobs, support_us=0, refresh_us=0)
+    return of_config(name, about, config.with_tracking(blobs=blobs))

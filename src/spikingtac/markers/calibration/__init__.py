@@ -1,0 +1,1 @@
+"""Learn rest positions and appearance of the markers from a recording."""

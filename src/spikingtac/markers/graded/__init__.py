@@ -1,0 +1,1 @@
+"""The presets default and fast: locate markers in the graded map."""

@@ -1,0 +1,57 @@
+"""What a tracker begins with: a profile and a map painted from the calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX, DiscProfile
+from spikingtac.state_map.graded import STEP_DEFAULT, GradedStateMap
+
+LAG_DEFAULT_US = 500.0
+"""Delay of the events where nothing was calibrated: 150 us of latency and a 2 kHz photoreceptor's
+mean time constant (the twin's preset ``typical``)."""
+
+
+def profile_of(calibration: Calibration) -> DiscProfile:
+    """Return the calibrated profile, or the default for what was not calibrated."""
+    return DiscProfile(
+        contrast=calibration.contrast or CONTRAST_DEFAULT,
+        edge_px=calibration.edge_px or EDGE_DEFAULT_PX,
+    )
+
+
+def painted_graded_map(calibration: Calibration, profile: DiscProfile) -> GradedStateMap:
+    """Return the graded map of a sensor at rest, with the calibrated steps."""
+    width, height = calibration.size
+    start = np.zeros((height, width), np.float32)
+    for center_px, radius_px in zip(calibration.reference_px, calibration.radius_px, strict=True):
+        _paint_disc(start, center_px, float(radius_px), profile)
+    return GradedStateMap(
+        start,
+        _steps(calibration.step_on_map, calibration.step_on),
+        _steps(calibration.step_off_map, calibration.step_off),
+        dark_markers=calibration.polarity == "dark",
+    )
+
+
+def _paint_disc(
+    levels: np.ndarray, center_px: np.ndarray, radius_px: float, profile: DiscProfile
+) -> None:
+    height, width = levels.shape
+    reach = radius_px + profile.reach_px
+    x, y = center_px
+    columns = np.arange(max(0, int(x - reach)), min(width, int(x + reach) + 2))
+    rows = np.arange(max(0, int(y - reach)), min(height, int(y + reach) + 2))
+    if not (columns.size and rows.size):
+        return
+    distance = np.hypot(columns[np.newaxis, :] - x, rows[:, np.newaxis] - y)
+    patch = levels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    np.maximum(patch, profile.level(distance - radius_px), out=patch)
+
+
+def _steps(step_map: np.ndarray | None, step: float | None) -> np.ndarray | float:
+    fallback = step or STEP_DEFAULT
+    if step_map is None:
+        return fallback
+    return np.where(step_map > 0.0, step_map, fallback).astype(np.float32)

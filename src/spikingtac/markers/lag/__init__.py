@@ -1,0 +1,1 @@
+"""How far the events are behind the motion."""

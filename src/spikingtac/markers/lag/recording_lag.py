@@ -1,0 +1,77 @@
+"""The lag of a whole recording: track it, then look where the tracked edges stood."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError
+from spikingtac.events.source import EventSource
+from spikingtac.events.windows import windows
+from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
+from spikingtac.markers.lag.estimate import LagConfig, LagEstimate, estimate_lag
+from spikingtac.markers.lag.photoreceptor import EdgeProfile
+from spikingtac.markers.tracker import MarkerTracker
+
+PERIOD_US = 1_000
+"""Time between tracked positions: at 100 px/s an edge moves by 0.1 px."""
+
+
+def recording_lag(
+    source: EventSource,
+    tracker: MarkerTracker,
+    calibration: Calibration,
+    config: LagConfig | None = None,
+) -> LagEstimate:
+    """Return how late a tracker's positions are, without knowing the truth.
+
+    Args:
+        source: A recording of markers in motion; it is read twice.
+        tracker: Made for this calibration, with its own lag correction at 0.
+        calibration: With radii, contrast and edge.
+        config: Priors and limits of the estimate.
+
+    Raises:
+        ConfigError: The calibration has no contrast or no edge width.
+    """
+    if calibration.contrast is None or calibration.edge_px is None:
+        raise ConfigError(
+            "the lag needs contrast and edge_px in the calibration; "
+            "calibrate from a recording of slides first"
+        )
+    track = _tracked(source, tracker, calibration)
+    observer = CrossingObserver(track, source.size)
+    for packet in source:
+        observer.absorb(packet)
+    edge = EdgeProfile(contrast=calibration.contrast, edge_px=calibration.edge_px)
+    return estimate_lag(observer.crossings, edge, config)
+
+
+def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
+    """Return the lag of a recording of slides, us, or None where it cannot be seen.
+
+    The recording is tracked by the disc fit, without any lag correction of its own.
+
+    Args:
+        source: The slides; read twice.
+        calibration: What the slides taught so far.
+    """
+    locator = DiscLocator(DiscLocatorConfig(), calibration)
+    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0), calibration)
+    estimate = recording_lag(source, tracker, calibration)
+    return estimate.lag_us if estimate.samples else None
+
+
+def _tracked(source: EventSource, tracker: MarkerTracker, calibration: Calibration) -> MarkerTrack:
+    t_us: list[int] = []
+    center_px = []
+    for window in windows(source, PERIOD_US):
+        tracker.absorb(window)
+        frame = tracker.estimate(window.t_end_us)
+        t_us.append(window.t_end_us)
+        center_px.append(np.where(frame.held[:, None], np.nan, frame.detected_px))
+    places = np.array(center_px).reshape(len(t_us), len(calibration.radius_px), 2)
+    dark = calibration.polarity == "dark"
+    return MarkerTrack(np.array(t_us, np.int64), places, calibration.radius_px, dark)

@@ -1,0 +1,1 @@
+"""The published pipeline: blobs, association, hold."""

@@ -1,0 +1,225 @@
+"""The published front end, one screen: map, denoiser, blobs, association, hold, output law.
+
+Paper sections IV-A to IV-C. Two things are ours, and optional: a filter of lone events before the
+map, and that the cleaned map goes back into the map now and then, so that noise cannot gather. The
+error against truth is dominated by the bias of the last-polarity map
+(:mod:`spikingtac.state_map.binary`), which no later stage can see: about 1 px in motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.markers.graded.periodic_task import PeriodicTask
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.markers.published.associate import UNMATCHED, associate
+from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.state_map.state_map import StateMap
+from spikingtac.types import EventPacket, MarkerFrame
+
+PAPER_RATE_HZ = 350
+"""Estimates per second of the published tracker (paper, abstract and section VI)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BlobTrackerConfig:
+    """What the paper leaves open in its front end, relative to the calibrated markers.
+
+    Attributes:
+        threshold: Level at which the cleaned map is binarised (ours: half-way).
+        min_area_share: Smallest blob, as a share of the smallest calibrated disc (ours: one half. A
+            smaller piece of a disc need not contain its centre; at a sudden release such pieces of
+            the erased footprint lie nearer than the marker and would capture its identity).
+        max_area_share: Largest blob, as a share of the largest calibrated disc (ours: motion
+            stretches a marker in the map and noise clumps it; two merged markers pass as well: the
+            nearer one takes their joint centroid at a confidence of one half, the other is held).
+        proximity_share: Association threshold as a share of the smallest distance between two
+            resting markers (ours: one half, beyond which a neighbour could be nearer than the
+            marker itself).
+        support_us: Window of a background-activity filter before the map, us; 0 is none, as
+            published (ours: nothing else keeps leak, which is always ON, from painting a map of
+            last polarities white).
+        refresh_us: Time after which the cleaned, binarised map replaces the map, us; 0 is never, as
+            published (ours: a map of last polarities forgets nothing, so that noise fills it within
+            seconds, while one network's errors in a tenth of a second are few).
+    """
+
+    threshold: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
+    min_area_share: float = field(default=0.5, metadata={"range": (0.05, 0.95)})
+    max_area_share: float = field(default=2.5, metadata={"range": (1.05, 6.0)})
+    proximity_share: float = field(default=0.5, metadata={"range": (0.1, 1.0)})
+    support_us: int = field(default=0, metadata={"range": (0, 100_000)})
+    refresh_us: int = field(default=0, metadata={"range": (0, 1_000_000)})
+
+    def __post_init__(self) -> None:
+        for name, none in (("support_us", "no filter"), ("refresh_us", "never")):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"{name} is {getattr(self, name)}, valid is 0 ({none}) or above")
+        if not 0.0 < self.min_area_share < 1.0 < self.max_area_share:
+            raise ConfigError(
+                f"min_area_share {self.min_area_share} and max_area_share {self.max_area_share} "
+                "must lie on either side of 1 and above 0"
+            )
+        if not self.proximity_share > 0.0:
+            raise ConfigError(f"proximity_share is {self.proximity_share}, it must be positive")
+
+
+class BlobTracker:
+    """Follows markers by detecting blobs in the state map, as published.
+
+    A marker without a blob of its own keeps its last position (zero-order hold) and is flagged
+    ``held`` with confidence 0; otherwise the confidence is the ratio of its blob's area to that of
+    its calibrated disc, or the inverse where that is smaller.
+    """
+
+    def __init__(
+        self,
+        config: BlobTrackerConfig,
+        calibration: Calibration,
+        denoiser: Denoiser,
+        state_map: StateMap | None = None,
+        law: OutputLaw | None = None,
+    ) -> None:
+        """Assemble the tracker; nothing is computed yet.
+
+        Args:
+            config: What the paper leaves open.
+            calibration: Where the markers rest; their map is painted from it.
+            denoiser: Cleans the map before it is binarised (section IV-B).
+            state_map: The map to use; None is the paper's binary map, painted.
+            law: From detected to given position; None gives out what was detected.
+
+        Raises:
+            ConfigError: ``refresh_us`` is not 0, and the map is not a binary one.
+        """
+        self._config = config
+        self._calibration = calibration
+        self._denoiser = denoiser
+        self._map = state_map or painted_binary_map(calibration)
+        self._refreshed = _refreshable(self._map, config.refresh_us)
+        self._law = law or NoLaw()
+        disc_px = np.pi * calibration.radius_px**2
+        self._disc_area_px: NDArray[np.float64] = disc_px
+        self._detector = BlobDetector(
+            calibration.size,
+            BlobConfig(
+                threshold=config.threshold,
+                min_area_px=config.min_area_share * float(disc_px.min()),
+                max_area_px=config.max_area_share * float(disc_px.max()),
+            ),
+        )
+        self._proximity_px = config.proximity_share * smallest_spacing_px(calibration.reference_px)
+        self._detected_px = calibration.reference_px.astype(np.float64)
+        self._start()
+
+    @property
+    def state_map(self) -> StateMap:
+        """The map as it stands; to be read, for a display or a picture, and not changed."""
+        return self._map
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take in every event of the next stretch of time.
+
+        Raises:
+            CalibrationError: The recording comes from a sensor of another size.
+        """
+        if packet.size != self._calibration.size:
+            raise CalibrationError(
+                f"the recording is {packet.size[0]}x{packet.size[1]}, the calibration is for "
+                f"{self._calibration.size[0]}x{self._calibration.size[1]}; calibrate this sensor: "
+                "spikingtac calibrate RECORDING -o calibration.json"
+            )
+        self._map.absorb(packet if self._filter is None else self._filter(packet))
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return the markers at ``t_us``, the end of what was absorbed."""
+        cleaned = self._denoiser.clean(self._map.values)
+        blobs = self._detector.detect(cleaned)
+        # Its first turn, after 0 s, passes: a map that was just painted needs no mending.
+        if self._refreshed is not None and self._refreshing.turn_s(t_us):
+            self._refreshed.repaint(cleaned >= self._config.threshold)
+        match = associate(self._detected_px, blobs.center_px, self._proximity_px)
+        held, confidence = np.empty(len(match), np.bool_), np.empty(len(match))
+        _take_kernel(
+            match,
+            (blobs.center_px, blobs.area_px),
+            self._disc_area_px,
+            self._detected_px,
+            held,
+            confidence,
+        )
+        reference_px = self._calibration.reference_px
+        position_px = self._law.update(self._detected_px, reference_px)
+        return MarkerFrame(
+            t_us=t_us,
+            detected_px=self._detected_px.copy(),
+            position_px=position_px,
+            displacement_px=position_px - reference_px,
+            held=held,
+            confidence=confidence,
+        )
+
+    def reset(self) -> None:
+        """Forget everything but the calibration: the markers rest, the map is as painted."""
+        self._map.reset()
+        self._law.reset()
+        self._detected_px = self._calibration.reference_px.astype(np.float64)
+        self._start()
+
+    def _start(self) -> None:
+        self._filter = self._new_filter()
+        self._refreshing = PeriodicTask(self._config.refresh_us)
+
+    def _new_filter(self) -> BackgroundActivityFilter | None:
+        if not self._config.support_us:
+            return None
+        settings = BackgroundActivityConfig(window_us=self._config.support_us)
+        return BackgroundActivityFilter(settings, self._calibration.size)
+
+
+@njit(cache=True, nogil=True)
+def _take_kernel(
+    match: NDArray[np.int64],
+    blobs: tuple[NDArray[np.float64], NDArray[np.float64]],
+    disc_area_px: NDArray[np.float64],
+    detected_px: NDArray[np.float64],
+    held: NDArray[np.bool_],
+    confidence: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Move each marker to its blob, if it has one; ``blobs`` are their centres and areas."""
+    center_px, area_px = blobs
+    for m in range(match.size):
+        blob = match[m]
+        held[m] = blob == UNMATCHED
+        confidence[m] = 0.0
+        if not held[m]:
+            detected_px[m, 0], detected_px[m, 1] = center_px[blob, 0], center_px[blob, 1]
+            share = area_px[blob] / disc_area_px[m]
+            confidence[m] = min(share, 1.0 / share)
+
+
+def _refreshable(state_map: StateMap, refresh_us: int) -> BinaryStateMap | None:
+    if not refresh_us:
+        return None
+    if not isinstance(state_map, BinaryStateMap):
+        raise ConfigError(
+            f"refresh_us is {refresh_us}, but only the binary map can be refreshed; set it to 0"
+        )
+    return state_map
+
+
+def painted_binary_map(calibration: Calibration) -> BinaryStateMap:
+    """Return the binary map of a sensor at rest, ready to absorb events of its polarity."""
+    start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
+    return BinaryStateMap(calibration.size, start, dark_markers=calibration.polarity == "dark")

@@ -1,0 +1,56 @@
+"""The trackers and the output laws by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.denoise.registry import make_denoiser
+from spikingtac.errors import named
+from spikingtac.markers.anchored_law import AnchoredLaw
+from spikingtac.markers.graded.centroid_locator import CentroidLocator
+from spikingtac.markers.graded.disc_locator import DiscLocator
+from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw
+from spikingtac.markers.published.blob_tracker import BlobTracker
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.tracking_config import TrackingConfig
+
+Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
+
+
+def _disc(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
+    return GradedTracker(DiscLocator(config.disc, calibration), config.care, calibration, law)
+
+
+def _centroid(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
+    locator = CentroidLocator(config.centroid, calibration)
+    return GradedTracker(locator, config.care, calibration, law)
+
+
+def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
+    return BlobTracker(config.blobs, calibration, make_denoiser(config.denoiser), law=law)
+
+
+TRACKERS: dict[str, Builder] = {"disc": _disc, "centroid": _centroid, "blobs": _blobs}
+"""``tracking.method`` -> builder."""
+
+
+def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTracker:
+    """Build the tracker that a configuration names, for one sensor.
+
+    Raises:
+        ConfigError: The method, the denoiser or the law is unknown.
+    """
+    build = named(TRACKERS, config.method, "tracking method")
+    return build(config, calibration, make_law(config))
+
+
+def make_law(config: TrackingConfig) -> OutputLaw:
+    """Build the output law that a configuration names."""
+    laws: dict[str, Callable[[], OutputLaw]] = {
+        "none": NoLaw,
+        "paper": lambda: PaperLaw(config.paper_law),
+        "anchored": lambda: AnchoredLaw(config.anchored_law),
+    }
+    return named(laws, config.hysteresis, "hysteresis law")()

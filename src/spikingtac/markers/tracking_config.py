@@ -1,0 +1,41 @@
+"""How markers are followed: the settings of every tracking method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac.markers.graded.centroid_locator import CentroidLocatorConfig
+from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
+from spikingtac.markers.graded.tracker import MaintenanceConfig
+from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrackingConfig:
+    """How markers are followed; the registry says which methods there are.
+
+    Attributes:
+        method: ``disc``, ``centroid`` or ``blobs``.
+        rate_hz: Estimates per second of data time.
+        hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
+        denoiser: For ``blobs``: ``none``, ``median3``, ``box7``, ``network`` or ``network-int8``.
+        disc: For ``disc``.
+        centroid: For ``centroid``.
+        blobs: For ``blobs``.
+        care: For ``disc`` and ``centroid``.
+        paper_law: For the law ``paper``.
+        anchored_law: For the law ``anchored``.
+    """
+
+    method: str = "disc"
+    rate_hz: float = 1_000.0
+    hysteresis: str = field(default="none", metadata={"choices": ("none", "paper", "anchored")})
+    denoiser: str = field(default="box7", metadata={"choices": ("none", "median3", "box7")})
+    disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
+    centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
+    blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
+    care: MaintenanceConfig = field(default_factory=MaintenanceConfig)
+    paper_law: PaperLawConfig = field(default_factory=PaperLawConfig)
+    anchored_law: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)

@@ -1,0 +1,1 @@
+"""The pipeline: events in, marker frames out."""

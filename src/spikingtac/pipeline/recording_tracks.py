@@ -1,0 +1,114 @@
+"""From a recording on disk to tracks on disk: the work behind ``spikingtac track``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac._version import package_version
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError
+from spikingtac.events.formats.file_source import FileSource
+from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.follow import follow
+from spikingtac.schema import to_mapping
+from spikingtac.tracks import create_tracks
+from spikingtac.types import MarkerFrame
+
+
+def track_to_file(
+    source: FileSource,
+    output: str | Path,
+    config: TrackingConfig,
+    calibration: Calibration,
+    advance: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:
+    """Track a recording at constant memory and write the tracks.
+
+    Args:
+        source: The recording, from :func:`spikingtac.open_events`.
+        output: ``.npz`` or ``.csv`` file to write.
+        config: How markers are followed.
+        calibration: The sensor's calibration.
+        advance: Told the share that is done, 0 to 1.
+
+    Returns:
+        A summary: counts, largest displacement, markers never observed, anomalies.
+
+    Raises:
+        CalibrationError: The recording's size is not the calibration's.
+    """
+    _check_sizes(source.size, calibration.size)
+    tracker = make_tracker(config, calibration)
+    writer = create_tracks(output, calibration.reference_px)
+    counts = _Counts(len(calibration.reference_px))
+    for frame in follow(source, tracker, config.rate_hz):
+        writer.write(frame)
+        counts.add(frame)
+        if counts.estimates % PROGRESS_EVERY == 0:
+            advance(source.progress)
+    writer.close(_provenance(source, config))
+    return {
+        **counts.summary(),
+        "rate_hz": config.rate_hz,
+        "anomalies": dict(source.losses.kinds()),
+        "output": str(output),
+    }
+
+
+def _check_sizes(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
+    if recorded != calibrated:
+        raise CalibrationError(
+            f"the recording is {recorded[0]}x{recorded[1]}, the calibration is for "
+            f"{calibrated[0]}x{calibrated[1]}; calibrate this sensor: "
+            "spikingtac calibrate RECORDING -o calibration.json"
+        )
+
+
+def _provenance(source: FileSource, config: TrackingConfig) -> dict[str, Any]:
+    return {
+        "config": {"tracking": to_mapping(config)},
+        "input": source.path.name,
+        "input_sha256": _file_digest(source.path) if source.path.is_file() else None,
+        "package_version": package_version(),
+        "losses": dict(source.losses.kinds()),
+    }
+
+
+PROGRESS_EVERY = 64
+"""Estimates between two reports of progress."""
+
+
+class _Counts:
+    def __init__(self, markers: int) -> None:
+        self.estimates = 0
+        self._held = np.zeros(markers, np.int64)
+        self._largest_px = 0.0
+
+    def add(self, frame: MarkerFrame) -> None:
+        self.estimates += 1
+        self._held += frame.held
+        largest2 = float((frame.displacement_px**2).sum(axis=1).max(initial=0.0))
+        self._largest_px = max(self._largest_px, largest2**0.5)
+
+    def summary(self) -> dict[str, Any]:
+        markers = len(self._held)
+        total = max(self.estimates * markers, 1)
+        never = np.flatnonzero(self._held == self.estimates) if self.estimates else []
+        return {
+            "markers": markers,
+            "estimates": self.estimates,
+            "held_share": float(self._held.sum() / total),
+            "displacement_max_px": self._largest_px,
+            "never_observed": [int(marker) for marker in never],
+        }
+
+
+def _file_digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

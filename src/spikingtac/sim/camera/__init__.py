@@ -1,0 +1,1 @@
+"""The event camera: pixels, light, noise and readout."""

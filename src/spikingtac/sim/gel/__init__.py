@@ -1,0 +1,1 @@
+"""The gel: contact, friction, elastic layer and creep."""

@@ -1,0 +1,193 @@
+"""The gel: what an indenter's motion does to the markers, with creep, friction and memory.
+
+A layer of shear modulus mu and thickness h, bonded to the window that the camera looks through;
+the markers are taken to move with its free surface (the black skin is part of the layer).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, Touch
+from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
+from spikingtac.sim.gel.greens import GridConfig, LayerOperator
+from spikingtac.sim.gel.indenters import Indenter
+from spikingtac.sim.gel.inertia import InertiaConfig, Ringing, shear_resonance_hz
+from spikingtac.sim.gel.interpolation import MarkerInterpolation
+from spikingtac.sim.optics.states import SkinState
+from spikingtac.types import Pose
+
+Field = NDArray[np.float64]
+
+FORGOTTEN_MM = 1e-5
+"""Stored creep below this counts as none (1.6e-4 px, a thousandth of any tracker's error)."""
+US_PER_S = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelConfig:
+    """The gel, as pinned in the contract.
+
+    Attributes:
+        shear_modulus_kpa: Instantaneous shear modulus mu, kPa (tactile gels: 20 to 60).
+        thickness_mm: Thickness h of gel and skin together, mm.
+        spectrum: Retarded compliances.
+        friction: Friction between skin and indenter.
+        grid: Cells of the mechanics.
+        inertia: Ringing after a sudden release.
+    """
+
+    shear_modulus_kpa: float = 30.0
+    thickness_mm: float = 3.0
+    spectrum: SpectrumConfig = field(default_factory=SpectrumConfig)
+    friction: FrictionConfig = field(default_factory=FrictionConfig)
+    grid: GridConfig = field(default_factory=GridConfig)
+    inertia: InertiaConfig = field(default_factory=InertiaConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("shear_modulus_kpa", "thickness_mm"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+
+
+class Gel:
+    """A gel with markers, stepped in time.
+
+    Example:
+        >>> gel = Gel(GelConfig(), np.zeros((1, 2)))
+        >>> gel.step(0.004, None, None).in_contact
+        False
+    """
+
+    def __init__(self, config: GelConfig, marker_rest_mm: Field) -> None:
+        """Build the gel at rest.
+
+        Args:
+            config: Its properties.
+            marker_rest_mm: ``(m, 2)`` markers at rest (x right, y down), mm.
+        """
+        grid = config.grid
+        self._config = config
+        self._compliance = KPA_PER_MPA / config.shear_modulus_kpa
+        self._layer = LayerOperator(grid, config.thickness_mm)
+        self._touch = Touch(grid, self._layer, config.friction)
+        self._creep = CreepChain(config.spectrum, (3, grid.cells, grid.cells))
+        self._markers = MarkerInterpolation(grid, marker_rest_mm)
+        self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
+        resonance = shear_resonance_hz(config.shear_modulus_kpa, config.thickness_mm)
+        self._ringing = Ringing(resonance, config.inertia.damping, self._rest.shape)
+        self._displacement = np.zeros((3, grid.cells, grid.cells))
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to a gel at rest that nothing has touched, at time zero."""
+        self._t_s = 0.0
+        self._resting = True
+        self._displacement[:] = 0.0
+        self._touch.release()
+        self._creep.reset()
+        self._ringing.reset()
+
+    @property
+    def pressure_mpa(self) -> Field:
+        """``(n, n)`` contact pressure on the cells, N/mm²."""
+        return self._touch.traction[2]
+
+    @property
+    def shear_mpa(self) -> Field:
+        """``(2, n, n)`` shear along x and y of the body on the skin, N/mm²."""
+        return self._touch.traction[:2]
+
+    @property
+    def displacement_mm(self) -> Field:
+        """``(3, n, n)`` displacement of the cells along x, y and towards the camera, mm."""
+        return self._displacement
+
+    @property
+    def in_contact(self) -> bool:
+        """True where any pressure acts."""
+        return bool(self._touch.traction[2].any())
+
+    @property
+    def resting(self) -> bool:
+        """True while nothing touches and what creep has left is negligible."""
+        return self._resting
+
+    def step(self, dt_s: float, indenter: Indenter | None, pose: Pose | None) -> SkinState:
+        """Advance the gel and return its markers.
+
+        Args:
+            dt_s: Length of the step, s (ours: 2 to 4 ms; a quarter period to show ringing).
+            indenter: The body that may touch, or None.
+            pose: Where that body is at the end of the step, or None.
+
+        Raises:
+            SpikingTacError: The contact covers more of the grid than can be solved.
+            ValueError: The step is not positive.
+        """
+        if not dt_s > 0:
+            raise ValueError(f"dt_s is {dt_s}, it must be positive")
+        self._t_s += dt_s
+        if indenter is None or pose is None or pose.position_mm[2] <= self._lowest_mm():
+            self._recover(dt_s)
+        else:
+            self._advance(dt_s, indenter, pose)
+        return self._state(dt_s, pose)
+
+    def _lowest_mm(self) -> float:
+        return 0.0 if self._resting else float(self._displacement[2].min())
+
+    def _advance(self, dt_s: float, indenter: Indenter, pose: Pose) -> None:
+        history = self._creep.history(dt_s)
+        compliance = self._compliance * self._creep.compliance(dt_s)
+        moved = self._touch.press(indenter, pose, history, self._displacement, compliance)
+        if moved is None:
+            self._recover(dt_s)
+            return
+        self._resting = False
+        self._creep.advance(dt_s, self._compliance * moved)
+        self._displacement = compliance * moved + history
+
+    def _recover(self, dt_s: float) -> None:
+        """Let the gel creep back with nothing touching it."""
+        self._touch.release()
+        if self._resting:
+            return
+        self._displacement = self._creep.history(dt_s)
+        self._creep.advance(dt_s, None)
+        if self._creep.largest_mm() < FORGOTTEN_MM:
+            self._creep.reset()
+            self._displacement[:] = 0.0
+            self._resting = True
+
+    def _state(self, dt_s: float, pose: Pose | None) -> SkinState:
+        moved, gradient = self._markers.at_markers(self._displacement)
+        if self._config.inertia.enabled:
+            moved = self._ringing.follow(dt_s, moved)
+        force, torque = self._load()
+        return SkinState(
+            t_us=round(self._t_s * US_PER_S),
+            marker_mm=self._rest + moved,
+            gradient=gradient + np.eye(2),
+            force_n=force,
+            torque_n_mm=torque,
+            pose_mm=np.full(3, np.nan) if pose is None else pose.position_mm.copy(),
+            in_contact=self.in_contact,
+        )
+
+    def _load(self) -> tuple[Field, Field]:
+        """Return the force and the moment of the body on the skin, N and N mm."""
+        if not self.in_contact:
+            return np.zeros(3), np.zeros(3)
+        grid = self._config.grid
+        cells = self._touch.cells
+        force = self._touch.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
+        place = self._displacement.reshape(3, -1)[:, cells].copy()
+        rows, columns = np.divmod(cells, grid.cells)
+        place[0] += grid.axis_mm[columns]
+        place[1] += grid.axis_mm[rows]
+        x, y, z = place @ force.T  # sums of place times force, components by components
+        return force.sum(axis=1), np.array([y[2] - z[1], z[0] - x[2], x[1] - y[0]])

@@ -1,0 +1,123 @@
+"""Where a body presses, and how hard: unilateral contact by constrained conjugate gradients.
+
+Source: Polonsky & Keer, Wear 231 (1999) 206-219, doi:10.1016/S0043-1648(99)00113-1, with the
+indentation prescribed instead of the force, and with the product of the compliance and the
+pressure taken over the cells in question only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from spikingtac.sim.gel.influence import Matrix, Vector, product_kernel
+
+SMALLEST_SQUARE = np.float32(1e-30)
+"""Keeps the first quotient of squared errors finite."""
+
+
+@njit(cache=True, nogil=True)
+def error_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
+    """Return the largest violation of the contact conditions, and the squared error inside.
+
+    Args:
+        error: ``(c,)`` displacement less indentation, mm.
+        pressure: ``(c,)``, N/mm².
+    """
+    worst = np.float32(0.0)
+    square = np.float32(0.0)
+    for i in range(len(error)):
+        if pressure[i] > 0.0:
+            worst = max(worst, abs(error[i]))
+            square += error[i] * error[i]
+        else:
+            worst = max(worst, -error[i])
+    return worst, square
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def dot_kernel(one: Vector, other: Vector) -> np.float32:
+    """Return the inner product of two ``(c,)`` vectors."""
+    total = np.float32(0.0)
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def move_kernel(
+    compliance: Matrix, error: Vector, direction: Vector, step: np.float32, pressure: Vector
+) -> tuple[bool, bool]:
+    """Go one step, keep pressures positive, and load empty cells that overlap.
+
+    Args:
+        compliance: ``(room, room)``, mm per N/mm².
+        error: ``(c,)`` displacement less indentation, mm.
+        direction: ``(c,)`` in which to go, zero for empty cells.
+        step: How far to go.
+        pressure: ``(c,)``, changed in place, N/mm².
+
+    Returns:
+        Whether a cell was added, and whether a pressure was cut at zero.
+    """
+    zero = np.float32(0.0)
+    added = False
+    bent = False
+    for i in range(len(pressure)):
+        wanted = pressure[i] - step * direction[i]
+        if wanted <= zero and error[i] < zero:
+            wanted = -error[i] / compliance[i, i]
+            added = True
+        bent = bent or wanted < zero
+        pressure[i] = max(wanted, zero)
+    return added, bent
+
+
+@njit(cache=True, nogil=True)
+def pressure_kernel(
+    compliance: Matrix,
+    indentation: Vector,
+    pressure: Vector,
+    tolerance: float,
+    most_iterations: int,
+) -> int:
+    """Find p >= 0 with compliance @ p >= indentation, equal where p > 0.
+
+    Args:
+        compliance: ``(room, room)`` matrix whose leading c by c part is symmetric and positive
+            definite, mm per N/mm².
+        indentation: ``(c,)`` how far the body reaches into each cell's unloaded surface, mm.
+        pressure: ``(c,)`` first guess, overwritten by the solution, N/mm².
+        tolerance: Largest error of the indentation, mm.
+        most_iterations: Where to stop at the latest.
+
+    Returns:
+        Number of iterations done.
+    """
+    zero = np.float32(0.0)
+    for i in range(len(pressure)):  # a slice assignment would compile for seconds
+        pressure[i] = max(pressure[i], zero)
+    direction = np.zeros(len(pressure), np.float32)
+    error = product_kernel(compliance, pressure) - indentation
+    previous = np.float32(1.0)
+    conjugate = zero
+    for iteration in range(most_iterations):
+        worst, square = error_kernel(error, pressure)
+        if worst <= tolerance:
+            return iteration
+        conjugate *= square / previous
+        previous = max(square, SMALLEST_SQUARE)
+        for i in range(len(pressure)):
+            inside = pressure[i] > zero
+            direction[i] = error[i] + conjugate * direction[i] if inside else zero
+        response = product_kernel(compliance, direction)
+        curvature = dot_kernel(response, direction)
+        step = dot_kernel(error, direction) / curvature if curvature > zero else zero
+        added, bent = move_kernel(compliance, error, direction, step, pressure)
+        # New cells end the old conjugacy; a cell that was let go does not (Polonsky & Keer).
+        conjugate = zero if added else np.float32(1.0)
+        if added or bent:
+            error = product_kernel(compliance, pressure) - indentation
+        else:
+            error -= step * response
+    return most_iterations

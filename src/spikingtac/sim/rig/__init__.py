@@ -1,0 +1,1 @@
+"""The robot rig: arm, grasped probe, gel pads and walls."""

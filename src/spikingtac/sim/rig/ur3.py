@@ -1,0 +1,200 @@
+"""A kinematic UR3 behind the :class:`~spikingtac.robot.arm.Arm` protocol.
+
+It models what decides how far the tool overshoots: the network, the controller's cycle with a
+phase of its own, the servo's lag, a stop with limited deceleration and jerk, and a reported pose
+that is up to one cycle old and repeats only within the arm's repeatability. Values: contract.md
+"Pinned physics"; at 180 mm/s a perfect sensor overshoots 6.2 mm on average, 7.6 mm at most.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.arm import ArmState
+from spikingtac.sim.rig.braking import Segment, plan_move, plan_stop
+from spikingtac.types import Pose
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class UR3Config:
+    """How the twin of the UR3 moves (twin.md, section 4).
+
+    Attributes:
+        cycle_s: Period of the controller, s (125 Hz for CB3, 0.002 for e-Series).
+        network_s: Delay from the computer to the controller, s.
+        servo_lag_s: Least and greatest lag of the axes behind their set points, s (uniform).
+        acceleration_mm_s2: Acceleration of ``movel``, mm/s2 (URScript's default, 1.2 m/s2).
+        deceleration_mm_s2: Deceleration of a stop, mm/s2.
+        jerk_mm_s3: Jerk limit of every motion, mm/s3.
+        repeatability_mm: Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
+        speed_limit_mm_s: Fastest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
+    """
+
+    cycle_s: float = 0.008
+    network_s: float = 0.003
+    servo_lag_s: tuple[float, float] = (0.004, 0.012)
+    acceleration_mm_s2: float = 1200.0
+    deceleration_mm_s2: float = 8000.0
+    jerk_mm_s3: float = 500_000.0
+    repeatability_mm: float = 0.028
+    speed_limit_mm_s: float = 1000.0
+
+
+class UR3Twin:
+    """The arm whose clock is the twin's: time passes only through :meth:`advance_to`.
+
+    Args:
+        config: Its dynamics.
+        start_mm: Where it stands at first, mm.
+        rng: Source of phase, lag and repeatability.
+    """
+
+    def __init__(self, config: UR3Config, start_mm: Vector, rng: np.random.Generator) -> None:
+        self._config = config
+        self._rng = rng
+        self._now_us = 0
+        self._phase_s = rng.uniform(0.0, config.cycle_s)
+        self._lag_s = rng.uniform(*config.servo_lag_s)
+        self._reading_mm = self._new_reading()
+        self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
+        self._trouble: ArmState | None = None
+
+    def forked(self) -> UR3Twin:
+        """Return an arm that goes on from here by itself: what if it were told to stop then?"""
+        other = copy.copy(self)
+        other._segments = list(self._segments)
+        return other
+
+    def advance_to(self, t_us: int) -> None:
+        """Let the time pass until ``t_us``; it never goes back."""
+        if t_us < self._now_us:
+            raise ValueError(f"the twin's clock stands at {self._now_us} us, not before {t_us} us")
+        self._now_us = t_us
+
+    def position_at_mm(self, t_us: float) -> Vector:
+        """Return the true position ``(3,)`` at a time up to now (or planned beyond), mm."""
+        setpoint_s = t_us * 1e-6 - self._lag_s
+        return self._segment(setpoint_s).position_mm(setpoint_s)
+
+    def true_position_mm(self) -> Vector:
+        """Return the true position ``(3,)`` now, mm."""
+        return self.position_at_mm(self._now_us)
+
+    def pose(self) -> Pose:
+        """Return the pose of the last controller cycle, with the error of this reading.
+
+        The error is drawn once per motion, so that reading twice gains nothing.
+        """
+        self._require_connection()
+        return Pose(position_mm=self.position_at_mm(self._last_tick_us()) + self._reading_mm)
+
+    def speed_mm_s(self) -> Vector:
+        """Return the tool's velocity ``(3,)`` at the last controller cycle, mm/s."""
+        self._require_connection()
+        setpoint_s = self._last_tick_us() * 1e-6 - self._lag_s
+        return self._segment(setpoint_s).velocity_mm_s(setpoint_s)
+
+    def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
+        """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
+        target = _checked_target(target_mm, speed_mm_s, self._config.speed_limit_mm_s)
+        state = self.state()
+        if state is not ArmState.IDLE:
+            raise DeviceError(
+                f"the arm cannot start a motion: it is in state {state.value!r}; "
+                "stop it, or clear its fault, and wait until it is idle"
+            )
+        self._lag_s = self._rng.uniform(*self._config.servo_lag_s)
+        self._reading_mm = self._new_reading()
+        start_s = self._pickup_s()
+        limits = (speed_mm_s, self._config.acceleration_mm_s2, self._config.jerk_mm_s3)
+        here = self._segments[-1].position_mm(start_s)
+        self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
+
+    def stop(self) -> None:
+        """Brake from the next cycle on; see :class:`~spikingtac.robot.arm.Arm`."""
+        self._require_connection()
+        self._brake(self._pickup_s())
+
+    def state(self) -> ArmState:
+        """Return what the arm did at the last controller cycle."""
+        if self._trouble is not None:
+            return self._trouble
+        at_rest = self._last_tick_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
+        return ArmState.IDLE if at_rest else ArmState.MOVING
+
+    def close(self) -> None:
+        """Stop and disconnect."""
+        if self._trouble is not ArmState.DISCONNECTED:
+            self.stop()
+            self._trouble = ArmState.DISCONNECTED
+
+    def place(self, position_mm: Vector) -> None:
+        """Stand elsewhere at once; for free travel that is not worth simulating.
+
+        Raises:
+            DeviceError: The arm is not at rest.
+        """
+        if self.state() is not ArmState.IDLE:
+            raise DeviceError(f"only an arm at rest can be placed, it is {self.state().value!r}")
+        self._segments = [Segment(-1.0, np.array(position_mm, np.float64), np.zeros(3))]
+
+    def protective_stop(self) -> None:
+        """Let the controller stop by itself, as on a limit of force; :meth:`recover` clears it."""
+        self._brake(self._pickup_s() - self._config.network_s)
+        self._trouble = ArmState.PROTECTIVE_STOP
+
+    def recover(self) -> None:
+        """Clear a protective stop."""
+        if self._trouble is ArmState.PROTECTIVE_STOP:
+            self._trouble = None
+
+    def _brake(self, start_s: float) -> None:
+        last = self._segments[-1]
+        if start_s < last.end_s and start_s >= last.start_s:
+            config = self._config
+            stop = plan_stop(start_s, last, config.deceleration_mm_s2, config.jerk_mm_s3)
+            if stop.end_s < last.end_s:
+                self._segments.append(stop)
+        elif start_s < last.start_s:
+            self._segments[-1] = Segment(start_s, last.origin_mm, np.zeros(3))
+
+    def _segment(self, setpoint_s: float) -> Segment:
+        for segment in reversed(self._segments):
+            if setpoint_s >= segment.start_s:
+                return segment
+        return self._segments[0]
+
+    def _pickup_s(self) -> float:
+        """Controller time of the first cycle at which a command sent now can act, s."""
+        arrival_s = self._now_us * 1e-6 + self._config.network_s
+        cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
+        return self._phase_s + cycles * self._config.cycle_s
+
+    def _last_tick_us(self) -> float:
+        cycle_s = self._config.cycle_s
+        cycles = math.floor((self._now_us * 1e-6 - self._phase_s) / cycle_s)
+        return (self._phase_s + cycles * cycle_s) * 1e6
+
+    def _new_reading(self) -> Vector:
+        return self._rng.normal(0.0, self._config.repeatability_mm, 3)
+
+    def _require_connection(self) -> None:
+        if self._trouble is ArmState.DISCONNECTED:
+            raise DeviceError("the arm is not connected any more; make a new one")
+
+
+def _checked_target(target_mm: Vector, speed_mm_s: float, limit_mm_s: float) -> Vector:
+    target = np.asarray(target_mm, np.float64)
+    if target.shape != (3,) or not np.isfinite(target).all():
+        raise ConfigError(f"the target is {target_mm!r}, it must be three finite numbers in mm")
+    if not 0.0 < speed_mm_s <= limit_mm_s:
+        raise ConfigError(f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {limit_mm_s}")
+    return target

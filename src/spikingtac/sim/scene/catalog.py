@@ -1,0 +1,74 @@
+"""The scenes that come with the package, by name."""
+
+from __future__ import annotations
+
+import importlib.resources
+import os
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.schema import read_toml
+
+if TYPE_CHECKING:
+    from spikingtac.sim.scene.scene import Scene
+
+TRAJECTORIES = (
+    "finger-presses",
+    "finger-slides",
+    "finger-torsion",
+    "spoon-rubs",
+    "comb-slides",
+    "spoon-circles",
+    "finger-circles",
+    "drag-release",
+    "finger-rolls",
+    "mixed",
+)
+"""The ten contact trajectories of the point-tracking experiment (§V-A); the seventh is the one of
+localised circular finger motions, as in the paper."""
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all scenes: the ten trajectories first, the others in order."""
+    stored = sorted(path.name for path in _folder().iterdir() if path.name.endswith(".toml"))
+    rest = (name.removesuffix(".toml") for name in stored)
+    return (*TRAJECTORIES, *(name for name in rest if name not in TRAJECTORIES))
+
+
+def descriptions() -> dict[str, str]:
+    """Return name -> what it is, for all scenes, without building any of them."""
+    return {name: str(read_toml(_path(name)).get("about", "")) for name in names()}
+
+
+def load(name: str | Path) -> Scene:
+    """Return a scene by name, or from a TOML file.
+
+    Example:
+        >>> load("quiet").duration_s
+        3.0
+
+    Raises:
+        ConfigError: There is no such name or file, or the file does not fit; names the nearest
+            scene, or the key and its valid values.
+    """
+    from spikingtac.sim.scene.scene import load_scene  # with the gel's kernels behind it
+
+    text = str(name)
+    if text in names():
+        return load_scene(_path(text))
+    if not text.endswith(".toml") and os.sep not in text:
+        raise ConfigError(
+            f"no scene {text!r}{nearest(text, names())} "
+            f"(valid: {', '.join(names())}, or the path of a TOML file)"
+        )
+    return load_scene(name)
+
+
+def _path(name: str) -> Path:
+    return Path(str(_folder() / f"{name}.toml"))
+
+
+def _folder() -> Traversable:
+    return importlib.resources.files("spikingtac") / "configs" / "scenes"

@@ -1,0 +1,198 @@
+"""How an indenter moves: timed segments, from approach to release, as a pure function of time.
+
+Positions are mm in the skin's frame (x right, y down); the third coordinate is the depth of the
+indenter's deepest point, positive inside the gel and negative clear of it. Every segment starts
+and ends at rest.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim.scene.segments import SegmentConfig
+from spikingtac.types import Pose
+
+FRAME = "skin"
+"""Name of the frame in which indenter poses are given."""
+
+CLEARANCE_MM = 1.0
+"""Height above the skin from which a motion starts and to which a lift goes, unless told."""
+
+RELEASE_S = 0.005
+"""Duration of a sudden release (ours: a snag that lets go within one frame of a fast camera)."""
+
+RAMP_FRACTION = 0.2
+"""Share of a trapezoid's duration spent on speeding up, and the same again on slowing down."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionConfig:
+    """Where an indenter starts, clear of the skin, and the segments that follow.
+
+    Attributes:
+        x_mm: Start, to the right of the optical axis, mm.
+        y_mm: Start, below the optical axis, mm.
+        yaw_deg: Heading of the indenter about the normal, degrees from x towards y.
+        height_mm: Clearance at the start, mm.
+        segments: What happens, in order.
+    """
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    yaw_deg: float = 0.0
+    height_mm: float = CLEARANCE_MM
+    segments: tuple[SegmentConfig, ...] = ()
+
+
+class Motion:
+    """A motion that can be asked for its pose at any time.
+
+    Example:
+        >>> press = SegmentConfig(kind="press", depth_mm=0.8, duration_s=0.5)
+        >>> motion = Motion(MotionConfig(height_mm=0.2, segments=(press,)))
+        >>> motion.pose(0.25).position_mm
+        array([0. , 0. , 0.3])
+    """
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._starts_s = [0.0]
+        pose = _start_pose(config)
+        self._legs: list[tuple[SegmentConfig, Pose, float]] = []
+        for segment in config.segments:
+            duration = segment_duration_s(segment, pose)
+            self._legs.append((segment, pose, duration))
+            self._starts_s.append(self._starts_s[-1] + duration)
+            pose = segment_pose(segment, pose, 1.0)
+        self._end = pose
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first segment's start to the last one's end, s."""
+        return self._starts_s[-1]
+
+    @property
+    def segment_starts_s(self) -> tuple[float, ...]:
+        """Start of every segment, then the end of the last, s."""
+        return tuple(self._starts_s)
+
+    def pose(self, t_s: float) -> Pose:
+        """Return the pose at ``t_s``; before the start and after the end it stays."""
+        index = bisect.bisect_right(self._starts_s, t_s) - 1
+        if index >= len(self._legs):
+            return self._end
+        segment, start, duration = self._legs[max(index, 0)]
+        elapsed = max(t_s - self._starts_s[max(index, 0)], 0.0)
+        return segment_pose(segment, start, elapsed / duration if duration > 0 else 1.0)
+
+
+def minimum_jerk(fraction: float) -> float:
+    """Return the covered share of a stroke at a share of its time (Flash & Hogan 1985)."""
+    return fraction**3 * (10.0 + fraction * (6.0 * fraction - 15.0))
+
+
+def trapezoid(fraction: float) -> float:
+    """Return the covered share of a stroke with constant speed between two ramps."""
+    mirrored = min(fraction, 1.0 - fraction)
+    peak = 1.0 / (1.0 - RAMP_FRACTION)
+    if mirrored < RAMP_FRACTION:
+        covered = 0.5 * peak * mirrored**2 / RAMP_FRACTION
+    else:
+        covered = peak * (mirrored - 0.5 * RAMP_FRACTION)
+    return covered if fraction <= 0.5 else 1.0 - covered
+
+
+_PROFILES: dict[str, tuple[Callable[[float], float], float]] = {
+    "minimum_jerk": (minimum_jerk, 1.875),  # its peak speed over its mean: 30/16 at mid-stroke
+    "trapezoid": (trapezoid, 1.0 / (1.0 - RAMP_FRACTION)),
+}
+
+
+def segment_duration_s(segment: SegmentConfig, start: Pose) -> float:
+    """Return how long a segment takes, from its duration or its peak speed, s."""
+    if segment.duration_s is not None:
+        return segment.duration_s
+    peak_over_mean = _PROFILES[segment.profile][1]
+    if segment.speed_deg_s is not None:
+        return abs(segment.angle_deg or 0.0) * peak_over_mean / segment.speed_deg_s
+    if segment.speed_mm_s is not None:
+        return _path_mm(segment, start) * peak_over_mean / segment.speed_mm_s
+    return RELEASE_S
+
+
+def segment_pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
+    """Return the pose at a share of a segment's time.
+
+    Args:
+        segment: The segment.
+        start: Pose where it begins.
+        fraction: Share of its duration that has passed, 0 to 1.
+    """
+    covered = _covered(segment, min(max(fraction, 0.0), 1.0))
+    position = start.position_mm + _offset_mm(segment, start, covered)
+    turn = _turn(segment, covered)
+    return Pose(position, start.rotation if turn is None else turn @ start.rotation, FRAME)
+
+
+def rotation_about(axis: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
+    """Return the ``(3, 3)`` rotation about a unit axis ``(3,)`` (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle_rad) * cross + (1.0 - math.cos(angle_rad)) * cross @ cross
+
+
+def _start_pose(config: MotionConfig) -> Pose:
+    position = np.array([config.x_mm, config.y_mm, -config.height_mm])
+    yaw = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(config.yaw_deg))
+    return Pose(position, yaw, FRAME)
+
+
+def _covered(segment: SegmentConfig, fraction: float) -> float:
+    profile = _PROFILES[segment.profile][0]
+    if segment.kind != "rub":
+        return profile(fraction)
+    strokes = 2 * (segment.repeats or 1)
+    stroke = min(int(fraction * strokes), strokes - 1)
+    along = profile(fraction * strokes - stroke)
+    return along if stroke % 2 == 0 else 1.0 - along
+
+
+def _offset_mm(segment: SegmentConfig, start: Pose, covered: float) -> NDArray[np.float64]:
+    offset = np.array([segment.dx_mm or 0.0, segment.dy_mm or 0.0, 0.0]) * covered
+    if segment.kind in ("lift", "release"):
+        height = CLEARANCE_MM if segment.height_mm is None else segment.height_mm
+        offset[2] = (-height - start.position_mm[2]) * covered
+    elif segment.depth_mm is not None:
+        offset[2] = (segment.depth_mm - start.position_mm[2]) * covered
+    elif segment.kind == "circle":
+        radius, heading = segment.radius_mm or 0.0, math.radians(segment.heading_deg or 0.0)
+        angle = heading + 2.0 * math.pi * (segment.turns or 0.0) * covered
+        offset[0] = radius * (math.cos(heading) - math.cos(angle))
+        offset[1] = radius * (math.sin(heading) - math.sin(angle))
+    return offset
+
+
+def _turn(segment: SegmentConfig, covered: float) -> NDArray[np.float64] | None:
+    if segment.kind == "twist":
+        angle = math.radians(segment.angle_deg or 0.0) * covered
+        return rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+    if segment.kind == "roll":
+        dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
+        distance = math.hypot(dx, dy)
+        if distance > 0.0:
+            # The body's centre lies at z < 0: this turn moves its contact point backwards.
+            axis = np.array([dy, -dx, 0.0]) / distance
+            return rotation_about(axis, distance * covered / (segment.radius_mm or 1.0))
+    return None
+
+
+def _path_mm(segment: SegmentConfig, start: Pose) -> float:
+    if segment.kind == "circle":
+        return 2.0 * math.pi * (segment.radius_mm or 0.0) * abs(segment.turns or 0.0)
+    strokes = 2 * (segment.repeats or 1) if segment.kind == "rub" else 1
+    return strokes * float(np.linalg.norm(_offset_mm(segment, start, 1.0)))

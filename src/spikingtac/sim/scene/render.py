@@ -1,0 +1,126 @@
+"""A scene as a recording folder: events, truth and manifest, the same bytes for the same seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.recording import MANIFEST, TRUTH, Recording, RecordingWriter
+from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.source import SceneSource
+
+NAMES = ("events.raw", TRUTH, MANIFEST)
+"""Files of the recording folder of one sensor."""
+
+SOURCE = "twin"
+"""What the manifest of a simulation names as its source."""
+
+
+def simulate(
+    scene: Scene,
+    folder: str | Path,
+    *,
+    seed: int = 0,
+    duration_s: float | None = None,
+    overwrite: bool = False,
+    advance: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
+    """Render a scene into a recording folder.
+
+    Memory does not grow with the scene. A folder that is cut short by an error or an interrupt is
+    left without the files.
+
+    Args:
+        scene: What happens.
+        folder: Folder to write: ``events.raw`` (EVT3), ``truth.npz``, ``manifest.json``.
+        seed: Of the variations and of the camera's noise.
+        duration_s: Length; None is the scene's own.
+        overwrite: Write also into a folder that holds something else than a simulation.
+        advance: Is told the share that is done, 0 to 1.
+
+    Returns:
+        Folder, duration, and numbers of events and markers, for whoever reports them.
+
+    Raises:
+        ConfigError: The seed or the duration is out of range, or the folder holds something else.
+        RecordingError: The folder cannot be written.
+    """
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}, it must not be negative")
+    if duration_s is not None and not 0 < duration_s < math.inf:
+        raise ConfigError(f"duration_s is {duration_s}, it must be positive and finite")
+    target = _prepared(Path(folder), overwrite)
+    source = SceneSource(scene, seed, duration_s)
+    events = 0
+    try:
+        with RecordingWriter(target, source.size) as writer:
+            writer.set_truth("reference_px", source.reference_px.astype(np.float32))
+            writer.set_truth("radius_px", source.radius_px.astype(np.float32))
+            for step in source.steps():
+                writer.write(step.packet)
+                writer.append_truth(asdict(step.truth))
+                events += len(step.packet)
+                if advance is not None and source.t_end_us:
+                    advance(step.packet.t_end_us / source.t_end_us)
+            writer.losses.update(source.losses)
+            writer.describe(**description(source, events))
+    except BaseException:
+        for name in NAMES:
+            (target / name).unlink(missing_ok=True)
+        raise
+    assert source.t_end_us is not None
+    return {
+        "folder": str(target),
+        "duration_s": source.t_end_us / 1e6,
+        "events": events,
+        "markers": len(source.reference_px),
+        "scene_sha256": scene.digest(),
+    }
+
+
+def description(source: SceneSource, events: int) -> dict[str, Any]:
+    """Return what the manifest says of a simulation; when and where it ran is not in it."""
+    scene = source.scene
+    camera = scene.camera.resolve(scene.size)
+    return {
+        "source": SOURCE,
+        "grid": list(scene.skin.grid),
+        "t_start_us": 0,
+        "t_end_us": source.t_end_us,
+        "events": events,
+        "seed": source.seed,
+        "contrast": camera.light.contrast,
+        "threshold_on": camera.pixel.threshold_on,
+        "threshold_off": camera.pixel.threshold_off,
+        "scene": scene.resolved(),
+        "scene_sha256": scene.digest(),
+    }
+
+
+def _prepared(folder: Path, overwrite: bool) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = sorted(path.name for path in folder.iterdir())
+    except OSError as error:
+        raise RecordingError(
+            f"cannot write the folder {str(folder)!r}: {error.strerror}"
+        ) from error
+    if held and not overwrite and not _is_simulation(folder):
+        raise ConfigError(
+            f"the folder {str(folder)!r} holds {held[0]!r} and is no simulation; "
+            "choose an empty or a new one, or give --overwrite to write into it"
+        )
+    return folder
+
+
+def _is_simulation(folder: Path) -> bool:
+    try:
+        return Recording.open(folder).manifest.get("source") == SOURCE
+    except RecordingError:
+        return False

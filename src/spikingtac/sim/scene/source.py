@@ -1,0 +1,154 @@
+"""A scene as a stream: gel, optics and camera step together, packets and truth come out."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.gel.gel import Gel
+from spikingtac.sim.optics.projection import Optics
+from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.scene.prefetch import prefetch
+from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.timeline import Timeline, earlier_drag_mm
+from spikingtac.sim.scene.truth import TruthChunk, image_radius_px
+from spikingtac.types import EventPacket, LossCounters
+
+STEPS_AHEAD = 64
+"""Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz)."""
+
+
+STEP_MM = 0.2
+"""How far a body may move in one step of the gel (ours): 50 mm/s at 250 Hz; a sudden release is
+faster and gets shorter steps."""
+
+STEPS_PER_PERIOD = 8
+"""Most steps in one period: 0.5 ms at 250 Hz, about the time in which a shear wave crosses the gel,
+faster than which no skin snaps back."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneStep:
+    """One step of a scene: the events of a stretch of time, and the truth over it."""
+
+    packet: EventPacket
+    truth: TruthChunk
+
+
+class SceneSource:
+    """A simulated sensor: an :class:`~spikingtac.events.source.EventSource` with ground truth.
+
+    Memory does not grow with the scene's length. The simulation goes on where it was left, so it
+    can be iterated once.
+
+    Args:
+        scene: What happens.
+        seed: Of the variations and of the camera's noise; equal seeds give equal events.
+        duration_s: None is the scene's own length; a shorter one cuts it, a longer one repeats
+            its contacts; ``math.inf`` never ends.
+
+    Attributes:
+        size: ``(width, height)`` of the sensor, px.
+        losses: Events that the readout lost, by kind.
+        t_end_us: Where the stream ends, us, or None.
+        reference_px: ``(m, 2)`` markers at rest, px.
+        radius_px: ``(m,)`` radii on the image at rest, px.
+
+    Example:
+        >>> from spikingtac.sim.scene import catalog
+        >>> source = SceneSource(catalog.load("quiet"), seed=1, duration_s=0.01)
+        >>> [packet.t_end_us for packet in source]
+        [4000, 8000, 12000]
+    """
+
+    def __init__(self, scene: Scene, seed: int = 0, duration_s: float | None = None) -> None:
+        self.scene, self.seed = scene, seed
+        self.size = scene.size
+        self._timeline = Timeline(scene, seed, duration_s)
+        self._period_us = round(1e6 / scene.mechanics_hz)
+        self._count = _step_count(self._timeline.duration_s, self._period_us)
+        self.t_end_us = None if self._count is None else self._count * self._period_us
+        self._gel = Gel(scene.gel, scene.skin.rest_mm())
+        self._optics = Optics(scene.optics, seed=scene.skin.serial)
+        camera = scene.camera.resolve(scene.size)
+        self._camera = EventCamera(camera, seed, serial=scene.skin.serial)
+        rest = self._optics.project(scene.skin.at_rest())
+        self.reference_px: NDArray[np.float64] = rest.center_px
+        self.radius_px: NDArray[np.float64] = image_radius_px(rest)
+        self._steps = self._run()
+
+    @property
+    def losses(self) -> LossCounters:
+        """Events that the readout lost so far, by kind."""
+        return self._camera.losses
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        for step in self._steps:
+            yield step.packet
+
+    def steps(self) -> Generator[SceneStep, None, None]:
+        """Yield the packets together with the truth over their spans."""
+        return self._steps
+
+    def _run(self) -> Generator[SceneStep, None, None]:
+        frames = prefetch(self.frames(), STEPS_AHEAD)
+        state, image = next(frames)
+        with contextlib.closing(frames):
+            self._condition()
+            for next_state, next_image in frames:
+                packet = self._camera.advance([next_image])
+                yield SceneStep(packet, TruthChunk.of_step(state, image, next_image))
+                state, image = next_state, next_image
+
+    def film(self, images: Iterable[MarkerImage]) -> Iterator[EventPacket]:
+        """Yield what the camera makes of images that were prepared; see :meth:`frames`."""
+        self._condition()
+        for image in itertools.islice(images, 1, None):
+            yield self._camera.advance([image])
+
+    def _condition(self) -> None:
+        """Let the camera see what came before the recording, up to time zero."""
+        history, rest = self.scene.history, self.scene.skin.at_rest()
+        span_us = round(1e6 * (history.wait_s + history.duration_s))
+        before_us = np.arange(span_us, -1, -self._period_us, dtype=np.int64)
+        times_us = np.append(-before_us[before_us > 0], 0)
+        drag_mm = earlier_drag_mm(history, self.seed, (times_us - times_us[0]) * 1e-6)
+        places_mm = rest.marker_mm + np.pad(drag_mm, ((0, 0), (0, 1)))[:, None]
+        states = (
+            replace(rest, t_us=int(t_us), marker_mm=marker_mm)
+            for t_us, marker_mm in zip(times_us, places_mm, strict=True)
+        )
+        self._camera.settle(self._optics.project(next(states)), history.references)
+        for state in states:
+            self._camera.advance([self._optics.project(state)])
+
+    def frames(self) -> Iterator[tuple[SkinState, MarkerImage]]:
+        """Yield the skin and its image at each step of the gel, from time zero; no camera yet."""
+        state = self.scene.skin.at_rest()
+        yield state, self._optics.project(state)
+        for number in itertools.count():
+            if number == self._count:
+                return
+            start_us = number * self._period_us
+            for t_us in self._stops_us(start_us, start_us + self._period_us):
+                body = self._timeline.at(t_us * 1e-6) or (None, None)
+                state = replace(self._gel.step((t_us - start_us) * 1e-6, *body), t_us=t_us)
+                start_us = t_us
+                yield state, self._optics.project(state)
+
+    def _stops_us(self, start_us: int, end_us: int) -> list[int]:
+        """Return the ends of the gel's steps in a period: several where the body moves fast."""
+        moved_mm = self._timeline.moved_mm(start_us * 1e-6, end_us * 1e-6)
+        steps = min(math.ceil(moved_mm / STEP_MM), STEPS_PER_PERIOD) or 1
+        return [start_us + (end_us - start_us) * (k + 1) // steps for k in range(steps)]
+
+
+def _step_count(duration_s: float, period_us: int) -> int | None:
+    return None if math.isinf(duration_s) else math.ceil(round(duration_s * 1e6) / period_us)

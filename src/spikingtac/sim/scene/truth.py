@@ -1,0 +1,66 @@
+"""What was really there: markers, force and pose beside the events, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim.optics.states import MarkerImage, SkinState
+
+ROW_US = 1000
+"""Longest distance between two rows, us. The camera interpolates the images linearly between the
+gel's steps, and rows fall on those steps and between them, so that reading the truth by linear
+interpolation is exact."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthChunk:
+    """Ground truth over a stretch of time.
+
+    Attributes:
+        marker_t_us: ``(n,)`` times of the markers' rows, us.
+        marker_px: ``(n, m, 2)`` optical centres of the undamaged discs, px.
+        contact_t_us: ``(k,)`` times of the rows below, one for each step of the gel, us.
+        force_n: ``(k, 3)`` force of the indenter on the skin, N.
+        pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
+        in_contact: ``(k,)`` True where any pressure acts.
+    """
+
+    marker_t_us: NDArray[np.int64]
+    marker_px: NDArray[np.float32]
+    contact_t_us: NDArray[np.int64]
+    force_n: NDArray[np.float64]
+    pose_mm: NDArray[np.float64]
+    in_contact: NDArray[np.bool_]
+
+    @classmethod
+    def of_step(cls, state: SkinState, now: MarkerImage, then: MarkerImage) -> TruthChunk:
+        """Return the truth of one step of the gel, the next step's instant left out."""
+        rows = max(1, -(-(then.t_us - now.t_us) // ROW_US))
+        share = np.arange(rows)[:, None, None] / rows
+        moved = then.center_px - now.center_px
+        return cls(
+            marker_t_us=now.t_us + (then.t_us - now.t_us) * np.arange(rows, dtype=np.int64) // rows,
+            marker_px=(now.center_px + share * moved).astype(np.float32),
+            contact_t_us=np.array([now.t_us], np.int64),
+            force_n=np.array(state.force_n, np.float64)[None],
+            pose_mm=np.array(state.pose_mm, np.float64)[None],
+            in_contact=np.array([state.in_contact]),
+        )
+
+    @classmethod
+    def concatenate(cls, chunks: Iterable[TruthChunk]) -> TruthChunk:
+        """Join chunks that follow each other in time; at least one is needed."""
+        kept = list(chunks)
+        return cls(*(np.concatenate([getattr(chunk, name) for chunk in kept]) for name in _COLUMNS))
+
+
+_COLUMNS = tuple(TruthChunk.__dataclass_fields__)
+
+
+def image_radius_px(image: MarkerImage) -> NDArray[np.float64]:
+    """Return the radii ``(m,)`` of the circles that are as large as the discs on the image, px."""
+    return image.radius_px / np.sqrt(np.abs(np.linalg.det(image.shape)))

@@ -1,0 +1,1 @@
+"""Files that a session leaves: GIF, MCAP, Rerun, pictures, tables."""

@@ -1,0 +1,194 @@
+"""A tracked stretch as MCAP with ROS 2 schemas: events, displacement field, image, diagnostics.
+
+ROS 2 tools, Foxglove and Rerun read it without ROS being installed here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.live.event_store import EventStore
+from spikingtac.live.playback import Playback
+from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.viewer.export.ros_messages import DEFINITIONS, FLOAT32
+from spikingtac.viewer.session.layers import OFF_CODE, activity, unpack, view_size
+from spikingtac.viewer.session.source import ViewSource
+
+MESSAGE_US = 10_000
+"""Span of a message: 100 per second, what a display needs and a bag likes."""
+EXPOSURE_US = 30_000
+BUDGET_S = 3600.0
+GREY, ON_GREY, OFF_GREY = 128, 255, 0
+NS_PER_US, US_PER_S = 1_000, 1_000_000
+FRAME = "tactile_sensor"
+TYPES = {
+    "events": "event_camera_msgs/msg/EventPacket",
+    "field": "sensor_msgs/msg/PointCloud2",
+    "image": "sensor_msgs/msg/Image",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+"""Topic -> its message type."""
+FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
+"""A marker: rest position in mm about the image's centre (px where the scale is unknown), position
+u, v and displacement du, dv in px, and 1 where it was seen."""
+
+
+def export_mcap(subject: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a subject and write what a page would show; return the number of messages.
+
+    Args:
+        subject: From :func:`spikingtac.viewer.session.opening.open_view_source`.
+        path: File to write.
+        seconds: Length of the stretch; None is all of it, which a source that goes on has not.
+
+    Raises:
+        MissingExtraError: The extra ``[formats]`` is not installed.
+        ConfigError: The source does not end and no length was given.
+    """
+    try:
+        from mcap_ros2.writer import Writer
+    except ImportError as error:
+        raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
+    if seconds is None and not subject.ends:
+        raise ConfigError("this source does not end by itself; say how long: --seconds N")
+    store = EventStore(subject.source)
+    if subject.ends:
+        store.extend_to_end()
+    playback = Playback(
+        store, lambda: subject.make_tracker(subject.config), rate_hz=subject.rate_hz
+    )
+    end_us = store.t_end_us if seconds is None else store.t_start_us + round(seconds * US_PER_S)
+    try:
+        with open(path, "wb") as file:
+            writer = Writer(file)
+            messages = _write(_Topics(writer), subject, playback, end_us)
+            writer.finish()
+    finally:
+        store.close()
+    return messages
+
+
+def _write(topics: _Topics, subject: ViewSource, playback: Playback, end_us: int) -> int:
+    store, encoder = playback.store, Evt3Encoder()
+    start_us = store.t_start_us
+    while start_us < end_us and playback.position_us == start_us:
+        playback.aim(min(start_us + MESSAGE_US, end_us))
+        playback.work(BUDGET_S)
+        now_us = playback.position_us
+        # The events after the last whole step belong to the last message.
+        until_us = end_us if now_us < start_us + MESSAGE_US else now_us
+        packet = store.between(start_us, until_us)
+        topics.write("events", now_us, _events(packet, encoder, store.t_start_us))
+        if playback.frame is not None:
+            topics.write("field", now_us, _field(playback.frame, subject.calibration))
+        exposed = store.between(now_us - EXPOSURE_US, now_us)
+        topics.write("image", now_us, _image(exposed))
+        topics.write("diagnostics", now_us, _diagnostics(subject, playback))
+        if now_us < start_us + MESSAGE_US:
+            break
+        start_us = now_us
+    return topics.written
+
+
+class _Topics:
+    """The four topics of a file."""
+
+    def __init__(self, writer: Any) -> None:
+        self._writer = writer
+        self._schemas = {
+            name: writer.register_msgdef(kind, DEFINITIONS[kind]) for name, kind in TYPES.items()
+        }
+        self._counts = dict.fromkeys(TYPES, 0)
+
+    @property
+    def written(self) -> int:
+        """Messages written so far."""
+        return sum(self._counts.values())
+
+    def write(self, name: str, t_us: int, message: dict[str, Any]) -> None:
+        """Append a message, stamped with its data time."""
+        stamp = {"sec": t_us // US_PER_S, "nanosec": t_us % US_PER_S * NS_PER_US}
+        message["header"] = {"stamp": stamp, "frame_id": FRAME}
+        if name == "events":
+            message["seq"] = self._counts[name]
+        t_ns = t_us * NS_PER_US
+        topic = "/diagnostics" if name == "diagnostics" else f"/tactile/{name}"
+        self._writer.write_message(
+            topic, self._schemas[name], message, t_ns, t_ns, self._counts[name]
+        )
+        self._counts[name] += 1
+
+
+def _events(packet: EventPacket, encoder: Evt3Encoder, origin_us: int) -> dict[str, Any]:
+    words = encoder.encode(packet.t - origin_us, packet.x, packet.y, packet.p)
+    return {
+        "height": packet.size[1],
+        "width": packet.size[0],
+        "time_base": origin_us * NS_PER_US,
+        "encoding": "evt3",
+        "is_bigendian": False,
+        "events": words.astype("<u2").tobytes(),
+    }
+
+
+def _field(frame: MarkerFrame, calibration: Calibration) -> dict[str, Any]:
+    cloud = np.zeros(len(frame.held), FIELD)
+    rest = _about_centre(calibration) / (calibration.px_per_mm or 1.0)
+    cloud["x"], cloud["y"] = rest.T
+    cloud["u"], cloud["v"] = frame.position_px.T
+    cloud["du"], cloud["dv"] = frame.displacement_px.T
+    cloud["valid"] = ~frame.held
+    fields = [
+        {"name": name, "offset": 4 * index, "datatype": FLOAT32, "count": 1}
+        for index, name in enumerate(FIELD.names or ())
+    ]
+    return {
+        "height": calibration.grid[0],
+        "width": calibration.grid[1],
+        "fields": fields,
+        "is_bigendian": False,
+        "point_step": FIELD.itemsize,
+        "row_step": FIELD.itemsize * calibration.grid[1],
+        "data": cloud.tobytes(),
+        "is_dense": True,
+    }
+
+
+def _about_centre(calibration: Calibration) -> NDArray[np.float64]:
+    return calibration.reference_px - (np.array(calibration.size) - 1) / 2
+
+
+def _image(exposed: EventPacket) -> dict[str, Any]:
+    width, height = view_size(exposed.size)
+    codes = unpack(activity(exposed), (width, height))
+    grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
+    return {
+        "height": height,
+        "width": width,
+        "encoding": "mono8",
+        "is_bigendian": 0,
+        "step": width,
+        "data": grey.astype(np.uint8).tobytes(),
+    }
+
+
+def _diagnostics(subject: ViewSource, playback: Playback) -> dict[str, Any]:
+    p50_us, p99_us = playback.step_percentiles_us()
+    figures = {"step_p50_us": p50_us, "step_p99_us": p99_us, **subject.source.losses}
+    values = [{"key": key, "value": f"{value:g}"} for key, value in figures.items()]
+    held = int(playback.frame.held.sum()) if playback.frame else 0
+    status = {
+        "level": 1 if held else 0,
+        "name": "spikingtac: tracking",
+        "message": f"{held} markers held" if held else "all markers seen",
+        "hardware_id": subject.label,
+        "values": values,
+    }
+    return {"status": [status]}

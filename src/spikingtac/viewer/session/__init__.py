@@ -1,0 +1,1 @@
+"""One viewing session: open, play, track, publish."""

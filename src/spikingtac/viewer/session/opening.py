@@ -1,0 +1,227 @@
+"""From what a user names (an event file, a recording folder, a scene) to a subject to look at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import load_config
+from spikingtac.errors import CalibrationError, ConfigError, RecordingError
+from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
+from spikingtac.live.process_source import ProcessSource
+from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.types import EventPacket
+from spikingtac.viewer.session.first_windows import FirstWindowsWatch
+from spikingtac.viewer.session.source import SampledTruth, ViewSource
+from spikingtac.viewer.session.warm_up import touch_once
+
+CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
+
+
+def open_view_source(
+    source: str,
+    *,
+    calibration: str | None = None,
+    preset: str = "default",
+    rate_hz: float | None = None,
+    seed: int = 0,
+    camera: str | None = None,
+) -> ViewSource:
+    """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
+
+    Args:
+        source: Path, or name of a scene.
+        calibration: Path of a calibration; a folder's own unless told, and a scene brings its own.
+        preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
+        rate_hz: Estimates per second; the preset's unless told.
+        seed: Of a scene.
+        camera: Camera preset of a scene.
+
+    Raises:
+        RecordingError: The recording cannot be read.
+        CalibrationError: There is no calibration for it, or it does not fit.
+        ConfigError: There is neither such a path nor such a scene, or a recording was given a
+            camera.
+    """
+    path = Path(source)
+    if is_stream(path):
+        subject = _open_stream(path, calibration)
+    elif path.suffix == ".toml" or not path.exists():
+        _refuse_missing_file(path)
+        subject = _open_scene(source, seed, camera)
+    elif camera is not None:
+        raise ConfigError(
+            f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
+        )
+    else:
+        subject = _open_recording(path, calibration)
+    if calibration is not None:
+        subject = replace(subject, calibration=Calibration.load(calibration))
+    if tuple(subject.calibration.size) != tuple(subject.source.size):
+        raise CalibrationError(
+            f"the calibration is for {subject.calibration.size}, "
+            f"the recording has {subject.source.size}"
+        )
+    config = load_config(preset).with_tracking(rate_hz=rate_hz).tracking
+    return replace(
+        subject,
+        config=config,
+        make_tracker=partial(_tracker, subject.calibration),
+        make_watch=FirstWindowsWatch,
+        rate_hz=config.rate_hz,
+    )
+
+
+def _refuse_missing_file(path: Path) -> None:
+    """Say so where a file was meant; the list of scenes would not help."""
+    if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
+        raise RecordingError(
+            f"there is no file or folder {str(path)!r}; "
+            "a scene is named without an ending (spikingtac simulate --list)"
+        )
+
+
+def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
+    return make_tracker(config, calibration)
+
+
+def _open_recording(path: Path, calibration: str | None) -> ViewSource:
+    from spikingtac.events.open import open_events
+
+    folder = path if path.is_dir() else path.parent
+    truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
+    manifest = _manifest(folder) if path.is_dir() else {}
+    chosen = Calibration.load(calibration) if calibration else _calibration_beside(folder, manifest)
+    return ViewSource(
+        label=path.resolve().name,
+        source=open_events(path),
+        calibration=chosen,
+        config=None,
+        make_tracker=_unchosen,
+        truth=_truth(truth_path),
+        simulated=manifest.get("source") == "twin",
+        provenance={"input": path.name},
+    )
+
+
+def _open_stream(path: Path, calibration: str | None) -> ViewSource:
+    if str(path) == STANDARD_INPUT:
+        raise ConfigError("the page reads a camera through a named pipe: mkfifo live.raw")
+    if calibration is None:
+        raise CalibrationError(f"{str(path)!r} is a camera's pipe; name its --calibration")
+    chosen = Calibration.load(calibration)
+    return ViewSource(
+        label=path.name,
+        source=ProcessSource(stream_packets, {"path": str(path), "size": chosen.size}, chosen.size),
+        calibration=chosen,
+        config=None,
+        make_tracker=_unchosen,
+        ends=False,
+        provenance={"input": path.name},
+    )
+
+
+def stream_packets(path: str, size: tuple[int, int]) -> Iterator[tuple[EventPacket, None]]:
+    """Yield a camera's packets as they come.
+
+    Raises:
+        CalibrationError: The camera has another size than its calibration.
+    """
+    from spikingtac.events.open import open_events
+
+    source = open_events(path)
+    if tuple(source.size) != tuple(size):
+        raise CalibrationError(
+            f"the calibration is for {size[0]}x{size[1]}, the camera is "
+            f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
+        )
+    for packet in source:
+        yield packet, None
+
+
+def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
+    from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.source import SceneSource
+
+    scene = catalog.load(name).with_camera(camera)
+    at_rest = SceneSource(scene, seed)
+    contrast = scene.camera.resolve(scene.size).light.contrast
+    truth = SampledTruth.growing(len(at_rest.reference_px))
+    arguments = {"name": name, "seed": seed, "camera": camera}
+    return ViewSource(
+        label=Path(name).stem,
+        source=ProcessSource(
+            scene_packets, arguments, scene.size, lambda rows: truth.append(rows[0], rows[1])
+        ),
+        calibration=Calibration(
+            reference_px=at_rest.reference_px,
+            radius_px=at_rest.radius_px,
+            grid=scene.skin.grid,
+            size=scene.size,
+            polarity="dark" if contrast < 1 else "white",
+            provenance={"from": f"the scene {name!r} at rest"},
+        ),
+        config=None,
+        make_tracker=_unchosen,
+        truth=truth,
+        simulated=True,
+        ends=False,
+        prepare=partial(touch_once, scene, seed),
+        provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
+    )
+
+
+def scene_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
+    """Yield a scene's packets, each with the times and positions of its markers."""
+    from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.source import SceneSource
+
+    for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
+        yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    try:
+        document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def _calibration_beside(folder: Path, manifest: dict[str, Any]) -> Calibration:
+    if (folder / CALIBRATION_NAME).exists():
+        return Calibration.load(folder / CALIBRATION_NAME)
+    if "grid" in manifest and (folder / TRUTH_NAME).exists():
+        with np.load(folder / TRUTH_NAME) as stored:
+            return Calibration(
+                reference_px=stored["reference_px"].astype(np.float64),
+                radius_px=stored["radius_px"].astype(np.float64),
+                grid=(int(manifest["grid"][0]), int(manifest["grid"][1])),
+                size=(int(manifest["size"][0]), int(manifest["size"][1])),
+                polarity="dark" if float(manifest.get("contrast", 1)) < 1 else "white",
+                provenance={"from": "the twin's truth at rest"},
+            )
+    raise CalibrationError(
+        f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
+        "make it with: spikingtac calibrate RECORDING -o calibration.json"
+    )
+
+
+def _truth(path: Path) -> SampledTruth | None:
+    if not path.exists():
+        return None
+    with np.load(path) as stored:
+        return SampledTruth(stored["marker_t_us"], stored["marker_px"])
+
+
+def _unchosen(_: Any) -> Any:
+    raise ConfigError("no tracker was chosen")

@@ -1,0 +1,183 @@
+"""The session's own process: a slow page, a slow server or a busy terminal never holds it up.
+
+A busy thread beside the tracking loop would stretch a step of half a millisecond to several (they
+share one interpreter lock), so the loop shares no process with the server.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import queue
+import signal
+from collections.abc import Callable
+from multiprocessing.synchronize import Event
+from multiprocessing.util import Finalize
+from pathlib import Path
+from typing import Any
+
+from spikingtac.live.ring import SharedRing
+from spikingtac.viewer.session.session import Session
+from spikingtac.viewer.session.snapshot import starting
+from spikingtac.viewer.session.source import ViewSource
+from spikingtac.viewer.session.track_recorder import (
+    FileTrackRecorder,
+    NullTrackRecorder,
+    TrackRecorder,
+)
+from spikingtac.viewer.session.warm_up import warm_up
+
+FRAME_BYTES = 2 << 20
+"""Largest frame: two packed images of 640x640, and the markers of any grid in use."""
+GREETING_BYTES = 1 << 20
+MOST_COMMANDS = 64
+"""Commands that wait for the loop; a page that sends faster loses the surplus."""
+SHUTDOWN_S = 20.0
+"""A loaded machine may take seconds to complete the tracks; an idle one a tenth of one."""
+
+Opener = Callable[..., ViewSource]
+"""Makes the subject inside the session's process; a function of a module, called with keywords."""
+
+
+class SessionProcess:
+    """Starts a session in a process of its own and reads its latest frames.
+
+    Attributes:
+        dropped_commands: Commands that found the queue full.
+    """
+
+    def __init__(
+        self,
+        opener: Opener,
+        arguments: dict[str, Any],
+        *,
+        repeat: bool = False,
+        tracks: Path | None = None,
+    ) -> None:
+        """Start.
+
+        Args:
+            opener: A function of a module that returns the subject.
+            arguments: Its keyword arguments; they travel to the other process.
+            repeat: Begin again at the end.
+            tracks: File for every estimate, complete once :meth:`close` has returned True.
+        """
+        context = multiprocessing.get_context("spawn")
+        self.dropped_commands = 0
+        self._frames = SharedRing.create(FRAME_BYTES)
+        self._greetings = SharedRing.create(GREETING_BYTES)
+        self._commands = context.Queue(MOST_COMMANDS)
+        self._failures = context.Queue(1)
+        self._stopped = context.Event()
+        names = self._frames.name, self._greetings.name
+        channels = names, self._commands, self._failures, self._stopped
+        work = opener, arguments, {"repeat": repeat, "tracks": tracks}
+        self._process = context.Process(target=_run, args=(*work, channels))
+        self._process.start()
+        # Not a daemon, since a daemon may start no process for a simulated sensor; so it is told
+        # to end before the interpreter waits for it.
+        Finalize(None, self._stopped.set, exitpriority=1)
+
+    def frame(self, after: int) -> tuple[int, bytes] | None:
+        """Return the latest frame message with its number, or None if there is none newer."""
+        return self._frames.latest(after)
+
+    def greeting(self, after: int) -> tuple[int, bytes] | None:
+        """Return the latest greeting with its number, or None if there is none newer."""
+        return self._greetings.latest(after)
+
+    def command(self, name: str, value: Any) -> None:
+        """Pass a command on; never waits."""
+        try:
+            self._commands.put_nowait((name, value))
+        except queue.Full:
+            self.dropped_commands += 1
+
+    def failure(self) -> Exception | None:
+        """Return the error that ended the session, or None while it runs."""
+        try:
+            return self._failures.get_nowait()
+        except queue.Empty:
+            return None
+
+    @property
+    def alive(self) -> bool:
+        """True while the process runs."""
+        return self._process.is_alive()
+
+    @property
+    def pid(self) -> int | None:
+        """The process's id."""
+        return self._process.pid
+
+    def close(self) -> bool:
+        """Stop the process and let go of the shared memory; True where it ended in good order."""
+        self._stopped.set()
+        self._process.join(SHUTDOWN_S)
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(SHUTDOWN_S)
+        for channel in (self._commands, self._failures):
+            channel.cancel_join_thread()
+            channel.close()
+        self._frames.close()
+        self._greetings.close()
+        return self._process.exitcode == 0
+
+
+def _run(opener: Opener, arguments: dict[str, Any], options: dict[str, Any], channels: Any) -> None:
+    # Ctrl-C reaches the whole terminal group; the parent decides when this process ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    (frames_name, greetings_name), commands, failures, stopped = channels
+    frames = SharedRing.attach(frames_name, FRAME_BYTES)
+    greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
+    try:
+        subject = opener(**arguments)
+        greetings.publish(json.dumps(starting(subject)).encode())
+        warm_up(subject)
+        keeper = _keeper(options["tracks"], subject)
+        session = Session(subject, frames, greetings, repeat=options["repeat"], keeper=keeper)
+        _serve(session, commands, stopped)
+        session.close()
+        if session.failure is not None:
+            raise session.failure
+    except Exception as error:  # handed to the parent, which reports it
+        failures.put(_portable(error))
+        raise SystemExit(1) from error
+    finally:
+        frames.close()
+        greetings.close()
+
+
+def _keeper(tracks: Path | None, subject: ViewSource) -> TrackRecorder:
+    if tracks is None:
+        return NullTrackRecorder()
+    return FileTrackRecorder(tracks, subject.calibration.reference_px)
+
+
+def _serve(session: Session, commands: Any, stopped: Event) -> None:
+    parent = multiprocessing.parent_process()
+    while not stopped.is_set() and (parent is None or parent.is_alive()):
+        for name, value in _waiting(commands):
+            session.command(name, value)
+        session.turn()
+
+
+def _waiting(commands: Any) -> list[tuple[str, Any]]:
+    """Return the waiting commands; of a dragged slider or timeline only its last place."""
+    latest: dict[tuple[str, Any], tuple[str, Any]] = {}
+    while True:
+        try:
+            name, value = commands.get_nowait()
+        except queue.Empty:
+            return list(latest.values())
+        latest[(name, value[0] if name == "set" else None)] = (name, value)
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error that survives the way to another process."""
+    from spikingtac.errors import SpikingTacError
+
+    if isinstance(error, SpikingTacError | OSError):
+        return error
+    return RuntimeError(f"{type(error).__name__}: {error}")

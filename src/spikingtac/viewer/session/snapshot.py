@@ -1,0 +1,133 @@
+"""What a page is told: once what stands still, and at each frame what moves."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.live.playback import WINDOW_US, Playback
+from spikingtac.types import MarkerFrame
+from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
+from spikingtac.viewer.session.source import ViewSource
+from spikingtac.viewer.session.tuning import in_use
+
+COUNT_WINDOWS = 1_024
+"""Windows of the count series sent with each frame: about 1 s, so that a page may miss sixty."""
+OVERVIEW_BINS = 600
+"""Bars of the timeline."""
+SHOWN_CONTACTS = 200
+"""Contacts listed for the timeline, the latest ones."""
+HALF_SECOND_US = 500_000
+"""Stretch over which the event rate is averaged."""
+FULL = 255
+"""Confidence 1 as a byte."""
+
+
+def starting(subject: ViewSource) -> dict[str, Any]:
+    """Return what a page is told while the session still gets ready."""
+    return {
+        "label": subject.label,
+        "simulated": subject.simulated,
+        "starting": "getting ready; the first start on a machine compiles for some seconds",
+    }
+
+
+def greeting(subject: ViewSource, playback: Playback, config: Any) -> dict[str, Any]:
+    """Return what a page needs to know before the first frame."""
+    store, calibration = playback.store, subject.calibration
+    return {
+        "label": subject.label,
+        "simulated": subject.simulated,
+        "size": list(store.size),
+        "view_size": list(view_size(store.size)),
+        "view_step": view_step(store.size),
+        "grid": list(calibration.grid),
+        "reference_px": np.round(calibration.reference_px, 3).tolist(),
+        "radius_px": np.round(calibration.radius_px, 3).tolist(),
+        "px_per_mm": calibration.px_per_mm,
+        "rate_hz": subject.rate_hz,
+        "truth": subject.truth is not None,
+        "controls": [asdict(control) for control in in_use(config)],
+        "window_us": WINDOW_US,
+        "overview": _overview(playback),
+    }
+
+
+def moving(
+    subject: ViewSource, playback: Playback
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return the scalars and arrays of the playback's present state, without images."""
+    now_us, store = playback.position_us, playback.store
+    p50_us, p99_us = playback.step_percentiles_us()
+    recent_us = max(store.t_start_us, now_us - HALF_SECOND_US)
+    events = len(store.between(recent_us, now_us))
+    last_window, counts = _counts(playback)
+    contacts = sorted(t_us for t_us in playback.contacts if t_us <= now_us)[-SHOWN_CONTACTS:]
+    latest = playback.contacts[contacts[-1]] if contacts else None
+    scalars = {
+        "t_us": now_us,
+        "aim_us": playback.aim_us,
+        "t_start_us": store.t_start_us,
+        "t_end_us": store.t_end_us,
+        "steps": playback.steps,
+        "step_p50_us": round(p50_us, 1),
+        "step_p99_us": round(p99_us, 1),
+        "events_per_s": round(events * 1e6 / max(now_us - recent_us, 1)),
+        "last_window": last_window,
+        "contacts_us": contacts,
+        "contact": asdict(latest) if latest else None,
+    }
+    return scalars, {"counts": counts, **_markers(subject, playback.frame)}
+
+
+def images(
+    playback: Playback, exposure_us: int, state_map: NDArray[np.floating] | None
+) -> dict[str, NDArray[np.uint8]]:
+    """Return the packed images: recent events, and the state map where one is given."""
+    now_us = playback.position_us
+    exposed = playback.store.between(now_us - exposure_us, now_us)
+    layers = {"activity": activity(exposed)}
+    return layers if state_map is None else {**layers, "map": state_image(state_map)}
+
+
+def _markers(subject: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
+    if frame is None:
+        return {}
+    arrays: dict[str, NDArray[Any]] = {
+        "detected_px": frame.detected_px.astype(np.float32),
+        "position_px": frame.position_px.astype(np.float32),
+        "held": frame.held.astype(np.uint8),
+        "confidence": np.round(np.clip(frame.confidence, 0, 1) * FULL).astype(np.uint8),
+    }
+    truth = subject.truth.at(frame.t_us) if subject.truth else None
+    return arrays if truth is None else {**arrays, "truth_px": truth.astype(np.float32)}
+
+
+def _counts(playback: Playback) -> tuple[int, NDArray[np.uint32]]:
+    """Return the index of the last complete window, and the counts of those up to it."""
+    store = playback.store
+    last = (playback.position_us - store.t_start_us) // WINDOW_US - 1
+    first = max(last - COUNT_WINDOWS + 1, 0)
+    edges_us = store.t_start_us + np.arange(first, last + 2) * WINDOW_US
+    return int(last), _histogram(playback, edges_us)
+
+
+def _overview(playback: Playback) -> dict[str, Any]:
+    store = playback.store
+    edges_us = np.linspace(store.t_start_us, max(store.t_end_us, 1), OVERVIEW_BINS + 1)
+    counts = _histogram(playback, edges_us.astype(np.int64))
+    return {
+        "t_start_us": store.t_start_us,
+        "t_end_us": store.t_end_us,
+        "counts": counts.tolist(),
+    }
+
+
+def _histogram(playback: Playback, edges_us: NDArray[np.int64]) -> NDArray[np.uint32]:
+    if len(edges_us) < 2:
+        return np.empty(0, np.uint32)
+    times_us = playback.store.between(int(edges_us[0]), int(edges_us[-1])).t
+    return np.diff(np.searchsorted(times_us, edges_us)).astype(np.uint32)

@@ -1,0 +1,183 @@
+"""The page's server: one HTML page, its scripts, and one socket; bound to loopback by default."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from importlib import resources
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from spikingtac.errors import DeviceError
+from spikingtac.viewer.session.commands import LONGEST_COMMAND, CommandError, parse_command
+from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
+from spikingtac.viewer.web.security import Gate, page_headers
+
+KINDS = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+CLOSED_BY_POLICY, CLOSED_AS_BUSY = 1008, 1013
+"""WebSocket close codes (RFC 6455 section 7.4.1; 1013 is registered as "try again later")."""
+SHUTDOWN_S = 1
+"""Pages never close by themselves; the server does not wait for them."""
+ALIVE_S = 0.05
+"""How often the session is looked after while serving."""
+
+Command = Callable[[str, Any], None]
+
+
+def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
+    """Return the application.
+
+    Args:
+        feed: Where frames and greetings come from.
+        command: Takes the pages' commands; must not wait.
+        gate: Decides who may look.
+    """
+    hub = PageFeeds(feed)
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        polling = asyncio.create_task(hub.poll())
+        yield
+        polling.cancel()
+        with suppress(asyncio.CancelledError):
+            await polling
+
+    async def serve_file(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        # The scripts hold no data; the page that loads them has shown its token.
+        refusal = "" if name != "index.html" and gate.token else _refusal(gate, request)
+        return PlainTextResponse(refusal + "\n", 403) if refusal else _file(request, name)
+
+    async def serve_socket(socket: WebSocket) -> None:
+        if _refusal(gate, socket) or len(hub.pages) >= MOST_PAGES:
+            await socket.close(CLOSED_AS_BUSY if not _refusal(gate, socket) else CLOSED_BY_POLICY)
+            return
+        await socket.accept()
+        await _attend(hub, socket, command)
+
+    routes = [
+        Route("/", serve_file),
+        Route("/{name}", serve_file),
+        WebSocketRoute("/socket", serve_socket),
+    ]
+    return Starlette(routes=routes, lifespan=lifespan)
+
+
+async def _attend(hub: PageFeeds, socket: WebSocket, command: Command) -> None:
+    """Serve one page until it leaves, falls silent, or sends what is no command."""
+    page = Page()
+    hub.pages.add(page)
+    listening = asyncio.create_task(_listen(socket, page, command))
+    serving = asyncio.create_task(hub.serve(page, socket.send_text, socket.send_bytes))
+    try:
+        await asyncio.wait((listening, serving), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        hub.pages.discard(page)
+        for task in (listening, serving):
+            task.cancel()
+        await asyncio.gather(listening, serving, return_exceptions=True)
+        with suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close(CLOSED_BY_POLICY)
+
+
+async def _listen(socket: WebSocket, page: Page, command: Command) -> None:
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        try:
+            name, value = parse_command(message.get("text") or "")
+        except CommandError:
+            return
+        if name == "ack":
+            page.acknowledge()
+        else:
+            command(name, value)
+
+
+def _refusal(gate: Gate, connection: HTTPConnection) -> str:
+    headers = {key.lower(): value for key, value in connection.headers.items()}
+    return gate.refusal(headers, connection.query_params.get("token"))
+
+
+def _file(request: Request, name: str) -> Response:
+    kind = KINDS.get(name.rpartition(".")[2])
+    source = resources.files("spikingtac.viewer.web") / "page" / name
+    if kind is None or "/" in name or "\\" in name or not source.is_file():
+        return PlainTextResponse("not found\n", 404)
+    headers = page_headers(request.headers["host"])
+    return Response(source.read_bytes(), media_type=kind, headers=headers)
+
+
+class _Server(uvicorn.Server):
+    """Ends quietly at a signal; the original repeats the signal, which would skip the clean-up."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        before = {number: signal.signal(number, self.handle_exit) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def serve(
+    app: Starlette, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
+) -> None:
+    """Serve until interrupted, or until there is nothing left to serve.
+
+    Args:
+        app: From :func:`make_app`.
+        host: Address to bind to.
+        port: Port, or 0 for any free one.
+        ready: Called with the port once the server listens.
+        alive: Asked now and then; False ends the serving.
+
+    Raises:
+        DeviceError: The port is taken.
+    """
+    config = uvicorn.Config(
+        app,
+        host=host,
+        port=port,
+        log_level="critical",  # what goes wrong is raised or told to the page
+        ws="websockets-sansio",
+        ws_max_size=4 * LONGEST_COMMAND,
+        ws_per_message_deflate=False,
+        server_header=False,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+    )
+    server = _Server(config)
+
+    async def run() -> None:
+        serving = asyncio.create_task(server.serve())
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.01)
+        if server.started:
+            ready(server.servers[0].sockets[0].getsockname()[1])
+        while not serving.done():
+            server.should_exit = server.should_exit or not alive()
+            await asyncio.wait((serving,), timeout=ALIVE_S)
+        await serving
+
+    try:
+        asyncio.run(run())
+    except SystemExit as stop:  # how the server says that it could not bind
+        raise DeviceError(
+            f"port {port} of {host} cannot be used; give another one: --port N"
+        ) from stop

@@ -1,0 +1,66 @@
+import base64
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.calibration.step_maps import pack_map
+from spikingtac.errors import CalibrationError
+
+SIZE = (7, 5)
+DOCUMENT = {
+    "schema": 1,
+    "size": list(SIZE),
+    "grid": [1, 1],
+    "reference_px": [[3.0, 2.0]],
+    "radius_px": [2.0],
+}
+
+
+def packed(raw: bytes) -> str:
+    return base64.b64encode(zlib.compress(raw)).decode()
+
+
+def test_step_maps_survive_a_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    steps = (rng.integers(0, 256, (5, 7)) / 1000).astype(np.float32)
+    text = pack_map(steps)
+    calibration = Calibration.from_document({**DOCUMENT, "step_on_map": text})
+    calibration.save(tmp_path / "c.json")
+    again = Calibration.load(tmp_path / "c.json")
+    assert again.step_off_map is None
+    assert again.step_on_map is not None
+    assert again.step_on_map.dtype == np.float32
+    np.testing.assert_allclose(again.step_on_map, steps, atol=1e-6)
+
+
+def test_a_minimal_file_has_no_maps() -> None:
+    calibration = Calibration.from_document(DOCUMENT)
+    assert calibration.step_on_map is None
+    assert calibration.step_off_map is None
+
+
+def test_steps_are_rounded_and_bounded() -> None:
+    steps = np.zeros((5, 7), np.float32)
+    steps[0, :3] = 0.13949, 0.9, 0.0
+    read = Calibration.from_document({**DOCUMENT, "step_off_map": pack_map(steps)}).step_off_map
+    assert read is not None
+    np.testing.assert_allclose(read[0, :3], [0.139, 0.255, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "named"),
+    [
+        ("no base64!", "step_on_map is no base64"),
+        ("AAAA", "does not inflate"),
+        (packed(bytes(34)), "holds 34 pixels where the size 7x5 asks for 35"),
+        (packed(bytes(10**6)), "holds more pixels where"),
+        (base64.b64encode(zlib.compress(bytes(35))[:-2]).decode(), "step_on_map"),
+        ([0.1, 0.2], "must be base64 text, got list"),
+    ],
+)
+def test_unfit_maps_are_named(value: object, named: str) -> None:
+    with pytest.raises(CalibrationError, match=named):
+        Calibration.from_document({**DOCUMENT, "step_on_map": value})

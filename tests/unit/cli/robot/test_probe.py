@@ -1,0 +1,161 @@
+"""``spikingtac probe``: what is refused before anything moves, and the forms of a result."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.main import main
+from spikingtac.cli.robot import probe_places
+from spikingtac.cli.robot.probe import Args, run
+from spikingtac.cli.robot.probe_result import output_paths
+from spikingtac.errors import ConfigError
+from spikingtac.sim.rig.walls import HoleWall, NoWall
+from spikingtac.types import EventPacket
+from stand_ins.touching import IdealProber
+
+HOST = "192.0.2.1"
+SIZE = (32, 24)
+
+
+class StillArm:
+    """What the verb itself does with an arm: let go of it."""
+
+    closed = 0
+
+    def close(self) -> None:
+        StillArm.closed += 1
+
+
+def lively(args: Args, calibration: Calibration) -> Iterator[tuple[EventPacket, ...]]:
+    rng = np.random.default_rng(0)
+    for start_us in range(0, 200_000, 1000):
+        t = np.sort(rng.integers(start_us, start_us + 1000, 5))
+        x, y = (rng.integers(0, edge, 5).astype(np.uint16) for edge in SIZE)
+        yield (EventPacket(x, y, t % 2 == 0, t, start_us, start_us + 1000, SIZE),)
+
+
+@pytest.fixture
+def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """An arm that stands in an ideal hole."""
+    calibration = Calibration(
+        reference_px=np.array([[16.0, 12.0]]), radius_px=np.array([4.0]), grid=(1, 1), size=SIZE
+    )
+    calibration.save(tmp_path / "finger.json")
+    monkeypatch.setattr(probe_places, "connect", lambda args: StillArm())
+    monkeypatch.setattr(probe_places, "listen", lively)
+    prober = IdealProber(2.0, center_mm=(0.3, -0.2))
+    monkeypatch.setattr(probe_places, "ArmProber", lambda *parts: prober)
+    finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
+    return ["probe", "--arm", HOST, *finger, "--detector", "event_count"]
+
+
+def test_an_arm_needs_a_finger_that_listens() -> None:
+    with pytest.raises(ConfigError, match="needs --events and --calibration"):
+        run(Args(arm=HOST))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"radius_mm": 0.3}, r"--radius-mm is 0\.3.*at least 0\.5 mm"),
+        ({"radius_mm": float("nan")}, "--radius-mm is nan"),
+        ({"travel_limit_mm": 0.0}, "--travel-limit-mm is 0; it must be above 0"),
+        ({"force_limit_n": -1.0}, "--force-limit-n is -1"),
+        ({"start_mm": (float("inf"), 0.0)}, "two finite numbers"),
+        ({"contacts": 2}, "contacts is 2"),
+        ({"output": Path("hole.txt")}, r"ends in \.json, \.png"),
+    ],
+)
+def test_what_no_search_can_do_is_refused_at_once(
+    given: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def moves(args: Args) -> None:
+        raise AssertionError("something moved")
+
+    monkeypatch.setattr(probe_places, "on_twin", moves)
+    with pytest.raises(ConfigError, match=message):
+        run(Args(**given))  # type: ignore[arg-type]
+
+
+def test_an_arm_begins_where_it_stands(arm_arguments: list[str]) -> None:
+    assert main([*arm_arguments, "--start-mm", "-0.5", "0.2"]) == 2
+
+
+def test_the_start_is_in_the_hole_on_its_rim_or_in_free_air() -> None:
+    inside = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(-0.2, 0.1)))
+    rim = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(0.9, 0.0)))
+    outside = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(0.0, 1.5)))
+    assert [type(one.wall) for one in (inside, rim, outside)] == [HoleWall, HoleWall, NoWall]
+    np.testing.assert_allclose(inside.start_mm - inside.center_mm, [-0.2, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("given", "document", "picture"),
+    [
+        ("new/deep", "new/deep/hole.json", "new/deep/hole.png"),
+        ("a/x.json", "a/x.json", "a/x.png"),
+        ("x.svg", "x.json", "x.svg"),
+    ],
+)
+def test_a_folder_or_a_file_says_where_both_go(
+    given: str, document: str, picture: str, tmp_path: Path
+) -> None:
+    paths = output_paths(tmp_path / given)
+    assert paths == (tmp_path / document, tmp_path / picture)
+    assert paths[0].parent.is_dir()
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="cannot write into"):
+        output_paths(tmp_path / "file" / "deeper" / "hole.json")
+
+
+def test_a_real_arm_writes_what_it_found(
+    arm_arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    closed = StillArm.closed
+    assert main([*arm_arguments, "-o", str(tmp_path / "out"), "--json"]) == 0
+    assert StillArm.closed == closed + 1
+    told = json.loads(capsys.readouterr().out)
+    assert (told["source"], told["simulated"], told["contacts"]) == ("robot", False, 12)
+    assert "x_mm_error" not in told
+    written = json.loads(Path(told["output"]).read_text(encoding="utf-8"))
+    assert (written["arm"], written["truth"], written["simulated"]) == (HOST, None, False)
+    assert written["method"] == {"search": "default", "detector": "event_count"}
+    assert written["config"]["probing"]["force_limit_n"] == 0.5
+    assert written["config"]["search"]["contacts"] == 12
+    np.testing.assert_allclose(written["center_mm"], (0.3, -0.2), atol=0.02)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(written["covariance_mm2"])), written["sigma_mm"], atol=1e-5
+    )
+    for contact in written["contacts"]:
+        assert np.hypot(*contact["direction"]) == pytest.approx(1.0, abs=1e-4)
+        assert abs(contact["residual_mm"]) < 0.05
+    assert Path(told["picture"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_nothing_is_written_unless_told(
+    arm_arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert main([*arm_arguments, "--search", "cross4"]) == 0
+    assert list(Path().iterdir()) == []
+
+
+def test_a_dead_sensor_is_known_before_the_arm_is_asked(
+    arm_arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def connected(args: Args) -> StillArm:
+        raise AssertionError("the arm was asked")
+
+    silence = [(EventPacket.empty(t, t + 1000, SIZE),) for t in range(0, 200_000, 1000)]
+    monkeypatch.setattr(probe_places, "listen", lambda args, calibration: iter(silence))
+    monkeypatch.setattr(probe_places, "connect", connected)
+    assert main(arm_arguments) == 3
+    assert "gave no event in its first 200 windows" in capsys.readouterr().err

@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+from spikingtac.denoise.infer import NetworkDenoiser
+from spikingtac.denoise.network.export import export_network
+from spikingtac.errors import ConfigError
+from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
+
+torch = pytest.importorskip("torch")
+
+from spikingtac.denoise.network.architecture import (  # noqa: E402
+    NetworkConfig,
+    apply_network,
+    make_network,
+    multiply_adds,
+)
+from spikingtac.denoise.training.losses import (  # noqa: E402
+    SMOOTH_PX,
+    LossConfig,
+    binarity,
+    loss_terms,
+    prediction_error,
+    smooth_error,
+    total_variation,
+)
+from spikingtac.denoise.training.training_state import load_weights, save_weights  # noqa: E402
+
+CONFIGS = [
+    NetworkConfig(widths=(8, 16)),
+    NetworkConfig(fold=4, widths=(8, 8)),
+    NetworkConfig(widths=(8, 16), kernels=(1, 1), depth=3),
+    NetworkConfig(kind="evflownet", fold=1, base=2),
+    NetworkConfig(kind="evflownet", fold=2, base=2),
+]
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=str)
+def test_the_exported_graph_is_the_network(config, tmp_path):
+    torch.manual_seed(0)
+    network = make_network(config).eval()
+    save_weights(tmp_path / "weights.safetensors", network, config)
+    maps = [state_map[:32, :64] for state_map in noisy_maps(2)]
+    plain, _ = export_network(tmp_path / "weights.safetensors", tmp_path, maps)
+    given = torch.from_numpy(maps[0])[None, None]
+    with torch.no_grad():
+        logits = apply_network(network, given, config.fold)
+    cleaned = NetworkDenoiser(plain).clean(maps[0])
+    assert cleaned.std() > 1e-4
+    assert np.abs(cleaned - torch.sigmoid(logits)[0, 0].numpy()).max() < 1e-5
+
+
+def test_the_published_size_is_twenty_gmac():
+    config = NetworkConfig(kind="evflownet", fold=1, base=64)
+    with torch.device("meta"):
+        network = make_network(config)
+        counted = sum(
+            np.prod(module.weight.shape) * pixels
+            for module, pixels in zip(
+                [m for m in network.modules() if isinstance(m, torch.nn.Conv2d)],
+                [160**2, 80**2, 40**2, 20**2, *[20**2] * 4, 40**2, 80**2, 160**2, 320**2, 320**2],
+                strict=True,
+            )
+        )
+    assert counted / 1e9 == pytest.approx(20.0, rel=0.15)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_the_lean_size_is_counted(depth):
+    config = NetworkConfig(widths=(16, 32), depth=depth)
+    fine, coarse = 40 * 40, 20 * 20
+    expected = 9 * (
+        fine * 64 * 16
+        + coarse * 16 * 32
+        + depth * coarse * 32 * 32
+        + fine * 48 * 16
+        + fine * 16 * 64
+    )
+    expected += fine * 16  # the 1x1 convolution that weighs the evidence
+    assert multiply_adds(make_network(config), config, (320, 320)) == expected
+
+
+def test_a_wrong_shape_names_both(tmp_path):
+    tensors = lean_tensors()
+    tensors["middle.0.0.weight"] = np.zeros((8, 9, 3, 3), np.float32)
+    path = write_weights(tmp_path / "weights.safetensors", tensors)
+    with pytest.raises(ConfigError, match=r"\(8, 9, 3, 3\).*\(8, 8, 3, 3\)"):
+        load_weights(path)
+
+
+def test_an_unknown_tensor_is_named(tmp_path):
+    tensors = lean_tensors() | {"extra": np.zeros(1, np.float32)}
+    path = write_weights(tmp_path / "weights.safetensors", tensors)
+    with pytest.raises(ConfigError, match="unknown tensor 'extra'"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"fold": 3}, {"widths": (0, 8)}, {"base": 0}, {"kernels": (2, 1)}]
+)
+def test_unfit_sizes_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"valid|positive"):
+        NetworkConfig(**wrong)
+
+
+def test_the_prediction_error_is_least_at_the_expectation():
+    random = torch.Generator().manual_seed(0)
+    target = (torch.rand(1, 1, 100, 100, generator=random) < 0.3).float()
+    losses = {
+        level: float(prediction_error(torch.full_like(target, level).logit(), target))
+        for level in (0.1, 0.2, 0.3, 0.4, 0.5)
+    }
+    assert min(losses, key=lambda level: losses[level]) == 0.3
+
+
+def test_smooth_error_ignores_what_averages_out():
+    rows = torch.arange(30)[:, None] + torch.arange(30)
+    checker = ((rows % 2).float() * 2 - 1)[None, None]
+    zero, flat = torch.zeros(1, 1, 30, 30), torch.full((1, 1, 30, 30), 0.5)
+    assert float(smooth_error(checker, zero)) < 1.01 / SMOOTH_PX**4
+    assert float(smooth_error(flat, zero)) == pytest.approx(0.25, rel=1e-5)
+
+
+def test_binarity_is_zero_for_decided_maps():
+    decided = torch.tensor([[0.0, 1.0], [1.0, 0.0]])[None, None]
+    assert float(binarity(decided)) == 0.0
+    assert float(binarity(torch.full((1, 1, 2, 2), 0.5))) == 0.25
+
+
+def test_variation_counts_the_rim():
+    square = torch.zeros(1, 1, 10, 10)
+    square[..., 3:7, 3:7] = 1.0
+    edges = 2 * 4 / 90
+    assert float(total_variation(square)) == pytest.approx(2 * edges)
+
+
+def test_terms_add_up_and_absent_ones_are_not_computed():
+    logits, target = torch.randn(2, 1, 20, 20), torch.rand(2, 1, 20, 20)
+    alone = loss_terms(logits, target, LossConfig())
+    assert set(alone) == {"prediction", "loss"}
+    terms = loss_terms(logits, target, LossConfig(smooth=2.0, binarity=0.5, variation=0.1))
+    parts = sum(float(value) for name, value in terms.items() if name != "loss")
+    assert float(terms["loss"]) == pytest.approx(parts, rel=1e-5)
+    assert float(terms["smooth"]) == pytest.approx(
+        2.0 * float(smooth_error(torch.sigmoid(logits), target)), rel=1e-5
+    )

@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from spikingtac.denoise.training.degrade import halves, with_background, with_drops
+from spikingtac.state_map.binary import first_unfit_event
+from spikingtac.types import EventPacket
+from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
+
+
+def test_background_has_its_rate_and_both_signs_alike():
+    silence = EventPacket.empty(0, 4_000_000, SIZE)
+    noisy = with_background(silence, 5.0, np.random.default_rng(1))
+    expected = 5.0 * SIZE[0] * SIZE[1] * 4
+    assert len(noisy) == pytest.approx(expected, abs=4 * expected**0.5)
+    assert noisy.p.mean() == pytest.approx(0.5, abs=0.01)
+    assert noisy.x.max() == SIZE[0] - 1
+    assert noisy.y.max() == SIZE[1] - 1
+
+
+def test_background_keeps_every_event_and_the_invariants():
+    events = moving_disc().events
+    noisy = with_background(events, 3.0, np.random.default_rng(1))
+    assert first_unfit_event(noisy) is None
+    there = {*zip(noisy.t.tolist(), noisy.x.tolist(), noisy.y.tolist(), strict=True)}
+    assert there >= {*zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True)}
+
+
+def test_nothing_to_do_returns_the_packet_itself():
+    events = moving_disc().events
+    random = np.random.default_rng(1)
+    assert with_background(events, 0.0, random) is events
+    assert with_drops(events, 0.0, random) is events
+
+
+def test_drops_have_their_share():
+    many = with_background(EventPacket.empty(0, SPAN_US, SIZE), 50.0, np.random.default_rng(1))
+    kept = with_drops(many, 0.3, np.random.default_rng(2))
+    assert len(kept) / len(many) == pytest.approx(0.7, abs=0.01)
+
+
+def test_halves_are_disjoint_and_complete():
+    events = with_background(moving_disc().events, 2.0, np.random.default_rng(1))
+    numbered = EventPacket(events.x, events.y, events.p, np.arange(len(events)), 0, SPAN_US, SIZE)
+    first, second = halves(numbered, np.random.default_rng(2))
+    assert sorted([*first.t, *second.t]) == list(range(len(events)))
+    assert len(first) / len(events) == pytest.approx(0.5, abs=0.05)

@@ -1,0 +1,127 @@
+"""RAW as it comes: pipes give the file's events, at once, and once."""
+
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import FormatError, RecordingError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.types import EventPacket
+from stand_ins.piped_camera import PipedCamera
+
+SIZE = (320, 320)
+EVENTS = 60_000
+
+
+def events() -> EventPacket:
+    rng = np.random.default_rng(3)
+    t = np.sort(rng.integers(0, 400_000, EVENTS))
+    x, y = (rng.integers(0, 320, EVENTS).astype(np.uint16) for _ in range(2))
+    return EventPacket(x, y, rng.random(EVENTS) < 0.5, t, 0, 400_000, SIZE)
+
+
+@pytest.fixture(params=["evt2", "evt21", "evt3"])
+def raw(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE, encoding=request.param) as writer:
+        writer.write(events())
+    return path
+
+
+def columns(packets: list[EventPacket]) -> np.ndarray:
+    whole = EventPacket.concatenate(packets)
+    return np.stack([whole.x, whole.y, whole.p, whole.t])
+
+
+def without_header(data: bytes) -> bytes:
+    return data.partition(b"% end\n")[2]
+
+
+def test_a_pipe_gives_the_events_of_the_file(raw: Path, tmp_path: Path) -> None:
+    camera = PipedCamera(tmp_path / "live", raw.read_bytes())
+    source = open_events(tmp_path / "live")
+    packets = list(source)
+    camera.join()
+    assert source.size == SIZE
+    np.testing.assert_array_equal(columns(packets), columns(list(open_events(raw))))
+    ends = [packet.t_end_us for packet in packets]
+    assert ends[:-1] == [packet.t_start_us for packet in packets[1:]]
+    with pytest.raises(RecordingError, match="only once"):
+        list(source)
+
+
+def test_events_come_before_the_stream_ends(tmp_path: Path) -> None:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE) as writer:
+        writer.write(events())
+    camera = PipedCamera(tmp_path / "live", path.read_bytes())
+    camera.pause_after(0.5)
+    source = iter(open_events(tmp_path / "live"))
+    got = 0
+    while got < 0.45 * EVENTS:
+        got += len(next(source))
+    assert camera.written < 0.6 * path.stat().st_size
+    camera.go_on.set()
+    got += sum(len(packet) for packet in source)
+    assert got == EVENTS
+
+
+def test_standard_input_is_a_stream(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Piped:
+        buffer = io.BufferedReader(io.BytesIO(raw.read_bytes()))
+
+        def isatty(self) -> bool:
+            return False
+
+    monkeypatch.setattr(sys, "stdin", Piped())
+    np.testing.assert_array_equal(columns(list(open_events("-"))), columns(list(open_events(raw))))
+
+
+def test_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", type("Terminal", (), {"isatty": lambda _: True})())
+    with pytest.raises(RecordingError, match="terminal"):
+        open_events("-")
+
+
+def test_the_encoding_is_guessed_where_the_header_is_silent(tmp_path: Path) -> None:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE) as writer:
+        writer.write(events())
+    words = without_header(path.read_bytes())
+    PipedCamera(tmp_path / "live", b"% geometry 320x320\n% end\n" + words)
+    source = open_events(tmp_path / "live")
+    assert "no encoding" in source.notes[0]
+    assert columns(list(source)).shape == (4, EVENTS)
+
+
+@pytest.mark.parametrize("head", [b"% end\n", b""])
+def test_a_stream_without_a_size_is_refused(head: bytes, raw: Path, tmp_path: Path) -> None:
+    PipedCamera(tmp_path / "live", head + without_header(raw.read_bytes()))
+    with pytest.raises(FormatError, match="names no size"):
+        open_events(tmp_path / "live")
+
+
+def test_words_of_another_encoding_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "whole.raw"
+    with create_events(path, SIZE, encoding="evt2") as writer:
+        writer.write(events())
+    head = b"% evt 3.0\n% geometry 320x320\n% end\n"
+    PipedCamera(tmp_path / "live", head + without_header(path.read_bytes()), pieces=1)
+    with pytest.raises(FormatError, match="EVT2"):
+        open_events(tmp_path / "live")
+
+
+def test_an_empty_stream_has_no_size(tmp_path: Path) -> None:
+    PipedCamera(tmp_path / "live", b"\n\n", pieces=1)
+    with pytest.raises(FormatError):
+        open_events(tmp_path / "live")
+
+
+def test_files_are_no_streams(raw: Path) -> None:
+    assert not is_stream(raw)
+    assert not is_stream(raw.with_name("missing.raw"))
+    assert is_stream(Path("-"))

@@ -1,0 +1,146 @@
+"""Scores, rows and pictures of the hole experiment, from touches of an ideal prober."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.experiments.harness.published import HOLE_ERRORS_MM, HOLES
+from spikingtac.experiments.harness.report import find
+from spikingtac.experiments.holes.experiment import findings
+from spikingtac.experiments.holes.figures import error_figure, plate_figure
+from spikingtac.experiments.holes.scoring import DEFINITIONS, METHODS, hole_rows, score
+from spikingtac.experiments.holes.touching import (
+    ANGLES_DEG,
+    CROSS,
+    DEFAULT,
+    RADII_MM,
+    STYLES,
+    WALL_MM,
+    travel_of,
+    trial_of,
+)
+from spikingtac.geometry.hole import hexagon_reach_mm
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.cross_search import cross_search
+from spikingtac.robot.prober import Touched
+from stand_ins.touching import IdealProber
+
+HEADING_RAD, TRAVEL_MM = 0.3, 0.12
+
+
+def kept(touched: Touched, rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        "start_mm": touched.start_mm.tolist(),
+        "direction": touched.direction.tolist(),
+        "reading_mm": touched.reading_mm.tolist(),
+        "draw": rng.standard_normal(2).tolist(),
+        "presses": 2,
+    }
+
+
+def calibration(seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng([seed, 1])
+    record: dict[str, Any] = {"seed": seed}
+    for style in STYLES:
+        angle = np.radians(np.tile(ANGLES_DEG[style], 3))
+        unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        beyond = WALL_MM + TRAVEL_MM - hexagon_reach_mm(0.75, angle - HEADING_RAD)
+        touches = [Touched(np.zeros(2), one, b * one) for one, b in zip(unit, beyond, strict=True)]
+        record[style] = [kept(touch, rng) for touch in touches]
+    return record
+
+
+def record(seed: int, hole: int) -> dict[str, Any]:
+    rng = np.random.default_rng([seed, 2, hole])
+    trial = trial_of(seed, hole)
+    x, y = trial.center_mm
+    prober = IdealProber(RADII_MM[hole], (x, y), HEADING_RAD, TRAVEL_MM)
+    travel = travel_of(calibration(seed)[DEFAULT], 0.008)
+    search = AdaptiveSearch(prober, travel, AdaptiveSearchConfig())
+    touches = {
+        CROSS: cross_search(prober, trial.start_mm),
+        DEFAULT: search.run(trial.start_mm).touches,
+    }
+    return {"seed": seed, "hole": hole} | {
+        style: {
+            "touches": [kept(touch, rng) for touch in made],
+            "used": list(range(len(made))),
+            "error": None,
+        }
+        for style, made in touches.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def plates() -> tuple[list[dict[str, Any]], dict[int, dict[str, Any]]]:
+    seeds = (0, 1)
+    records = [record(seed, hole) for seed in seeds for hole in range(len(RADII_MM))]
+    return records, {seed: calibration(seed) for seed in seeds}
+
+
+def test_the_plate_is_the_papers_range_and_the_start_is_free() -> None:
+    assert (len(RADII_MM), RADII_MM[0], RADII_MM[-1]) == (10, 0.7, 5.0)
+    for seed in range(20):
+        for hole, radius_mm in enumerate(RADII_MM):
+            trial = trial_of(seed, hole)
+            away = float(np.linalg.norm(trial.start_mm - trial.center_mm))
+            assert away <= 0.9 * (radius_mm - 0.433)
+
+
+def test_every_method_case_and_metric_has_its_row(plates: Any) -> None:
+    rows = hole_rows(*plates, list(METHODS))
+    for prefix in ("rep028", "rep008"):
+        for method in METHODS:
+            for metric in DEFINITIONS:
+                assert find(rows, method, f"{prefix}/all", metric) is not None
+            assert find(rows, method, f"{prefix}/hole-10", "radius_rmse_mm") is not None
+    printed = find(rows, "cross4-published", "rep028/all", "radius_rmse_mm")
+    assert printed is not None
+    assert printed.paper == 0.0780
+
+
+def test_repeatability_alone_gives_the_bound(plates: Any) -> None:
+    """An ideal prober's contacts err by the arm only: 2 sigma / sqrt(n), and honest regions."""
+    rows = hole_rows(*plates, ["default-4", "default-12"])
+    for prefix, sigma_mm in (("rep028", 0.028), ("rep008", 0.008)):
+        for method, contacts in (("default-4", 4), ("default-12", 12)):
+            row = find(rows, method, f"{prefix}/all", "position_rmse_mm")
+            assert row is not None
+            assert row.value is not None
+            assert row.value == pytest.approx(2.0 * sigma_mm / np.sqrt(contacts), rel=0.35)
+            cover = find(rows, method, f"{prefix}/all", "coverage95")
+            assert cover is not None
+            assert cover.value is not None
+            assert cover.value >= 0.85
+
+
+def test_a_search_that_ended_with_an_error_counts_as_diverged(plates: Any) -> None:
+    records, calibrations = plates
+    failed = {**records[0], CROSS: {"touches": [], "used": [], "error": "no wall"}}
+    found = score("cross4", failed, calibrations[0], 0.028)
+    assert found.diverged
+    assert not found.covered
+    rows = hole_rows([failed, *records[1:]], calibrations, ["cross4"])
+    row = find(rows, "cross4", "rep028/all", "diverged")
+    assert row is not None
+    assert (row.value, row.n) == (1.0, len(records))
+
+
+def test_findings_and_pictures(plates: Any) -> None:
+    records, calibrations = plates
+    rows = hole_rows(records, calibrations, list(METHODS))
+    said = " ".join(findings(rows))
+    assert "paper 0.0952" in said
+    assert "signed mean" in said
+    assert "<svg" in error_figure(rows, list(METHODS))
+    drawn = plate_figure(records[: len(RADII_MM)], calibrations[0], "default-12")
+    assert drawn.count("R ") >= len(RADII_MM)
+
+
+def test_the_printed_numbers_follow_from_the_printed_errors() -> None:
+    position, radius = np.array(HOLE_ERRORS_MM).T
+    rms = [float(np.sqrt(np.mean(column**2))) for column in (position, radius)]
+    published = [HOLES["cross4-published", name].value for name in (
+        "position_rmse_kabsch_mm", "radius_rmse_mm", "radius_mean_signed_mm")]  # fmt: skip
+    np.testing.assert_allclose([*rms, radius.mean()], published, atol=6e-5)

@@ -1,0 +1,92 @@
+"""Every variant differs from the default in what it says, builds, and estimates."""
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.experiments.point_tracking.ablation import (
+    ABLATION_SCENES,
+    ablation_methods,
+    ablation_trials,
+    methods_on,
+)
+from spikingtac.experiments.point_tracking.no_hold import NoHold
+from spikingtac.experiments.trials.methods import Method
+from spikingtac.types import EventPacket, MarkerFrame
+
+SIZE = (130, 130)
+METHODS = ablation_methods()
+TRACKERS = {name: method for name, method in METHODS.items() if isinstance(method, Method)}
+
+
+def calibration() -> Calibration:
+    grid = 28.0 + 37.0 * np.stack(np.meshgrid(range(3), range(3)), axis=-1).reshape(-1, 2)
+    return Calibration(
+        reference_px=grid.astype(float),
+        radius_px=np.full(9, 7.0),
+        grid=(3, 3),
+        size=SIZE,
+        contrast=6.0,
+        step_on=0.13,
+        step_off=0.13,
+    )
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+def test_a_variant_runs(name: str) -> None:
+    method = TRACKERS[name]
+    packet = EventPacket.empty(0, 10_000, SIZE)
+    packets = [packet] if method.before is None else list(method.before([packet], calibration()))
+    tracker = method.build(calibration())
+    for one in packets:
+        tracker.absorb(one)
+    frame = tracker.estimate(10_000)
+    assert frame.detected_px.shape == (9, 2)
+    # A reference that is 1 px off pulls the estimate by that much, nothing else does.
+    off_px = np.linalg.norm(frame.detected_px - calibration().reference_px, axis=1)
+    assert off_px.max() < (1.5 if "1px" in name else 0.3)
+
+
+def test_no_two_variants_are_the_same() -> None:
+    keys = {name: method.key() for name, method in METHODS.items()}
+    assert len(set(keys.values())) == len(keys)
+
+
+def test_trials_cover_what_the_ablation_promises() -> None:
+    trials = ablation_trials(range(0, 1), ABLATION_SCENES)
+    prefixes = {trial.case.split("/")[0] for trial in trials if "/" in trial.case}
+    wanted = {"clean", "noisy", "loss10", "loss30", "loss50", "contrast-3", "contrast-12"}
+    assert wanted | {"cap-0.5", "cap-1", "blur-1", "blur-1.5", "noise-3"} <= prefixes
+    assert len({trial.key() for trial in trials}) == len(trials)
+
+
+def test_every_trial_asks_the_default_and_each_variant_is_asked_somewhere() -> None:
+    asked = [methods_on(trial) for trial in ablation_trials(range(0, 1), ABLATION_SCENES)]
+    assert all("default" in names for names in asked)
+    assert {name for names in asked for name in names} == set(METHODS)
+
+
+class Blinks:
+    """Sees nothing of its second marker."""
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Look away."""
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return markers that are all 3 px off, the second of them held."""
+        moved = calibration().reference_px + 3.0
+        held = np.arange(9) == 1
+        return MarkerFrame(t_us, moved, moved + 1.0, 0.0 * moved, held, 1.0 - held)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+
+def test_without_hold_only_what_is_not_seen_goes_to_its_rest() -> None:
+    rest = calibration().reference_px
+    frame = NoHold(Blinks(), calibration()).estimate(5)
+    off_px = frame.detected_px - rest
+    assert off_px[1].tolist() == [0.0, 0.0]
+    assert np.delete(off_px, 1, axis=0) == pytest.approx(3.0)
+    assert np.delete(frame.displacement_px, 1, axis=0) == pytest.approx(4.0)
+    assert frame.position_px[1].tolist() == rest[1].tolist()

@@ -1,0 +1,197 @@
+import numpy as np
+import pytest
+
+from spikingtac.errors import RecordingError
+from spikingtac.experiments.trials.ground_truth import GroundTruth
+from spikingtac.experiments.trials.metrics import (
+    POINT_METRICS,
+    longest_stay_us,
+    nearest_another,
+    on_rim,
+    point_scores,
+    return_growth_px,
+)
+from spikingtac.experiments.trials.prediction import Prediction
+from spikingtac.markers.anchored_law import AnchoredLawConfig
+
+REST = np.array([[50.0, 50.0], [90.0, 50.0], [50.0, 90.0], [90.0, 90.0]])
+TIMES_US = np.arange(0, 1_000_000, 2_000)
+
+
+def truth(marker_px: np.ndarray | None = None, released_us: int = 600_000) -> GroundTruth:
+    course = np.tile(REST, (len(TIMES_US), 1, 1)) if marker_px is None else marker_px
+    return GroundTruth(TIMES_US, course, REST, np.full(4, 7.0), released_us)
+
+
+def said(detected_px: np.ndarray, position_px: np.ndarray | None = None) -> Prediction:
+    given = detected_px if position_px is None else position_px
+    held = np.zeros(detected_px.shape[:2], np.bool_)
+    return Prediction(
+        TIMES_US, detected_px.astype(np.float32), given.astype(np.float32), held, REST
+    )
+
+
+def moving() -> np.ndarray:
+    course = np.tile(REST, (len(TIMES_US), 1, 1))
+    course[:, :, 0] += 10.0 * np.sin(np.linspace(0.0, np.pi, len(TIMES_US)))[:, None]
+    return course
+
+
+def test_the_truth_scores_perfectly() -> None:
+    scores = point_scores(said(moving()), truth(moving()))
+    assert set(scores) == {metric.name for metric in POINT_METRICS} - {"return_growth_px"}
+    assert scores["lead_px"] == pytest.approx(0.0, abs=1e-5)
+    assert scores["success_rate"] == 1.0
+    assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
+    assert scores["lost_markers"] == scores["id_swaps"] == 0.0
+
+
+def test_a_method_that_says_nothing_moved_returns_perfectly_and_is_wrong() -> None:
+    still = np.tile(REST, (len(TIMES_US), 1, 1))
+    scores = point_scores(said(still), truth(moving()))
+    assert scores["return_mean_px"] == 0.0
+    assert scores["error_mean_px"] == pytest.approx(20.0 / np.pi, rel=0.01)
+    assert scores["lost_markers"] == 4.0
+
+
+def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
+    off = moving() + np.array([0.6, 0.8])
+    scores = point_scores(said(off), truth(moving()))
+    for name in ("error_mean_px", "error_p95_px", "error_final_px", "return_error_mean_px"):
+        assert scores[name] == pytest.approx(1.0, abs=1e-4)
+    assert scores["return_mean_px"] == pytest.approx(1.0, abs=1e-4)
+    assert scores["return_std_px"] == pytest.approx(0.0, abs=1e-4)
+    law = AnchoredLawConfig()
+    zeroed = float(law.radius_px(np.array(1.0)))
+    assert scores["zeroed_return_mean_px"] == pytest.approx(zeroed, abs=1e-3)
+
+
+def test_the_return_is_that_of_the_given_position_and_the_error_that_of_the_detected() -> None:
+    position = moving() + np.array([6.0, 0.0])
+    scores = point_scores(said(moving(), position), truth(moving()))
+    assert scores["return_mean_px"] == pytest.approx(6.0, abs=1e-4)
+    assert scores["success_rate"] == 0.0
+    assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_one_marker_beyond_five_pixels_fails_the_trial() -> None:
+    off = moving()
+    off[-1, 2, 1] += 5.1
+    assert point_scores(said(off), truth(moving()))["success_rate"] == 0.0
+
+
+@pytest.mark.parametrize(("samples", "lost"), [(25, 0.0), (27, 1.0)])
+def test_lost_means_more_than_fifty_milliseconds(samples: int, lost: float) -> None:
+    off = moving()
+    off[100 : 100 + samples, 1, 0] += 6.0
+    assert point_scores(said(off), truth(moving()))["lost_markers"] == lost
+
+
+def test_exchanged_identities_are_counted() -> None:
+    swapped = moving()
+    swapped[200:, [0, 1]] = swapped[200:, [1, 0]]
+    assert point_scores(said(swapped), truth(moving()))["id_swaps"] == 2.0
+
+
+def test_damaged_markers_are_not_asked_for_but_stay_as_a_place_to_be_mistaken_for() -> None:
+    off = moving()
+    off[:, 3] += 30.0
+    scores = point_scores(said(off), truth(moving()), damaged=(3,))
+    assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
+    stolen = moving()
+    stolen[:, 2] = stolen[:, 3]
+    assert point_scores(said(stolen), truth(moving()), damaged=(3,))["id_swaps"] == 1.0
+
+
+def test_only_what_comes_after_the_release_counts_as_return_error() -> None:
+    off = moving()
+    off[TIMES_US <= 600_000] += 3.0
+    assert point_scores(said(off), truth(moving()))["return_error_mean_px"] < 1e-5
+
+
+def test_what_runs_ahead_of_the_motion_leads_and_what_rests_does_not() -> None:
+    course = moving()
+    speed_px_s = np.gradient(course, 2e-3, axis=0)
+    ahead = course + 0.4 * np.sign(np.round(speed_px_s, 3))
+    assert point_scores(said(ahead), truth(course))["lead_px"] == pytest.approx(0.4, abs=0.01)
+    late = course - 0.4 * np.sign(np.round(speed_px_s, 3))
+    assert point_scores(said(late), truth(course))["lead_px"] == pytest.approx(-0.4, abs=0.01)
+    still = np.tile(REST, (len(TIMES_US), 1, 1))
+    assert "lead_px" not in point_scores(said(still + 0.4), truth(still))
+
+
+def test_the_rim_is_the_outermost_rows_and_columns() -> None:
+    rows, columns = np.mgrid[0:4, 0:5]
+    grid = 40.0 * np.stack([columns, rows], axis=-1).reshape(-1, 2) + [[0.5, 0.0]] * 20
+    grid += np.random.default_rng(1).normal(0.0, 0.5, grid.shape)
+    inside = (rows % 3 > 0) & (columns % 4 > 0)
+    assert np.array_equal(on_rim(grid), ~inside.ravel())
+
+
+def test_no_estimates_are_no_score() -> None:
+    none = np.empty((0, 4, 2), np.float32)
+    nothing = Prediction(TIMES_US[:0], none, none, np.empty((0, 4), np.bool_), REST)
+    with pytest.raises(RecordingError, match="no events"):
+        point_scores(nothing, truth())
+
+
+def test_longest_stay_against_a_plain_loop() -> None:
+    rng = np.random.default_rng(5)
+    away = rng.random((200, 6)) < 0.7
+    t_us = np.cumsum(rng.integers(1, 50, 200))
+    ends = np.append(t_us[1:], t_us[-1])
+    expected = []
+    for marker in range(6):
+        longest, start = 0, None
+        for i in range(200):
+            if away[i, marker]:
+                start = t_us[i] if start is None else start
+                longest = max(longest, ends[i] - start)
+            else:
+                start = None
+        expected.append(longest)
+    assert longest_stay_us(away, t_us).tolist() == expected
+
+
+def test_nearest_another_against_all_distances() -> None:
+    rng = np.random.default_rng(6)
+    true_px = np.tile(REST, (50, 1, 1))
+    detected = true_px + rng.normal(0.0, 20.0, true_px.shape)
+    distance = np.linalg.norm(detected[:, :, None] - true_px[:, None], axis=3)
+    expected = distance.argmin(axis=2) != np.arange(4)
+    assert expected.any()
+    assert np.array_equal(nearest_another(detected, true_px, np.arange(4)), expected)
+
+
+def test_truth_is_read_between_its_times_and_held_at_its_ends() -> None:
+    course = np.zeros((2, 1, 2))
+    course[1] = 10.0
+    known = GroundTruth(np.array([0, 1_000]), course, np.zeros((1, 2)), np.ones(1), 0)
+    at = known.at(np.array([-5, 250, 2_000]))
+    assert at[:, 0, 0].tolist() == [0.0, 2.5, 10.0]
+
+
+def test_the_release_is_the_end_of_the_last_contact() -> None:
+    columns = {
+        "marker_t_us": np.array([0, 9_000]),
+        "marker_px": np.zeros((2, 1, 2)),
+        "reference_px": np.zeros((1, 2)),
+        "radius_px": np.ones(1),
+        "contact_t_us": np.arange(0, 9_000, 1_000),
+        "force_n": np.zeros((9, 3)),
+    }
+    columns["force_n"][2:5, 2] = 1.0
+    assert GroundTruth.of(columns).released_us == 5_000
+    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 9_000]]
+    columns["force_n"][7, 0] = -1.0
+    assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 7_000], [8_000, 9_000]]
+
+
+def test_growth_compares_the_last_return_with_the_first() -> None:
+    free_us = np.array([[100_000, 400_000], [500_000, 600_000], [700_000, 1_000_000]])
+    error_px = np.full((len(TIMES_US), 4), 9.0)
+    error_px[(TIMES_US >= 200_000) & (TIMES_US < 400_000)] = 0.1
+    error_px[TIMES_US >= 800_000] = 0.3
+    growth = return_growth_px(error_px, TIMES_US, free_us)
+    assert growth == pytest.approx(0.2)
+    assert return_growth_px(error_px, TIMES_US, free_us[:1]) is None

@@ -1,0 +1,210 @@
+"""Runs of a short scene: what is kept, what is computed again, and that nothing is mixed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError
+from spikingtac.experiments import EXPERIMENTS, runner_of
+from spikingtac.experiments.point_tracking.cases import (
+    DAMAGES,
+    LOOPS,
+    QUICK_MOTION_S,
+    main_trials,
+)
+from spikingtac.experiments.trials import runner as runner_module
+from spikingtac.experiments.trials.ground_truth import GroundTruth
+from spikingtac.experiments.trials.laws import LawMethod
+from spikingtac.experiments.trials.methods import Method, main_methods
+from spikingtac.experiments.trials.runner import Work, predict, run_all, run_work
+from spikingtac.experiments.trials.shortened_scenes import shortened
+from spikingtac.experiments.trials.trials import Trial
+from spikingtac.markers.anchored_law import AnchoredLaw
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.motions import Motion
+from spikingtac.types import EventPacket, MarkerFrame
+
+TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
+BUILT: list[str] = []
+
+
+class Still:
+    """Says that nothing ever moves."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._rest = calibration.reference_px
+        BUILT.append("still")
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Look away."""
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return the reference."""
+        held = np.zeros(len(self._rest), np.bool_)
+        return MarkerFrame(t_us, self._rest, self._rest, 0.0 * self._rest, held, held * 1.0)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+
+def table(gain: float = 1.0) -> dict[str, Method]:
+    return {
+        "still": Method(
+            name="still", about="", rate_hz=1_000.0, build=Still, settings={"gain": gain}, code=()
+        )
+    }
+
+
+def table_with_laws() -> dict[str, Method | LawMethod]:
+    law = LawMethod(
+        name="pulled", about="", of="still", law=AnchoredLaw, settings={"gamma": "default"}
+    )
+    return {**table(), "pulled": law}
+
+
+def other_table() -> dict[str, Method]:
+    return table(gain=2.0)
+
+
+@pytest.fixture
+def known_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sensor is known from the twin itself: bootstrap slides take longer than this test."""
+
+    def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
+        _, truth = trial.open(folder, data)
+        return Calibration(
+            reference_px=truth.reference_px, radius_px=truth.radius_px, grid=(8, 8), size=(320, 320)
+        )
+
+    monkeypatch.setattr(runner_module, "calibration_of", calibration_of)
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still", "truth"), table=table, folder=tmp_path)
+    shares: list[float] = []
+    first = run_all([work], 1, shares.append)
+    assert [record["method"] for record in first] == ["still", "truth"]
+    assert BUILT == ["still"]
+    assert shares[-1] == 1.0
+    assert json.loads(json.dumps(run_work(work))) == json.loads(json.dumps(first))
+    assert BUILT == ["still"], "kept"
+    score = next((tmp_path / "scores" / "still").iterdir())
+    score.unlink()
+    assert run_work(work)[0]["scores"] == first[0]["scores"]
+    assert BUILT == ["still"], "scored again from the prediction"
+    run_work(Work(trial=TRIAL, methods=("still",), table=other_table, folder=tmp_path))
+    assert BUILT == ["still", "still"], "another configuration is another prediction"
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
+    still, pulled = run_all([work], 1)
+    assert (still["method"], pulled["method"]) == ("still", "pulled")
+    assert BUILT == ["still"], "tracked once"
+    assert pulled["prediction"] == still["prediction"]
+    alone = replace(work, methods=("pulled",), folder=tmp_path / "alone")
+    assert run_all([alone], 1)[0]["scores"] == pulled["scores"], "also where only it is asked for"
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_other_scoring_scores_again_what_was_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
+    run_work(work)
+    monkeypatch.setattr(runner_module, "SCORING", ("experiments/harness/rows.py",))
+    monkeypatch.setattr(runner_module, "point_scores", lambda *_: {"error_mean_px": -1.0})
+    assert run_work(work)[0]["scores"] == {"error_mean_px": -1.0}
+    assert BUILT == ["still"]
+
+
+@pytest.mark.usefixtures("known_sensor")
+def test_a_damaged_prediction_is_made_again(tmp_path: Path) -> None:
+    BUILT.clear()
+    work = Work(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
+    run_work(work)
+    for kind in ("scores", "predictions"):
+        next((tmp_path / kind / "still").iterdir()).write_bytes(b"cut sho")
+    run_work(work)
+    assert BUILT == ["still", "still"]
+
+
+def test_the_truth_method_scores_zero_error(tmp_path: Path) -> None:
+    truth = GroundTruth(
+        np.array([0, 1_000]), np.zeros((2, 1, 2)), np.zeros((1, 2)), np.ones(1), 500
+    )
+    calibration = Calibration(
+        reference_px=np.zeros((1, 2)), radius_px=np.ones(1), grid=(1, 1), size=(9, 9)
+    )
+    prediction = predict(None, [], calibration, truth)
+    assert np.array_equal(prediction.detected_px, truth.marker_px)
+
+
+def test_keys_tell_configuration_camera_seed_and_loss_apart() -> None:
+    assert table()["still"].key() != table(2.0)["still"].key()
+    assert table()["still"].key() == table()["still"].key()
+    trials = [
+        TRIAL,
+        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, seed=1),
+        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, loss=0.3),
+        Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1, damaged=2),
+        Trial(case="short", scene="finger-presses", camera="noisy", duration_s=0.1),
+    ]
+    assert len({trial.key() for trial in trials}) == len(trials)
+
+
+def test_bootstrap_is_of_the_same_sensor_and_camera_without_loss_and_damage() -> None:
+    trial = Trial(case="x", scene="mixed", seed=4, serial=5, camera="noisy", loss=0.3, damaged=4)
+    slides = trial.bootstrap()
+    assert (slides.scene, slides.serial, slides.camera) == ("bootstrap", 5, "noisy")
+    assert (slides.loss, slides.damaged) == (0.0, 0)
+
+
+def test_quick_keeps_every_case_of_the_contract_but_fifty_contacts() -> None:
+    quick = {case for t in main_trials(range(0, 1), True) for case in (t.case, *t.groups)}
+    full = {case for t in main_trials(range(0, 5), False) for case in (t.case, *t.groups)}
+    wanted = {"all", "noisy/all", "noisy-loss30/all", "loops", *catalog.TRAJECTORIES}
+    wanted |= {f"broken-{count}" for count in DAMAGES}
+    assert wanted <= quick
+    assert wanted | {"fifty-contacts"} <= full
+    assert "fifty-contacts" not in quick
+
+
+def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release() -> None:
+    total_s = np.zeros(2)
+    for name in catalog.TRAJECTORIES:
+        whole = catalog.load(name)
+        short = shortened(whole, QUICK_MOTION_S)
+        assert len(short.contacts) <= len(whole.contacts)
+        seconds = [
+            sum(Motion(one.motion).duration_s for one in scene.contacts) for scene in (short, whole)
+        ]
+        assert 1.0 < seconds[0] <= seconds[1], name
+        total_s += seconds
+        assert short.lead_out_s == whole.lead_out_s
+        for contact, other in zip(short.contacts, whole.contacts, strict=False):
+            assert contact.motion.segments[-1] == other.motion.segments[-1], "still let go of"
+    assert total_s[0] < 0.6 * total_s[1]
+    assert all(trial.motion_s is None for trial in main_trials(range(0, 1), False))
+    loops = [trial for trial in main_trials(range(0, 1), True) if trial.scene == LOOPS]
+    assert [trial.motion_s for trial in loops] == [None], "a loop that is cut short is not closed"
+
+
+def test_every_method_of_the_contract_is_there() -> None:
+    assert {"default", "fast", "paper", "evetac", "neutac", "ekalibr"} <= set(main_methods())
+
+
+def test_an_unknown_experiment_names_the_valid_ones() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean 'point-tracking'.*valid"):
+        runner_of(EXPERIMENTS, "point-trackin", "experiment")

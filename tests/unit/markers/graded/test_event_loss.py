@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded import event_loss as events_kept
+from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
+from spikingtac.types import EventPacket
+
+STEP = 1.0 / 7.0
+"""Seven steps per swing: six and a half events, and half of one in the dead band."""
+SIZE = (320, 40)
+REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
+CALIBRATION = Calibration(
+    reference_px=REFERENCE_PX,
+    radius_px=np.full(10, 7.0),
+    grid=(1, 10),
+    size=SIZE,
+    step_on=STEP,
+    step_off=STEP,
+)
+EVENTS_PER_PX = 4 * 7.0 * 6.5
+BACKGROUND_PER_MS = 20
+SPEED_PX_S = 200.0
+STROKE_PX = 8.0
+"""To and fro about the rest."""
+STILL = np.zeros((10, 2))
+
+
+def packet(x: np.ndarray, y: np.ndarray) -> EventPacket:
+    t_us = np.zeros(len(x), np.int64)
+    pixels = x.astype(np.uint16), y.astype(np.uint16)
+    return EventPacket(*pixels, np.ones(len(x), np.bool_), t_us, 0, 1000, SIZE)
+
+
+def spread(events: int, rng: np.random.Generator) -> EventPacket:
+    return packet(rng.integers(0, SIZE[0], events), rng.integers(0, SIZE[1], events))
+
+
+def at_markers(counts: np.ndarray) -> EventPacket:
+    x, y = np.repeat(REFERENCE_PX, counts, axis=0).T
+    return packet(x, y)
+
+
+def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
+    """Move some markers and lose events; return the share that is believed in the end."""
+    watch, rng = EventLoss(CALIBRATION), np.random.default_rng(1)
+    position, velocity = REFERENCE_PX.copy(), np.zeros((10, 2))
+    velocity[:moving, 0] = SPEED_PX_S
+    for _ in range(500):
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
+        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
+    signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
+    for _ in range(int(seconds * 1e3)):
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
+        watch.count(at_markers(rng.poisson(signal)))
+        position += 1e-3 * velocity
+        velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
+        told = watch.update(position, velocity, watch.take(1e-3))
+        assert told is None or told == watch.share
+    return watch.share
+
+
+@pytest.mark.parametrize("moving", [1, 10])
+def test_a_whole_stream_is_found_whole(moving: int) -> None:
+    assert last_share(1.0, moving) == 1.0
+
+
+@pytest.mark.parametrize("moving", [1, 10])
+@pytest.mark.parametrize("kept", [0.8, 0.7, 0.5, 0.3])
+def test_the_share_that_arrives_is_found(kept: float, moving: int) -> None:
+    """Also where one marker moves and nine rest: a touch moves few."""
+    assert last_share(kept, moving) == pytest.approx(kept, abs=0.04)
+
+
+def test_texture_that_adds_events_is_not_loss() -> None:
+    assert last_share(1.6) == 1.0
+
+
+def test_silence_and_standing_still_say_nothing() -> None:
+    watch = EventLoss(CALIBRATION)
+    for _ in range(5_000):
+        assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
+    assert watch.update(REFERENCE_PX, np.full((10, 2), 300.0), watch.take(0.0)) is None
+    assert watch.share == FIRST_SHARE
+
+
+def test_snaps_creep_and_far_markers_are_not_asked() -> None:
+    for velocity_px_s, away_px in ((900.0, 0.0), (5.0, 0.0), (200.0, 15.0)):
+        watch = EventLoss(CALIBRATION)
+        velocity = np.tile([velocity_px_s, 0.0], (10, 1))
+        for _ in range(1_000):
+            position_px = REFERENCE_PX + np.array([0.0, away_px])
+            assert watch.update(position_px, velocity, watch.take(1e-3)) is None
+
+
+def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
+    watch = EventLoss(CALIBRATION)
+    position, velocity = REFERENCE_PX.copy(), np.tile([SPEED_PX_S, 0.0], (10, 1))
+    for step in range(2_000):
+        if step % 4 == 0:
+            velocity *= -1.0
+        position += 1e-3 * velocity
+        assert watch.update(position, velocity, watch.take(1e-3)) is None
+
+
+def test_the_kernels_do_what_their_plain_twins_do() -> None:
+    rng = np.random.default_rng(3)
+    owner = rng.integers(0, 10, (40, 320)).astype(np.uint16)
+    events, counts = spread(500, rng), np.zeros(10, np.int64)
+    events_kept._count_kernel(owner, events.x, events.y, counts)
+    np.testing.assert_array_equal(counts, np.bincount(owner[events.y, events.x], minlength=10))
+    asked_once = False
+    turn = REFERENCE_PX + rng.normal(0, 3, (10, 2))
+    for _ in range(20):
+        position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
+        velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
+        noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
+        roam, dt, turned = 9.0, 1e-3, turn.copy()
+        got = events_kept._motion_kernel(
+            (position, velocity, REFERENCE_PX, turned), (counts, noise, per_px), (roam, 6.0), dt
+        )
+        speed = np.hypot(*velocity.T)
+        asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
+        asked &= per_px * speed > events_kept.BACKGROUND_SHARE * noise
+        asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
+        way = position - turn
+        asked &= np.hypot(*way.T) > 6.0
+        turns = ((way * velocity).sum(axis=1) < 0.0) | (speed >= events_kept.FAST_PX_S)
+        turn[turns] = position[turns]
+        expected = (per_px * speed)[asked].sum() * dt
+        arrived = (counts - noise * dt)[asked].sum()
+        np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
+        np.testing.assert_array_equal(turned, turn)
+        asked_once = asked_once or asked.any()
+    assert asked_once

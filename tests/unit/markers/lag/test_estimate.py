@@ -1,0 +1,239 @@
+"""The lag from events: exact on its own model, near on cameras whose lag is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError
+from spikingtac.events.source import PacketSource
+from spikingtac.markers.lag.crossings import (
+    ORDERS,
+    PLACE_BINS,
+    REACH_PX,
+    SPEED_EDGES_PX_S,
+    Crossings,
+    MarkerTrack,
+    observe_crossings,
+)
+from spikingtac.markers.lag.estimate import LagConfig, estimate_lag
+from spikingtac.markers.lag.photoreceptor import EdgeProfile, overshoot_px
+from spikingtac.markers.lag.recording_lag import recording_lag
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.config import load_camera
+from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.types import EventPacket, MarkerFrame
+
+EDGE = EdgeProfile(contrast=6.0, edge_px=0.5)
+LEVELS = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
+
+
+def test_profile_and_its_inverse() -> None:
+    place = np.linspace(-3.0, 3.0, 61)
+    assert EDGE.place_px(EDGE.level(place)) == pytest.approx(place, abs=1e-6)
+    assert EDGE.level(np.array([-40.0, 40.0])) == pytest.approx([1.0, 0.0], abs=1e-9)
+    assert EdgeProfile(contrast=1 / 6.0, edge_px=0.5).ratio == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("brightening", [True, False])
+@pytest.mark.parametrize("dark", [0.0, 0.12])
+def test_slow_edges_are_late_by_each_levels_own_time(brightening: bool, dark: float) -> None:
+    kappa = np.array([1e-4, 1e-3])
+    late = overshoot_px(EDGE, brightening, LEVELS, kappa, dark)
+    expected = kappa[:, None] * EDGE.slowness(LEVELS, dark)
+    assert late == pytest.approx(expected, rel=0.03, abs=2e-5)
+
+
+def test_fast_edges_are_late_by_the_step_response() -> None:
+    """After a step the light is even: white's time constant upwards, the ground's downwards."""
+    sharp, kappa = EdgeProfile(contrast=6.0, edge_px=0.002), np.array([0.3])
+    up = overshoot_px(sharp, True, LEVELS, kappa, 0.0)[0]
+    down = overshoot_px(sharp, False, LEVELS, kappa, 0.0)[0]
+    assert up == pytest.approx(-0.3 * np.log(1 - LEVELS), abs=0.03)
+    assert down == pytest.approx(-0.3 * 6.0 * np.log(LEVELS), abs=0.03)
+
+
+@pytest.mark.parametrize("brightening", [True, False])
+def test_low_pass_and_plain_euler_agree(brightening: bool) -> None:
+    kappa, dark, step = 0.12, 0.06, 1e-3
+    q, seen, side = -7.0, None, -1.0 if brightening else 1.0
+    crossed: list[float] = []
+    asked = LEVELS if brightening else LEVELS[::-1]
+    while len(crossed) < len(asked):
+        level = float(EDGE.level(np.array([side * q]))[0])
+        seen = level if seen is None else seen
+        tau = kappa * float(EDGE.slowness(np.array([level]), dark)[0])
+        seen += (level - seen) * step / tau
+        q += step
+        wanted = asked[len(crossed)]
+        if (seen >= wanted) if brightening else (seen <= wanted):
+            crossed.append(q - side * float(EDGE.place_px(np.array([wanted]))[0]))
+    late = overshoot_px(EDGE, brightening, asked, np.array([kappa]), dark)[0]
+    assert late == pytest.approx(crossed, abs=0.004)
+
+
+def modelled(lag_s: float, white_s: float, dark: float, skew_s: float = 0.0) -> Crossings:
+    """Crossings of an ideal ladder whose positions are late by ``lag_s``."""
+    speeds = 0.5 * (SPEED_EDGES_PX_S[:-1] + SPEED_EDGES_PX_S[1:])
+    count = np.zeros((2, ORDERS, len(speeds), PLACE_BINS), np.int64)
+    rng = np.random.default_rng(0)
+    for side in (0, 1):
+        late = overshoot_px(EDGE, side == 0, LEVELS, speeds * white_s, dark)
+        late += (-lag_s + (2 * side - 1) * skew_s) * speeds[:, None]
+        for order, level in enumerate(LEVELS if side == 0 else LEVELS[::-1]):
+            column = order if side == 0 else len(LEVELS) - 1 - order
+            q = EDGE.place_px(np.array([level])) + (2 * side - 1) * late[:, column]
+            for bin_, middle in enumerate(q):
+                drawn = middle + rng.normal(0.0, 0.2, 4_000)
+                places = ((drawn + REACH_PX) / (2 * REACH_PX) * PLACE_BINS).astype(int)
+                count[side, order, bin_] = np.bincount(places, minlength=PLACE_BINS)
+    return Crossings(count, speeds * count.sum(axis=3))
+
+
+@pytest.mark.parametrize("white_us", [150.0, 800.0, 2_000.0])
+@pytest.mark.parametrize("skew_us", [0.0, 300.0])
+def test_its_own_model_is_solved(white_us: float, skew_us: float) -> None:
+    lag_us = 2.2 * white_us
+    crossings = modelled(lag_us * 1e-6, white_us * 1e-6, 0.06, skew_us * 1e-6)
+    estimate = estimate_lag(crossings, EDGE, LagConfig(dark=(0.06,), floor_us=0.0))
+    # The table's interpolation and the bins' middles leave 1 %.
+    assert estimate.lag_us == pytest.approx(lag_us, abs=3 * estimate.uncertainty_us + 0.01 * lag_us)
+    assert estimate.white_us == pytest.approx(white_us, rel=0.15)
+    assert estimate.uncertainty_us < 0.08 * lag_us + 60.0
+    assert estimate.samples == crossings.count.sum()
+
+
+def test_an_unknown_dark_current_widens_the_uncertainty() -> None:
+    crossings = modelled(2e-3, 8e-4, 0.06)
+    known = estimate_lag(crossings, EDGE, LagConfig(dark=(0.06,)))
+    unknown = estimate_lag(crossings, EDGE)
+    assert unknown.uncertainty_us > known.uncertainty_us
+    assert unknown.lag_us == pytest.approx(2_000.0, rel=0.15)
+
+
+def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
+    """Return displacements at 1 kHz: out and back along x and y, both ways round."""
+    share = (np.arange(duration_ms) + 1.0) / duration_ms
+    out = (share**3 * (10 + share * (6 * share - 15)))[:, None] * amplitude_px
+    pause = np.zeros((60, 2))
+    parts = [pause]
+    for heading in 2 * ((1.0, 0.05), (-1.0, 0.0), (0.03, -1.0), (-0.02, 1.0)):
+        parts += [out * heading, (amplitude_px - out) * heading, pause]
+    return np.concatenate(parts)
+
+
+def filmed(
+    preset: str, bandwidth_hz: float, moved_px: np.ndarray
+) -> tuple[EventPacket, np.ndarray, np.ndarray]:
+    """Return the twin's events of 16 discs, their true paths and their radii."""
+    base = load_camera(preset)
+    camera = replace(base, size=(150, 150), pixel=replace(base.pixel, bandwidth_hz=bandwidth_hz))
+    place = np.arange(4) * 37.0 + 18.6
+    rest = np.stack(np.meshgrid(place, place), -1).reshape(-1, 2)
+    rest += np.random.default_rng(1).uniform(-0.8, 0.8, rest.shape)
+    radius, shape = np.full(16, 7.0), np.tile(np.eye(2), (16, 1, 1))
+    path = rest + moved_px[:, None]
+    images = [MarkerImage(1_000 * i, at, shape, radius) for i, at in enumerate(path)]
+    lens = EventCamera(camera, seed=3)
+    lens.settle(images[0], "random")
+    return lens.advance(images[1:]), path, radius
+
+
+def delayed(path: np.ndarray, lag_us: float) -> MarkerTrack:
+    t_us = np.arange(len(path)) * 1_000
+    flat = path.reshape(len(path), -1)
+    late = [np.interp(t_us - lag_us, t_us, column) for column in flat.T]
+    return MarkerTrack(
+        t_us, np.stack(late, axis=1).reshape(path.shape), np.full(path.shape[1], 7.0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("preset", "bandwidth_hz"), [("typical", 2_000.0), ("noisy", 500.0), ("typical", 150.0)]
+)
+def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
+    """The twin's pixels are late by (tau + latency) at white over the light; so is the track."""
+    packet, path, _ = filmed(preset, bandwidth_hz, slides())
+    white_us = 1e6 / (2 * np.pi * bandwidth_hz) + 150.0
+    middle_us = white_us * 6.0**0.5
+    # The camera's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
+    edge = EdgeProfile(contrast=6.0, edge_px=0.577 / 1.702)
+    estimate = estimate_lag(observe_crossings(packet, delayed(path, middle_us)), edge)
+    print(
+        f"simulated, {preset} {bandwidth_hz:.0f} Hz: lag {estimate.lag_us:.0f} "
+        f"+- {estimate.uncertainty_us:.0f} us, true {middle_us:.0f} us"
+    )
+    assert estimate.lag_us == pytest.approx(middle_us, rel=0.2, abs=200.0)
+    assert abs(estimate.lag_us - middle_us) < 2.0 * estimate.uncertainty_us
+
+
+def test_a_later_track_is_found_later_by_as_much() -> None:
+    packet, path, _ = filmed("typical", 500.0, slides())
+    edge = EdgeProfile(contrast=6.0, edge_px=0.577 / 1.702)
+    lags = [
+        estimate_lag(observe_crossings(packet, delayed(path, late_us)), edge).lag_us
+        for late_us in (1_000.0, 2_000.0, 3_000.0)
+    ]
+    assert np.diff(lags) == pytest.approx([1_000.0, 1_000.0], abs=100.0)
+
+
+def test_nothing_seen_gives_the_stated_default() -> None:
+    config = LagConfig(default_us=700.0, default_uncertainty_us=400.0)
+    quiet = observe_crossings(
+        EventPacket.empty(0, 1_000_000, (112, 112)), delayed(np.zeros((900, 1, 2)), 0.0)
+    )
+    unseen = estimate_lag(quiet, EDGE, config)
+    assert (unseen.lag_us, unseen.uncertainty_us, unseen.samples) == (700.0, 400.0, 0)
+    assert np.isnan(unseen.white_us)
+
+
+def test_a_measurement_worse_than_the_default_is_not_used() -> None:
+    crossings = modelled(2e-3, 8e-4, 0.06)
+    assert estimate_lag(crossings, EDGE, LagConfig(default_uncertainty_us=50.0)).samples == 0
+
+
+def test_one_polarity_alone_tells_nothing() -> None:
+    crossings = modelled(2e-3, 8e-4, 0.06)
+    crossings.count[1] = 0
+    assert estimate_lag(crossings, EDGE).samples == 0
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(ConfigError, match="dark"):
+        LagConfig(dark=())
+    with pytest.raises(ConfigError, match="shortest_us"):
+        LagConfig(shortest_us=10.0, longest_us=1.0)
+
+
+class Late:
+    """A tracker that gives out a known path, late; its first marker is held, and wrong."""
+
+    def __init__(self, path: np.ndarray, lag_us: float) -> None:
+        self._track = delayed(path, lag_us)
+
+    def absorb(self, packet: EventPacket) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        row = min(int(np.searchsorted(self._track.t_us, t_us)), len(self._track.t_us) - 1)
+        at = self._track.center_px[row].copy()
+        held = np.arange(len(at)) == 0
+        at[held] += 1.0
+        return MarkerFrame(t_us, at, at, at, held, np.ones(len(at)))
+
+
+def test_a_recording_is_tracked_and_its_lag_found() -> None:
+    packet, path, radius = filmed("typical", 500.0, slides())
+    lag_us = 1_147.0
+    calibration = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
+    source, late = PacketSource([packet], packet.size), Late(path, lag_us)
+    with pytest.raises(ConfigError, match="contrast"):
+        recording_lag(source, late, calibration)
+    known = replace(calibration, contrast=6.0, edge_px=0.577 / 1.702)
+    estimate = recording_lag(source, late, known)
+    assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
+    assert estimate.samples > 0

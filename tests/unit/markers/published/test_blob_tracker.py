@@ -1,0 +1,247 @@
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.denoise.classical import Box7, Median3, NoDenoiser
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.markers.hysteresis import PaperLaw
+from spikingtac.markers.published.blob_tracker import (
+    BlobTracker,
+    BlobTrackerConfig,
+    painted_binary_map,
+    smallest_spacing_px,
+)
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.types import EventPacket
+from stand_ins.ideal_events import ideal_events
+
+SIZE = (150, 120)
+GRID = (3, 4)
+RADIUS_PX = 6.0
+REST_PX = np.stack(np.meshgrid(np.arange(20, 140, 33.0), np.arange(20, 110, 33.0)), -1)
+REST_PX = REST_PX.reshape(-1, 2)
+STEPS = 60
+"""Estimates over the path; five steps of 1 ms each."""
+
+
+def calibration(polarity: str = "white", rest_px: np.ndarray = REST_PX) -> Calibration:
+    return Calibration(
+        reference_px=rest_px,
+        radius_px=np.full(len(rest_px), RADIUS_PX),
+        grid=GRID if len(rest_px) == 12 else (1, len(rest_px)),
+        size=SIZE,
+        polarity=polarity,
+    )
+
+
+def tracker(polarity: str = "white") -> BlobTracker:
+    return BlobTracker(BlobTrackerConfig(), calibration(polarity), Median3())
+
+
+def loop_path() -> np.ndarray:
+    """Two turns of a circle of 10 px, begun at rest."""
+    angle = np.linspace(0.0, 4.0 * np.pi, STEPS * 5)
+    offset = 5.0 * np.stack([1.0 - np.cos(angle), np.sin(angle)], axis=1)
+    return REST_PX[np.newaxis] + offset[:, np.newaxis, :]
+
+
+@cache
+def short_trip() -> EventPacket:
+    return ideal_events(loop_path()[:60], RADIUS_PX, SIZE)
+
+
+@pytest.fixture(scope="module")
+def moving() -> tuple[EventPacket, np.ndarray]:
+    path = loop_path()
+    return ideal_events(path, RADIUS_PX, SIZE), path
+
+
+def windows(packet: EventPacket, count: int) -> list[EventPacket]:
+    edges = np.linspace(packet.t_start_us, packet.t_end_us, count + 1).astype(int)
+    cuts = np.searchsorted(packet.t, edges)
+    return [
+        packet.part(int(cuts[k]), int(cuts[k + 1]), int(edges[k]), int(edges[k + 1]))
+        for k in range(count)
+    ]
+
+
+def test_a_sensor_at_rest_needs_no_slides() -> None:
+    frame = tracker().estimate(0)
+    assert not frame.held.any()
+    assert np.abs(frame.detected_px - REST_PX).max() < 0.1
+    assert frame.confidence.min() > 0.9
+
+
+def test_moving_markers_are_followed(moving: tuple[EventPacket, np.ndarray]) -> None:
+    packet, path = moving
+    follower = tracker()
+    for window in windows(packet, STEPS):
+        follower.absorb(window)
+        frame = follower.estimate(window.t_end_us)
+        now = path[min(window.t_end_us // 1_000, len(path)) - 1]
+        assert not frame.held.any()
+        assert np.linalg.norm(frame.detected_px - now, axis=1).max() < 1.6
+        np.testing.assert_array_equal(frame.position_px, frame.detected_px)
+        np.testing.assert_array_equal(frame.displacement_px, frame.detected_px - REST_PX)
+
+
+def test_dark_markers_are_the_same_with_swapped_polarity(
+    moving: tuple[EventPacket, np.ndarray],
+) -> None:
+    packet, _ = moving
+    swapped = EventPacket(
+        packet.x, packet.y, ~packet.p, packet.t, packet.t_start_us, packet.t_end_us, SIZE
+    )
+    white, dark = tracker(), tracker("dark")
+    white.absorb(packet)
+    dark.absorb(swapped)
+    np.testing.assert_array_equal(white.estimate(1).detected_px, dark.estimate(1).detected_px)
+
+
+@settings(max_examples=20, deadline=None)
+@given(cuts=st.lists(st.integers(0, 10_000), max_size=12))
+def test_any_cutting_into_packets_gives_the_same(cuts: list[int]) -> None:
+    packet = short_trip()
+    whole, parts = tracker(), tracker()
+    whole.absorb(packet)
+    edges = [0, *sorted(min(cut, len(packet)) for cut in cuts), len(packet)]
+    for first, last in pairwise(edges):
+        parts.absorb(packet.part(first, last, 0, packet.t_end_us))
+    one, other = whole.estimate(1), parts.estimate(1)
+    np.testing.assert_array_equal(one.detected_px, other.detected_px)
+    np.testing.assert_array_equal(one.confidence, other.confidence)
+
+
+def test_a_vanished_marker_is_held_and_comes_back() -> None:
+    state_map = painted_binary_map(calibration())
+    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    before = follower.estimate(0)
+    kept = state_map.values[8:33, 8:33].copy()
+    state_map.values[8:33, 8:33] = 0.0
+    gone = follower.estimate(1)
+    assert np.flatnonzero(gone.held).tolist() == [0]
+    assert gone.confidence[0] == 0.0
+    np.testing.assert_array_equal(gone.detected_px, before.detected_px)
+    state_map.values[8:33, 11:36] = kept
+    back = follower.estimate(2)
+    assert not back.held.any()
+    np.testing.assert_allclose(back.detected_px[0], before.detected_px[0] + [3.0, 0.0])
+
+
+def test_half_a_marker_is_held_rather_than_followed() -> None:
+    state_map = painted_binary_map(calibration())
+    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    state_map.values[8:20, 8:33] = 0.0  # more than half of marker 0
+    state_map.values[20, 8:33] = 0.0
+    assert follower.estimate(0).held[0]
+
+
+def test_one_blob_never_serves_two_markers() -> None:
+    state_map = painted_binary_map(calibration())
+    follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
+    state_map.values[10:31, 10:64] = 0.0
+    state_map.values[15:26, 30:41] = 1.0  # one blob between markers 0 and 1, nearer to 0
+    frame = follower.estimate(0)
+    assert frame.held.tolist() == [False, True] + [False] * 10
+
+
+def test_permuted_markers_give_permuted_results(moving: tuple[EventPacket, np.ndarray]) -> None:
+    packet, _ = moving
+    order = np.random.default_rng(0).permutation(12)
+    straight = tracker()
+    mixed = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[order]), Median3())
+    for follower in (straight, mixed):
+        follower.absorb(packet)
+    np.testing.assert_array_equal(
+        straight.estimate(1).detected_px[order], mixed.estimate(1).detected_px
+    )
+
+
+def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarray]) -> None:
+    packet, _ = moving
+    plain = tracker()
+    law = PaperLaw()
+    damped = BlobTracker(BlobTrackerConfig(), calibration(), Median3(), law=PaperLaw())
+    for window in windows(packet, 20):
+        plain.absorb(window)
+        damped.absorb(window)
+        one, other = plain.estimate(window.t_end_us), damped.estimate(window.t_end_us)
+        np.testing.assert_array_equal(one.detected_px, other.detected_px)
+        expected = law.update(one.detected_px, REST_PX)
+        np.testing.assert_array_equal(other.position_px, expected)
+        np.testing.assert_array_equal(other.displacement_px, expected - REST_PX)
+
+
+def test_a_reset_forgets_all_but_the_calibration(moving: tuple[EventPacket, np.ndarray]) -> None:
+    follower = BlobTracker(BlobTrackerConfig(), calibration(), Box7(), law=PaperLaw())
+    first = follower.estimate(0)
+    follower.absorb(moving[0])
+    follower.estimate(1)
+    follower.reset()
+    again = follower.estimate(0)
+    np.testing.assert_array_equal(first.detected_px, again.detected_px)
+    np.testing.assert_array_equal(first.position_px, again.position_px)
+
+
+def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
+    config = BlobTrackerConfig(refresh_us=1_000)
+    state_map = painted_binary_map(calibration())
+    follower = BlobTracker(config, calibration(), Median3(), state_map)
+    follower.estimate(0)
+    noise = np.random.default_rng(0).random(state_map.values.shape) < 0.05
+    state_map.values[noise] = 1.0 - state_map.values[noise]
+    follower.estimate(999)
+    assert np.count_nonzero(state_map.values != painted_binary_map(calibration()).values) > 500
+    follower.estimate(1_000)
+    left = np.count_nonzero(state_map.values != painted_binary_map(calibration()).values)
+    assert left < 0.1 * np.count_nonzero(noise)
+    assert set(np.unique(state_map.values)) == {0.0, 1.0}
+
+
+def test_only_a_binary_map_can_be_refreshed() -> None:
+    graded = GradedStateMap(painted_binary_map(calibration()).values)
+    with pytest.raises(ConfigError, match="binary"):
+        BlobTracker(BlobTrackerConfig(refresh_us=1_000), calibration(), Median3(), graded)
+
+
+def test_frames_keep_their_values() -> None:
+    follower = tracker()
+    first = follower.estimate(0)
+    kept = first.detected_px.copy()
+    follower.absorb(short_trip())
+    follower.estimate(1)
+    np.testing.assert_array_equal(first.detected_px, kept)
+
+
+def test_a_single_marker_has_no_neighbours() -> None:
+    assert smallest_spacing_px(REST_PX[:1]) == np.inf
+    assert smallest_spacing_px(REST_PX) == pytest.approx(33.0)
+    alone = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[:1]), Median3())
+    assert not alone.estimate(0).held.any()
+
+
+def test_a_recording_of_another_size_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="640x480"):
+        tracker().absorb(EventPacket.empty(0, 10, (640, 480)))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"min_area_share": 0.0},
+        {"max_area_share": 0.9},
+        {"proximity_share": 0.0},
+        {"support_us": -1},
+        {"refresh_us": -1},
+    ],
+)
+def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(values))):
+        BlobTrackerConfig(**values)

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.pipeline.follow import estimate_times_us, follow
+from spikingtac.types import EventPacket, MarkerFrame
+
+SIZE = (8, 8)
+
+
+class Recorder:
+    """A tracker that remembers how many events it had seen at each estimate."""
+
+    def __init__(self) -> None:
+        self.seen = 0
+        self.estimates: list[tuple[int, int]] = []
+
+    def absorb(self, packet: EventPacket) -> None:
+        self.seen += len(packet)
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        self.estimates.append((t_us, self.seen))
+        nothing = np.zeros((0, 2))
+        return MarkerFrame(t_us, nothing, nothing, nothing, np.zeros(0, bool), np.zeros(0))
+
+    def reset(self) -> None:
+        self.seen = 0
+
+
+def packet(times: list[int], start: int, end: int) -> EventPacket:
+    count = len(times)
+    zero = np.zeros(count, np.uint16)
+    return EventPacket(zero, zero, zero > 0, np.array(times, np.int64), start, end, SIZE)
+
+
+def counts(packets: list[EventPacket], rate_hz: float) -> list[tuple[int, int]]:
+    recorder = Recorder()
+    list(follow(packets, recorder, rate_hz))
+    return recorder.estimates
+
+
+def test_estimates_follow_the_contracts_times() -> None:
+    times = list(itertools.islice(estimate_times_us(400, 350.0), 4))
+    assert times == [400, 400 + 2857, 400 + 5714, 400 + 8571]
+
+
+def test_silence_is_filled_and_the_start_is_the_first_event() -> None:
+    stream = [packet([], 0, 500), packet([1_000, 1_500], 500, 2_000), packet([4_100], 2_000, 4_101)]
+    assert counts(stream, 1_000.0) == [(1_000, 0), (2_000, 2), (3_000, 2), (4_000, 2)]
+
+
+def test_any_packing_gives_the_same_estimates() -> None:
+    rng = np.random.default_rng(2)
+    times = np.sort(rng.integers(0, 50_000, 700)).tolist()
+    whole = counts([packet(times, 0, 50_000)], 1_000.0)
+    for _ in range(5):
+        edges = [0, *sorted(rng.integers(1, 50_000, 9).tolist()), 50_000]
+        parts = [
+            packet([t for t in times if a <= t < b], a, b) for a, b in itertools.pairwise(edges)
+        ]
+        assert counts(parts, 1_000.0) == whole
+
+
+def test_an_empty_recording_gives_nothing() -> None:
+    assert counts([], 1_000.0) == []
+    assert counts([EventPacket.empty(0, 9_000, SIZE)], 1_000.0) == []
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -5.0, 2e6])
+def test_unfit_rates_are_refused(rate_hz: float) -> None:
+    with pytest.raises(ConfigError, match="rate_hz"):
+        counts([packet([1], 0, 2)], rate_hz)

@@ -1,0 +1,239 @@
+import copy
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.config import (
+    BackgroundConfig,
+    CameraConfig,
+    LightConfig,
+    PixelConfig,
+    ReadoutConfig,
+    load_camera,
+)
+from spikingtac.types import EventPacket
+from stand_ins.camera_stage import (
+    CENTERS,
+    PERIOD_US,
+    RADIUS_PX,
+    SIZE,
+    camera,
+    film,
+    image,
+    strokes,
+)
+
+
+def columns(packet: EventPacket) -> bytes:
+    return b"".join(column.tobytes() for column in (packet.t, packet.x, packet.y, packet.p))
+
+
+def test_events_sit_on_the_edges_and_lead_with_on_for_a_white_marker():
+    images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(31)]
+    events = film(camera(), images, "fresh")
+    center_x = 40.2 + 0.1 * events.t / PERIOD_US
+    first = (events.x < 64) & (events.y < 64)
+    off_x, off_y = events.x[first] - center_x[first], events.y[first] - 40.1
+    assert np.abs(np.hypot(off_x, off_y) - RADIUS_PX).max() < 2.5
+    assert events.p[first][off_x > 3].all()
+    assert not events.p[first][off_x < -3].any()
+    dark = film(camera(contrast=1 / 6.0), images, "fresh")
+    assert dark.p.mean() == pytest.approx(1 - events.p.mean(), abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
+def test_packets_are_ordered_gapless_and_inside_their_spans(name):
+    sensor = EventCamera(replace(load_camera(name), size=SIZE), seed=2)
+    images = strokes(400.0, 30.0)
+    sensor.settle(images[0])
+    end_us = 0
+    for step in images[1:]:
+        packet = sensor.advance([step])
+        assert (packet.t_start_us, packet.t_end_us) == (end_us, step.t_us)
+        assert (np.diff(packet.t) >= 0).all()
+        if len(packet):
+            assert packet.t_start_us <= packet.t[0] <= packet.t[-1] < packet.t_end_us
+            assert max(packet.x.max(), packet.y.max()) < 128
+        end_us = packet.t_end_us
+    assert sensor.t_us == end_us
+
+
+@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
+def test_any_cutting_at_the_same_images_gives_the_same_bytes(name):
+    config = replace(load_camera(name), size=SIZE, readout=ReadoutConfig(cap_mev_s=1.0, loss=0.3))
+    images = strokes(900.0, 60.0)
+    whole = film(EventCamera(config, seed=3), images)
+    sensor = EventCamera(config, seed=3)
+    sensor.settle(images[0], "random")
+    parts, rng, at = [], np.random.default_rng(0), 0
+    while at < len(images) - 1:
+        stop = min(at + int(rng.integers(1, 6)), len(images) - 1)
+        parts.append(sensor.advance(images[at : stop + 1]))  # the shared end is passed over
+        at = stop
+    assert columns(EventPacket.concatenate(parts)) == columns(whole)
+
+
+def test_equal_seeds_are_equal_to_the_byte_and_copies_go_on_alone():
+    images = strokes(200.0, 20.0)
+    config = replace(load_camera("typical"), size=SIZE)
+    first, again, other = (EventCamera(config, seed) for seed in (7, 7, 8))
+    assert columns(film(first, images)) == columns(film(again, images))
+    assert columns(film(other, images)) != columns(film(again, images))
+    twin = copy.deepcopy(again)
+    later = [replace(item, t_us=item.t_us + images[-1].t_us) for item in images[1:]]
+    assert columns(twin.advance(later)) == columns(again.advance(later))
+
+
+@pytest.mark.parametrize(
+    ("name", "leak_hz", "noise_hz"), [("typical", 0.07, 0.1), ("noisy", 0.2, 1.0)]
+)
+def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
+    preset = load_camera(name)
+    quiet = replace(preset, background=replace(preset.background, hot_fraction=0.0))
+    span_us, pixels = 2_000_000, 320 * 320
+    still = [image(t) for t in range(0, span_us + 1, 100_000)]
+    packet = film(EventCamera(quiet, seed=5), still, "rested")
+    assert len(packet) / pixels / 2 == pytest.approx(leak_hz + noise_hz, rel=0.05)
+    on, off = packet.p.sum(), (~packet.p).sum()
+    assert off / pixels / 2 == pytest.approx(noise_hz / 2, rel=0.05)
+    assert (on - off) / pixels / 2 == pytest.approx(leak_hz, rel=0.05)
+    halves = np.histogram(packet.t, 2, (0, span_us))[0]
+    assert halves[0] == pytest.approx(halves[1], rel=0.05)
+
+
+def test_leak_alone_makes_on_events_whether_markers_move_or_not():
+    base = CameraConfig(size=SIZE, pixel=PixelConfig(leak_hz=5.0, mismatch=0.03))
+    span_us = 1_000_000
+    images = [image(t) for t in range(0, span_us + 1, 10_000)]
+    still = film(EventCamera(base, seed=6), images, "rested")
+    assert still.p.all()
+    assert len(still) / (128 * 128) == pytest.approx(5.0, rel=0.05)
+    moved = [image(t, (2 * math.sin(t * 6e-6), 0.0)) for t in range(0, span_us + 1, 10_000)]
+    both = film(EventCamera(base, seed=6), moved, "rested")
+    far = np.ones(len(both), bool)
+    for x, y in CENTERS:
+        far &= np.hypot(both.x - x, both.y - y) > RADIUS_PX + 5
+    far_still = np.ones(len(still), bool)
+    for x, y in CENTERS:
+        far_still &= np.hypot(still.x - x, still.y - y) > RADIUS_PX + 5
+    assert columns(both.select(far)) == columns(still.select(far_still))
+
+
+def test_hot_pixels_fire_in_their_range_and_the_rest_stays_silent():
+    background = BackgroundConfig(hot_fraction=1e-3)
+    sensor = EventCamera(CameraConfig(size=SIZE, background=background), seed=1)
+    packet = film(sensor, [image(0), image(4_000_000)], "fresh")
+    pixel, counts = np.unique(packet.y.astype(int) * 128 + packet.x, return_counts=True)
+    assert len(pixel) == 16
+    assert (counts / 4).min() > 5
+    assert (counts / 4).max() < 550
+
+
+def test_latency_carries_events_into_the_next_packet():
+    images = strokes(200.0, 8.0)
+    prompt, late = camera(), camera(latency_us=3000.0)
+    on_time = film(prompt, images, "fresh")
+    late.settle(images[0], "fresh")
+    first = late.advance(images[1:])
+    rest = late.advance([replace(images[-1], t_us=images[-1].t_us + 40_000)])
+    assert len(rest) > 0
+    assert rest.t[0] >= first.t_end_us
+    assert len(first) + len(rest) == len(on_time)
+    # Latency is inversely proportional to intensity: 3 ms at white, 18 ms on the ground.
+    delay_us = late_by(on_time, EventPacket.concatenate([first, rest]))
+    assert delay_us.min() >= 3000
+    assert delay_us.max() <= 18_001
+
+
+def late_by(prompt: EventPacket, late: EventPacket) -> np.ndarray:
+    """Return the delay of each pixel's first event."""
+    delays = []
+    for x, y in {(int(x), int(y)) for x, y in zip(prompt.x, prompt.y, strict=True)}:
+        one = prompt.t[(prompt.x == x) & (prompt.y == y)]
+        two = late.t[(late.x == x) & (late.y == y)]
+        delays.append(two[0] - one[0])
+    return np.array(delays)
+
+
+def test_references_remember_the_past():
+    images = [image(k * PERIOD_US, (0.02 * k, 0.0)) for k in range(60)]
+    first = {}
+    for history in ("fresh", "random", "rested"):
+        preset = replace(load_camera("typical"), size=SIZE, background=BackgroundConfig())
+        first[history] = film(EventCamera(preset, seed=1), images, history).t[20]
+    assert first["random"] < 0.5 * first["fresh"]
+    assert first["rested"] < 0.5 * first["fresh"]
+    sensor = camera()
+    sensor.settle(images[0], "fresh")
+    out = sensor.advance(images)
+    back = [replace(images[-1 - k], t_us=images[-1].t_us + k * PERIOD_US) for k in range(60)]
+    sensor.advance(back)
+    again = [replace(item, t_us=item.t_us + back[-1].t_us) for item in images]
+    assert len(sensor.advance(again)) < len(out)  # the reversals have taken up slack
+
+
+def test_missing_markers_make_nothing_and_broken_ones_less():
+    images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(60)]
+    whole = film(camera(), images, "fresh")
+    gone = [replace(item, radius_px=np.array([7.0, 0.0, 7.0, 7.0])) for item in images]
+    missing = film(camera(), gone, "fresh")
+    near_second = np.hypot(whole.x - 83.0, whole.y - 40.4) < 20
+    assert columns(missing) == columns(whole.select(~near_second))
+    cut = np.tile([0.0, 1.0, np.inf], (4, 1))
+    cut[0, 2] = 0.0  # the lower half is gone
+    broken = film(camera(), [replace(item, chord=cut) for item in images], "fresh")
+    lower = (broken.x < 64) & (broken.y > 42.5) & (broken.y < 64)
+    assert not lower.any()
+    near_first = np.hypot(whole.x - 43.0, whole.y - 40.1) < 20
+    share = (np.hypot(broken.x - 43.0, broken.y - 40.1) < 20).sum() / near_first.sum()
+    assert 0.4 < share < 0.6
+
+
+def test_markers_that_meet_are_covered_once():
+    pair = np.array([[60.0, 60.0], [67.0, 60.0]])
+    apart = [image(k * PERIOD_US, (0.1 * k, 0.0), pair) for k in range(40)]
+    events = film(camera(), apart, "fresh")
+    inside = (np.abs(events.x - 65.0) < 2) & (np.abs(events.y - 60.0) < 2)
+    assert not inside.any()  # light does not change where both pass
+    steady = film(camera(), [image(0, (0, 0), pair), image(50_000, (0, 0), pair)], "fresh")
+    assert len(steady) == 0
+
+
+def test_the_ground_may_carry_a_still_texture():
+    light = LightConfig(texture=0.2)
+    plain, textured = (
+        film(EventCamera(CameraConfig(size=SIZE, light=item), seed=1), strokes(40.0, 14.0))
+        for item in (LightConfig(), light)
+    )
+    assert len(textured) == pytest.approx(len(plain), rel=0.1)
+    assert columns(textured) != columns(plain)
+
+
+def test_a_marker_may_leave_the_sensor():
+    edge = np.array([[3.0, 60.0]])
+    images = [image(k * PERIOD_US, (-0.5 * k, 0.0), edge) for k in range(60)]
+    events = film(camera(), images, "fresh")
+    assert len(events) > 0
+    assert events.t[-1] < 25 * PERIOD_US
+
+
+def test_a_marker_may_be_thrown_far_beyond_the_sensor():
+    """The room for events is bounded by the sensor, not by the way (31 TiB here)."""
+    events = film(camera(), [image(0), image(1_000, (1e5, 3e4)), image(2_000, (1e5, 3e4))])
+    assert len(events) > 0
+    assert (events.x < SIZE[0]).all()
+    assert (events.y < SIZE[1]).all()
+
+
+def test_misuse_is_told():
+    sensor = camera()
+    with pytest.raises(ValueError, match="settle"):
+        sensor.advance([image(1000)])
+    sensor.settle(image(1000))
+    with pytest.raises(ValueError, match="not after"):
+        sensor.advance([image(500)])
+    with pytest.raises(ValueError, match="radius 0"):
+        sensor.advance([image(2000, centers=CENTERS[:3])])

@@ -1,0 +1,123 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
+from spikingtac.sim.camera.full_frame import is_dense, pattern_kernel
+from spikingtac.sim.camera.light import texture_field
+from spikingtac.sim.optics.states import MarkerImage
+
+SIZE = (64, 64)
+TYPICAL = PixelConfig(mismatch=0.03, bandwidth_hz=2000.0, refractory_us=50.0, latency_us=150.0)
+
+
+def images(speed_px_s: float, span_us: int, period_us: int = 2000) -> list[MarkerImage]:
+    centers = np.array([[24.3, 30.2]])
+    return [
+        MarkerImage(
+            t_us=t,
+            center_px=centers + speed_px_s * t * 1e-6,
+            shape=np.eye(2)[None],
+            radius_px=np.array([7.0]),
+        )
+        for t in range(0, span_us + 1, period_us)
+    ]
+
+
+def film(config: CameraConfig, shots: list[MarkerImage], history="random"):
+    sensor = EventCamera(config, seed=2)
+    sensor.settle(shots[0], history)
+    return sensor.advance(shots[1:])
+
+
+@pytest.mark.parametrize("speed_px_s", [20.0, 300.0])
+def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s):
+    """The dense renderer is the sweep's plain twin: it neither skips nor carries forward."""
+    steps = StepConfig(motion_px=0.02, max_us=200.0)
+    quick = CameraConfig(size=SIZE, pixel=TYPICAL, steps=steps)
+    thorough = replace(quick, pixel=replace(TYPICAL, noise=1e-9))
+    assert is_dense(thorough)
+    assert not is_dense(quick)
+    shots = images(speed_px_s, 60_000)
+    one, two = film(quick, shots), film(thorough, shots)
+    assert len(one) == pytest.approx(len(two), rel=0.005)
+    keys = [np.stack([packet.y, packet.x, packet.p]).astype(int) for packet in (one, two)]
+    counts = [np.zeros((64, 64, 2), int) for _ in keys]
+    for count, (y, x, p) in zip(counts, keys, strict=True):
+        np.add.at(count, (y, x, p), 1)
+    assert np.abs(counts[0] - counts[1]).sum() <= 0.01 * len(one)
+    times = [np.sort(packet.t) for packet in (one, two)]
+    shared = min(len(times[0]), len(times[1]))
+    assert np.median(np.abs(times[0][:shared] - times[1][:shared])) < 100
+
+
+def test_a_flickering_lamp_makes_all_pixels_fire_in_its_rhythm():
+    light = LightConfig(flicker_depth=0.3, flicker_hz=50.0)
+    packet = film(CameraConfig(size=SIZE, light=light), images(0.0, 200_000))
+    swings = np.log(1.3 / 0.7)
+    per_period = len(packet) / (64 * 64) / 10
+    # A cycle brings each pixel back, so the hysteresis costs it a whole threshold each way.
+    assert per_period == pytest.approx(2 * (swings / 0.25 - 1), rel=0.05)
+    phase = packet.t % 20_000
+    brightening = (phase < 5000) | (phase >= 15_000)
+    assert (packet.p == brightening).mean() > 0.99
+
+
+def test_a_pattern_that_follows_the_markers_makes_events_between_them():
+    far_x = 50
+    still, moving = (
+        film(
+            CameraConfig(size=SIZE, light=LightConfig(texture=0.3, texture_follow=follow)),
+            images(100.0, 80_000),
+        )
+        for follow in (0.0, 1.0)
+    )
+    assert not (still.x > far_x).any()
+    assert (moving.x > far_x).sum() > 100
+
+
+def test_a_high_pass_eats_slow_motion_and_spares_fast():
+    def share(speed_px_s: float, span_us: int) -> float:
+        shots = images(speed_px_s, span_us)
+        plain = film(CameraConfig(size=SIZE), shots)
+        passed = film(CameraConfig(size=SIZE, pixel=PixelConfig(high_pass_hz=5.0)), shots)
+        return len(passed) / len(plain)
+
+    assert share(1000.0, 10_000) > 0.85
+    assert share(5.0, 2_000_000) < 0.3
+
+
+def test_photoreceptor_noise_is_stationary_and_fires_both_ways():
+    pixel = PixelConfig(bandwidth_hz=500.0, noise=0.08)
+    sensor = EventCamera(CameraConfig(size=SIZE, pixel=pixel), seed=3)
+    shots = images(0.0, 40_000)
+    sensor.settle(shots[0], "fresh")
+    packet = sensor.advance(shots)
+    assert sensor._dense is not None
+    noise = sensor._dense._auxiliary["noise"]
+    assert noise.std() == pytest.approx(0.08, rel=0.05)
+    assert abs(noise.mean()) < 0.01
+    assert len(packet) > 1000
+    assert abs(packet.p.mean() - 0.5) < 0.05
+    quieter = film(CameraConfig(size=SIZE, pixel=replace(pixel, noise=0.03)), shots, "fresh")
+    assert len(quieter) < 0.01 * len(packet)
+
+
+def test_a_texture_has_the_configured_strength_and_grain():
+    light = LightConfig(texture=0.1, texture_px=4.0)
+    field = texture_field(light, np.random.default_rng(0))
+    assert field.std() == pytest.approx(0.1, rel=0.01)
+    assert abs(field.mean()) < 1e-3
+    shifted = (field * np.roll(field, 4, axis=1)).mean() / field.var()
+    assert shifted == pytest.approx(np.exp(-0.25), abs=0.1)  # a Gaussian kernel's own correlation
+
+
+def test_a_pattern_is_read_between_its_samples_and_repeats():
+    pattern = np.random.default_rng(1).random((5, 7)).astype(np.float32)
+    assert pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))
+    middle = pattern[[3, 3, 4, 4], [2, 3, 2, 3]].mean()
+    assert pattern_kernel(pattern, 2.5, 3.5) == pytest.approx(float(middle))
+    assert pattern_kernel(pattern, -0.5, 0.0) == pytest.approx(float(pattern[0, [6, 0]].mean()))
+    assert pattern_kernel(pattern, 7.25, 5.0) == pytest.approx(pattern_kernel(pattern, 0.25, 0.0))

@@ -1,0 +1,58 @@
+import numpy as np
+from numba import njit
+
+from spikingtac.sim.camera.random import normal_pair_kernel, pixel_counter_kernel, uniform_kernel
+
+KEY = np.uint64(0x1234_5678_9ABC_DEF1)
+
+
+@njit
+def draw_uniform(key, count):
+    out = np.empty(count)
+    for k in range(count):
+        out[k] = uniform_kernel(key, np.uint64(k))
+    return out
+
+
+@njit
+def draw_normal(key, pixels, count):
+    out = np.empty((pixels, count, 2))
+    for i in range(pixels):
+        for k in range(count):
+            out[i, k] = normal_pair_kernel(key, pixel_counter_kernel(i, k))
+    return out
+
+
+def splitmix(key: int, counter: int) -> float:
+    """Plain Python, where integers never overflow: the reference of Steele, Lea and Flood."""
+    mask = (1 << 64) - 1
+    z = (key + counter * 0x9E3779B97F4A7C15) & mask
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+    z ^= z >> 31
+    return ((z >> 11) + 0.5) / (1 << 53)
+
+
+def test_equals_the_published_generator():
+    drawn = draw_uniform(KEY, 100)
+    assert drawn.tolist() == [splitmix(int(KEY), k) for k in range(100)]
+
+
+def test_uniform_numbers_are_uniform_and_do_not_follow_each_other():
+    u = draw_uniform(KEY, 1_000_000)
+    assert 0 < u.min() < u.max() < 1
+    assert abs(u.mean() - 0.5) < 4 / np.sqrt(12e6)
+    assert abs(u.var() - 1 / 12) < 2e-4
+    counts = np.histogram(u, 100, (0, 1))[0]
+    assert ((counts - 1e4) ** 2 / 1e4).sum() < 160  # chi-square of 99 degrees: 148 at 0.1 %
+    assert abs(np.corrcoef(u[:-1], u[1:])[0, 1]) < 4e-3
+
+
+def test_normal_numbers_are_normal_across_pixels_and_within():
+    z = draw_normal(KEY, 1000, 200)
+    assert abs(z.mean()) < 4 / np.sqrt(z.size)
+    assert abs(z.var() - 1) < 0.01
+    assert abs((z**4).mean() - 3) < 0.1
+    assert abs(np.corrcoef(z[..., 0].ravel(), z[..., 1].ravel())[0, 1]) < 0.01
+    assert abs(np.corrcoef(z[:-1].ravel(), z[1:].ravel())[0, 1]) < 0.01
+    assert abs(np.corrcoef(z[:, :-1].ravel(), z[:, 1:].ravel())[0, 1]) < 0.01

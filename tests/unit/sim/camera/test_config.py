@@ -1,0 +1,75 @@
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.sim.camera.config import (
+    CAMERA_NAMES,
+    CameraConfig,
+    LightConfig,
+    PixelConfig,
+    load_camera,
+)
+
+PINNED = {  # contrast, threshold, mismatch, bandwidth, leak, background, hot, dead, latency, jitter
+    "clean": (6.0, 0.25, 0.0, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None),
+    "typical": (6.0, 0.25, 0.03, 2000.0, 0.07, 0.1, 1e-4, 50.0, 150.0, 30.0, 10.0),
+    "noisy": (6.0, 0.25, 0.03, 500.0, 0.2, 1.0, 1e-4, 100.0, 150.0, 30.0, 10.0),
+}
+
+
+@pytest.mark.parametrize("name", CAMERA_NAMES)
+def test_the_presets_hold_the_pinned_values(name):
+    camera = load_camera(name)
+    pixel, background = camera.pixel, camera.background
+    assert (
+        camera.light.contrast,
+        pixel.threshold_on,
+        pixel.mismatch,
+        pixel.bandwidth_hz,
+        pixel.leak_hz,
+        background.rate_hz,
+        background.hot_fraction,
+        pixel.refractory_us,
+        pixel.latency_us,
+        pixel.jitter_us,
+        camera.readout.cap_mev_s,
+    ) == PINNED[name]
+    assert camera.size == (320, 320)
+    assert pixel.threshold_off == pixel.threshold_on
+    assert pixel.noise == pixel.high_pass_hz == camera.readout.loss == 0.0
+    if background.hot_fraction:
+        assert (background.hot_min_hz, background.hot_max_hz) == (10.0, 500.0)
+
+
+def test_an_unknown_name_gets_the_nearest_and_all_valid_ones():
+    with pytest.raises(ConfigError, match=r"did you mean 'typical'.*clean, typical, noisy"):
+        load_camera("typikal")
+
+
+def test_a_file_is_read_strictly(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[pixel]\nthreshold_on = 0.3\n", encoding="utf-8")
+    assert load_camera(path) == CameraConfig(pixel=PixelConfig(threshold_on=0.3))
+    path.write_text("[pixel]\nthreshold = 0.3\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="unknown key 'threshold'"):
+        load_camera(path)
+    path.write_text("[readout]\nloss = 1.5\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"loss is 1\.5"):
+        load_camera(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (LightConfig, {"contrast": 0.0}),
+        (LightConfig, {"vignetting": 0.6}),
+        (LightConfig, {"flicker_depth": 1.0}),
+        (PixelConfig, {"threshold_off": 0.0}),
+        (PixelConfig, {"bandwidth_hz": 0.0}),
+        (PixelConfig, {"jitter_us": -1.0}),
+        (CameraConfig, {"size": (0, 320)}),
+        (CameraConfig, {"size": (4096, 4096)}),
+    ],
+)
+def test_values_out_of_range_are_refused(kind, values):
+    with pytest.raises(ValueError, match=r"must|exceeds"):
+        kind(**values)

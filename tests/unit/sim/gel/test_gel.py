@@ -1,0 +1,196 @@
+"""The gel as a whole: memory, stuck and turning patches, rest, and what it hands on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import SpikingTacError
+from spikingtac.sim.gel.contact import FrictionConfig
+from spikingtac.sim.gel.gel import Gel, GelConfig
+from spikingtac.sim.gel.greens import GridConfig
+from spikingtac.sim.gel.indenters import Indenter, IndenterConfig, make_indenter
+from spikingtac.sim.gel.inertia import InertiaConfig
+from spikingtac.sim.scene.motions import rotation_about
+from stand_ins.gels import DT_S, ELASTIC, MARKERS, pose, press
+
+PX_PER_MM = 15.5
+GLUED = GelConfig(friction=FrictionConfig(static=20.0))
+NORMAL = np.array([0.0, 0.0, 1.0])
+
+
+def body(kind: str, **settings: float) -> Indenter:
+    return make_indenter(IndenterConfig(kind=kind, settings=settings))
+
+
+def test_a_stuck_displacement_controlled_cycle_leaves_no_residual() -> None:
+    gel, punch = Gel(GLUED, MARKERS), body("punch")
+    press(gel, punch, 0.6)
+    before = gel.step(1.0, punch, pose(0.0, 0.0, 0.6)).marker_mm
+    far = 12.0 / PX_PER_MM
+    for shift in far * np.sin(np.pi * np.arange(1, 201) / 200):
+        state = gel.step(DT_S * 5, punch, pose(float(shift), 0.0, 0.6))
+    residual = np.abs(state.marker_mm - before).max() * PX_PER_MM
+    # A gel with memory in its displacement would keep about 1 px here.
+    assert residual < 0.1
+
+
+def test_residual_after_unloading_equals_the_prediction() -> None:
+    ball, shift = body("ball"), 12.0 / PX_PER_MM
+    left: dict[float, np.ndarray] = {}
+    for shear in (0.0, shift):
+        gel = Gel(GLUED, MARKERS)
+        pressed = press(gel, ball, 0.8).marker_mm
+        for step in range(1, 6):
+            state = gel.step(DT_S, ball, pose(shear * step / 5, 0.0, 0.8))
+        sheared = state.marker_mm - pressed
+        for _ in range(1245):
+            gel.step(DT_S, ball, pose(shear, 0.0, 0.8))
+        times = np.diff([0.0, 0.1, 1.0, 2.0, 5.0])
+        left[shear] = np.array([gel.step(dt, None, None).marker_mm for dt in times])
+    share = (left[shift] - left[0.0])[:, :4, 0] / sheared[:4, 0]
+    assert sheared[0, 0] * PX_PER_MM == pytest.approx(12.0, rel=0.01)
+    expected = np.array([[0.95], [0.53], [0.45], [0.31]])
+    np.testing.assert_allclose(12.0 * share, np.broadcast_to(expected, share.shape), rtol=0.03)
+
+
+def test_markers_turn_with_a_stuck_patch_however_far() -> None:
+    gel, punch = Gel(GLUED, MARKERS), body("punch", radius_mm=4.0)
+    pressed = press(gel, punch, 0.5)
+    for degree in range(1, 121):
+        turn = rotation_about(NORMAL, np.radians(degree))
+        state = gel.step(DT_S, punch, pose(0.0, 0.0, 0.5, turn))
+    expected = pressed.marker_mm[:3, :2] @ turn[:2, :2].T
+    np.testing.assert_allclose(state.marker_mm[:3, :2], expected, atol=0.005)
+    np.testing.assert_allclose(state.gradient[1], turn[:2, :2] @ pressed.gradient[1], atol=0.02)
+    assert state.torque_n_mm[2] > 1.0
+
+
+def test_a_fast_slide_carries_the_skin_along() -> None:
+    gel, ball = Gel(GelConfig(friction=FrictionConfig(static=3.0)), MARKERS), body("ball")
+    start = press(gel, ball, 0.8).marker_mm[0, 0]
+    speed_mm_s = 1000.0 / PX_PER_MM
+    for step in range(1, 8):
+        state = gel.step(0.002, ball, pose(speed_mm_s * 0.002 * step, 0.0, 0.8))
+        assert state.marker_mm[0, 0] - start == pytest.approx(speed_mm_s * 0.002 * step, abs=0.01)
+
+
+def test_indentation_is_positive_and_pushes_markers_outwards() -> None:
+    state = press(Gel(GelConfig(), MARKERS), body("ball"), 0.6)
+    assert state.marker_mm[0, 2] == pytest.approx(0.6, abs=0.02)
+    assert state.force_n[2] > 0.0
+    outwards = state.marker_mm[3, :2] - MARKERS[3]
+    assert outwards @ MARKERS[3] > 0.0
+
+
+def test_lateral_force_equals_the_reaction_of_the_bond() -> None:
+    gel = Gel(GelConfig(spectrum=ELASTIC), MARKERS)
+    press(gel, body("ball"), 0.6)
+    state = gel.step(DT_S, body("ball"), pose(0.1, 0.05, 0.6))
+    # Uniform part of the shear: force = mu / h times the displacement summed over the surface.
+    summed = gel.displacement_mm[:2].sum(axis=(1, 2)) * GridConfig().pitch_mm ** 2
+    np.testing.assert_allclose(state.force_n[:2], 0.03 / 3.0 * summed, rtol=1e-9)
+    np.testing.assert_allclose(gel.displacement_mm[2].sum(), 0.0, atol=1e-9)
+
+
+def test_the_moment_is_that_of_the_force_at_its_place() -> None:
+    gel = Gel(GelConfig(), MARKERS)
+    state = press(gel, body("ball"), 0.6, x=3.0)
+    assert state.torque_n_mm[1] == pytest.approx(-3.0 * state.force_n[2], rel=0.02)
+    assert abs(state.torque_n_mm[0]) < 1e-3
+
+
+def test_mirrored_contacts_move_mirrored_markers() -> None:
+    markers = np.array([[1.0, 2.0], [-1.0, 2.0]])
+    left, right = Gel(GelConfig(), markers), Gel(GelConfig(), markers)
+    one = press(left, body("ball"), 0.6, x=0.5)
+    other = press(right, body("ball"), 0.6, x=-0.5)
+    np.testing.assert_allclose(one.marker_mm[0, 0], -other.marker_mm[1, 0], atol=2e-4)
+    np.testing.assert_allclose(one.marker_mm[0, 1:], other.marker_mm[1, 1:], atol=2e-4)
+
+
+def test_a_finer_grid_moves_the_markers_alike() -> None:
+    moved = []
+    for cells in (64, 128):
+        gel = Gel(GelConfig(grid=GridConfig(cells=cells)), MARKERS)
+        ball = body("ball")
+        press(gel, ball, 0.5, steps=20)
+        for step in range(1, 11):
+            state = gel.step(DT_S, ball, pose(0.08 * step, 0.0, 0.5))
+        moved.append(state.marker_mm)
+    np.testing.assert_allclose(moved[0], moved[1], atol=0.5 / PX_PER_MM)
+
+
+def test_a_gel_comes_to_rest_and_then_costs_nothing_to_ask() -> None:
+    gel = Gel(GelConfig(), MARKERS)
+    assert gel.resting
+    press(gel, body("ball"), 0.6)
+    gel.step(DT_S, body("ball"), pose(0.0, 0.0, -1.0))
+    assert not gel.in_contact
+    assert not gel.resting
+    for _ in range(20):
+        state = gel.step(10.0, None, None)
+    assert gel.resting
+    np.testing.assert_array_equal(state.marker_mm[:, :2], MARKERS)
+    np.testing.assert_array_equal(state.gradient, np.broadcast_to(np.eye(2), (len(MARKERS), 2, 2)))
+
+
+def test_recovery_may_be_sampled_at_any_steps() -> None:
+    states = []
+    for steps in ([0.5], [0.1, 0.15, 0.25]):
+        gel = Gel(GelConfig(), MARKERS)
+        press(gel, body("ball"), 0.6)
+        for dt_s in steps:
+            state = gel.step(dt_s, None, None)
+        states.append(state)
+    np.testing.assert_allclose(states[0].marker_mm, states[1].marker_mm, atol=1e-12)
+    assert states[0].t_us == states[1].t_us == 700_000
+
+
+def test_equal_histories_give_equal_bytes_and_reset_forgets() -> None:
+    gel, runs = Gel(GelConfig(), MARKERS), []
+    for start in (0.0, 3.0, 0.0):
+        gel.reset()
+        finger = body("finger")
+        press(gel, finger, 0.9, x=start)
+        for step in range(1, 30):
+            state = gel.step(DT_S, finger, pose(start + 0.1 * step, 0.1, 0.9))
+        runs.append(state)
+    del runs[1]  # another contact in between
+    assert runs[0].marker_mm.tobytes() == runs[1].marker_mm.tobytes()
+    assert runs[0].t_us == runs[1].t_us == 316_000
+
+
+def test_ringing_shows_after_a_sudden_release() -> None:
+    config = GelConfig(inertia=InertiaConfig(enabled=True), friction=FrictionConfig(static=5.0))
+    gel, ball = Gel(config, MARKERS), body("ball")
+    press(gel, ball, 0.6)
+    dragged = gel.step(0.1, ball, pose(0.6, 0.0, 0.6)).marker_mm[0, 0]
+    path = [gel.step(1e-4, None, None).marker_mm[0, 0] for _ in range(100)]
+    assert min(path) < -0.4 * dragged
+    assert abs(path[-1]) < 0.1 * dragged
+
+
+def test_without_indenter_nothing_happens() -> None:
+    state = Gel(GelConfig(), MARKERS).step(DT_S, None, None)
+    np.testing.assert_array_equal(state.marker_mm[:, :2], MARKERS)
+    np.testing.assert_array_equal(state.force_n, 0.0)
+    assert np.isnan(state.pose_mm).all()
+    assert not state.in_contact
+
+
+def test_a_contact_beyond_the_solver_is_refused() -> None:
+    gel = Gel(GelConfig(), MARKERS)
+    with pytest.raises(SpikingTacError, match="press less deeply"):
+        gel.step(DT_S, body("punch", radius_mm=12.9), pose(0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -1.0, float("nan")])
+def test_a_step_must_be_positive(dt_s: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        Gel(GelConfig(), MARKERS).step(dt_s, None, None)
+
+
+def test_an_unfit_gel_is_refused() -> None:
+    with pytest.raises(ValueError, match="thickness_mm"):
+        GelConfig(thickness_mm=0.0)

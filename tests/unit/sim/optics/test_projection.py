@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from spikingtac.sim.optics.discs import DiscConfig, draw_discs
+from spikingtac.sim.optics.projection import Optics, OpticsConfig
+from spikingtac.sim.optics.states import SkinState
+
+EXACT = DiscConfig(radius_sigma_mm=0.0, position_sigma_mm=0.0)
+STRAIGHT = OpticsConfig(k1=0.0, discs=EXACT)
+BENT = OpticsConfig(k1=-0.06, k2=0.01, p1=0.004, p2=-0.003, discs=EXACT)
+
+
+def skin(marker_mm, gradient=None) -> SkinState:
+    marker_mm = np.array(marker_mm, np.float64)
+    if gradient is None:
+        gradient = np.tile(np.eye(2), (len(marker_mm), 1, 1))
+    zero = np.zeros(3)
+    return SkinState(0, marker_mm, gradient, zero, zero, zero, in_contact=False)
+
+
+def test_the_axis_meets_the_middle_of_the_sensor_at_the_configured_scale():
+    image = Optics(STRAIGHT).project(skin([[0, 0, 0], [2, 0, 0], [0, -3, 0]]))
+    np.testing.assert_allclose(
+        image.center_px, [[159.5, 159.5], [190.5, 159.5], [159.5, 113.0]], atol=1e-12
+    )
+    np.testing.assert_allclose(image.shape, np.tile(np.eye(2), (3, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(image.radius_px, 0.45 * 15.5)
+    assert image.chord is None
+
+
+def test_an_indentation_magnifies_as_the_distance_shrinks():
+    rest, pressed = skin([[9.0, 0, 0]]), skin([[9.0, 0, 0.6]])
+    optics = Optics(STRAIGHT)
+    moved = optics.project(pressed).center_px - optics.project(rest).center_px
+    r_px = 9.0 * 15.5
+    assert moved[0, 0] == pytest.approx(r_px * 0.6 / (13.0 - 0.6))
+    shape = optics.project(pressed).shape[0]
+    np.testing.assert_allclose(shape, np.eye(2) * (13.0 - 0.6) / 13.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lens", [STRAIGHT, BENT])
+def test_a_discs_rim_maps_onto_the_images_ellipse(lens):
+    gradient = np.array([[[1.1, 0.07], [-0.04, 0.9]]])
+    center = np.array([[5.0, -6.0, 0.3]])
+    optics = Optics(lens)
+    image = optics.project(skin(center, gradient))
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    tiny_mm = 1e-4 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rim = np.concatenate([center[:, :2] + tiny_mm @ gradient[0].T, np.full((12, 1), 0.3)], axis=1)
+    offset_px = optics.project_points(rim) - image.center_px
+    undeformed_px = offset_px @ image.shape[0].T
+    np.testing.assert_allclose(undeformed_px, tiny_mm * 15.5, rtol=1e-3, atol=1e-8)
+
+
+def test_a_barrel_draws_the_corners_in():
+    corner = [[8.0, 8.0, 0.0]]
+    straight = Optics(STRAIGHT).project(skin(corner)).center_px
+    barrel = Optics(OpticsConfig(discs=EXACT)).project(skin(corner)).center_px
+    drawn_px = np.linalg.norm(straight - 159.5) - np.linalg.norm(barrel - 159.5)
+    square = 2 * (8.0 / 13.0) ** 2
+    assert drawn_px == pytest.approx(0.05 * square * 8.0 * np.sqrt(2) * 15.5)
+
+
+def test_a_lens_that_folds_the_image_is_refused():
+    with pytest.raises(ValueError, match="fold the image"):
+        OpticsConfig(k1=-0.9)
+
+
+def test_equal_seeds_are_one_skin_and_damage_changes_no_other_marker():
+    whole = draw_discs(DiscConfig(), 64, seed=4)
+    damaged = draw_discs(DiscConfig(broken=(3,), missing=(5, 6), broken_share=0.25), 64, seed=4)
+    kept = np.setdiff1d(np.arange(64), [5, 6])
+    np.testing.assert_array_equal(whole.radius_mm[kept], damaged.radius_mm[kept])
+    np.testing.assert_array_equal(whole.offset_mm, damaged.offset_mm)
+    assert damaged.radius_mm[[5, 6]].tolist() == [0.0, 0.0]
+    assert np.flatnonzero(np.isfinite(damaged.cut[:, 2])).tolist() == [3]
+    assert damaged.cut[3, 2] == pytest.approx(-0.5 * damaged.radius_mm[3])
+    other = draw_discs(DiscConfig(), 64, seed=5)
+    assert not np.array_equal(other.offset_mm, whole.offset_mm)
+
+
+def test_tolerances_have_the_configured_spread():
+    discs = draw_discs(DiscConfig(), 20_000, seed=1)
+    assert discs.radius_mm.std() == pytest.approx(0.016, rel=0.05)
+    assert discs.offset_mm.std() == pytest.approx(0.05, rel=0.05)
+
+
+def test_an_index_that_is_no_marker_is_refused():
+    with pytest.raises(ValueError, match="valid are 0 to 63"):
+        draw_discs(DiscConfig(missing=(64,)), 64, seed=0)

@@ -1,0 +1,138 @@
+"""The rig's clock: arm, probe, skin and cameras advance together (with cameras that count)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from spikingtac.robot.arm import ArmState
+from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.vibration import VibrationConfig
+from spikingtac.sim.rig.walls import PlaneWall
+from spikingtac.types import EventPacket
+
+WALL = PlaneWall(point_mm=(1.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))
+PX_PER_MM = 15.5
+
+
+class PlainFinger:
+    """A pinhole without lens, and a camera that reports one event per image."""
+
+    def __init__(self) -> None:
+        self.images: list[MarkerImage] = []
+
+    def look(self, state: SkinState) -> MarkerImage:
+        count = len(state.marker_mm)
+        center = PX_PER_MM * state.marker_mm[:, :2]
+        return MarkerImage(state.t_us, center, np.tile(np.eye(2), (count, 1, 1)), np.ones(count))
+
+    def settle(self, image: MarkerImage) -> None:
+        self.images = [image]
+
+    def advance(self, images: Sequence[MarkerImage]) -> EventPacket:
+        start_us = self.images[-1].t_us
+        self.images += images
+        t = np.array([image.t_us - 1 for image in images], np.int64)
+        zero = np.zeros(len(t), np.uint16)
+        return EventPacket(zero, zero, zero > 0, t, start_us, images[-1].t_us, (320, 320))
+
+
+def make_rig(rms_mm: float = 0.0, fingers: int = 2) -> tuple[Rig, list[PlainFinger]]:
+    config = RigConfig(vibration=VibrationConfig(rms_mm=rms_mm))
+    plain = [PlainFinger() for _ in range(fingers)]
+    return Rig(config, WALL, plain, np.zeros(3), np.random.default_rng(1)), plain
+
+
+def test_windows_follow_each_other_on_one_clock() -> None:
+    rig, fingers = make_rig(rms_mm=0.01)
+    stream = rig.paired_windows(1000)
+    spans = [[(p.t_start_us, p.t_end_us) for p in next(stream)] for _ in range(5)]
+    assert spans == [[(1000 * k, 1000 * (k + 1))] * 2 for k in range(5)]
+    assert rig.t_us == 5000
+    assert [len(finger.images) for finger in fingers] == [6, 6]
+
+
+def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:
+    rig, _ = make_rig()
+    rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 5.0)
+    while rig.touch is None:
+        rig.advance(1000)
+    assert rig.touch.arm_mm[0] == pytest.approx(1.0, abs=0.002)
+    assert rig.t_us - 1000 <= rig.touch.t_us <= rig.t_us
+    at_touch = rig.arm.position_at_mm(rig.touch.t_us)
+    np.testing.assert_allclose(at_touch, rig.touch.arm_mm, atol=0.002)
+
+
+def test_steps_are_short_at_the_wall_and_long_in_free_air() -> None:
+    rig, fingers = make_rig(fingers=1)
+    rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 50.0)
+    while rig.touch is None:
+        rig.advance(1000)
+    rig.advance(5000)
+    gaps = np.diff([image.t_us for image in fingers[0].images])
+    assert gaps[:5].tolist() == [1000] * 5
+    assert set(gaps[-6:]) == {500}
+
+
+def test_markers_see_a_tenth_of_the_tips_travel() -> None:
+    rig, _ = make_rig()
+    before = rig.markers_px[0]
+    rig.arm.move_linear(np.array([2.0, 0.0, 0.0]), 2.0)
+    while rig.arm.true_position_mm()[0] < 2.0 - 1e-6:
+        rig.advance(10_000)
+    moved = np.linalg.norm(rig.markers_px[0] - before, axis=1).reshape(8, 8)
+    assert rig.state.in_contact
+    assert 0.10 * PX_PER_MM < moved[0, 3] < 0.25 * PX_PER_MM
+    assert moved[0, 3] > moved[3, 3]
+    assert moved[0, 3] > 2.0 * moved[0, 0]
+
+
+def test_vibration_moves_the_markers_of_a_free_probe_through_its_inertia() -> None:
+    rig, fingers = make_rig(rms_mm=0.03)
+    rig.rest(4.0)
+    path = np.array([image.center_px for image in fingers[0].images])
+    rms_px = path.std(axis=0).max()
+    assert 0.02 < rms_px < 0.15
+
+
+def test_a_previous_contact_leaves_its_creep() -> None:
+    rig, _ = make_rig()
+    before = rig.markers_px[0]
+    rig.press_and_release(np.array([1.0, 0.0, 0.0]), HistoryTouch())
+    left = np.linalg.norm(rig.markers_px[0] - before, axis=1).max()
+    assert 0.01 < left < 0.3
+    assert rig.touch is None
+    assert not rig.state.in_contact
+    np.testing.assert_allclose(rig.arm.true_position_mm(), 0.0, atol=1e-6)
+
+
+def test_a_limit_of_force_makes_a_protective_stop() -> None:
+    config = RigConfig(vibration=VibrationConfig(rms_mm=0.0), force_limit_n=0.05)
+    rig = Rig(config, WALL, [PlainFinger()], np.zeros(3), np.random.default_rng(1))
+    rig.arm.move_linear(np.array([20.0, 0.0, 0.0]), 20.0)
+    rig.rest(1.0)
+    assert rig.arm.state() is ArmState.PROTECTIVE_STOP
+    assert 2.0 < rig.arm.true_position_mm()[0] < 4.0
+
+
+def test_equal_seeds_and_any_pull_of_whole_steps_give_equal_states() -> None:
+    ends = []
+    for pulls in ([1000] * 60, [3000] * 20):
+        rig, _ = make_rig(rms_mm=0.03)
+        rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 50.0)
+        for dt_us in pulls:
+            rig.advance(dt_us)
+        ends.append((rig.state.tip_mm, rig.state.bushing, rig.markers_px[1]))
+    for first, second in zip(*ends, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-12)
+
+
+def test_misuse_is_refused() -> None:
+    rig, _ = make_rig()
+    with pytest.raises(ValueError, match="at least 1"):
+        rig.advance(0)
+    with pytest.raises(ValueError, match="one or two"):
+        make_rig(fingers=3)
+    with pytest.raises(ValueError, match="least_step_us"):
+        RigConfig(least_step_us=2000)

@@ -1,0 +1,136 @@
+"""The UR3 twin: braking distances of twin.md (section 0), staleness, lag, faults."""
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.arm import ArmState
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+
+FAST_MM_S = 180.0
+
+
+def approaching(rng: np.random.Generator, config: UR3Config | None = None) -> UR3Twin:
+    """Return an arm that cruises at 0.18 m/s along x, at a random phase of its cycle."""
+    arm = UR3Twin(config or UR3Config(), np.zeros(3), rng)
+    arm.move_linear(np.array([300.0, 0.0, 0.0]), FAST_MM_S)
+    arm.advance_to(int(rng.integers(600_000, 700_000)))
+    return arm
+
+
+def overshoots_mm(config: UR3Config, trials: int = 800) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    found = np.empty(trials)
+    for k in range(trials):
+        arm = approaching(rng, config)
+        touched_mm = arm.true_position_mm()[0]
+        arm.stop()
+        arm.advance_to(1_500_000)
+        found[k] = arm.true_position_mm()[0] - touched_mm
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changes", "mean_mm", "worst_mm"),
+    [
+        ({}, 6.2, 7.6),
+        ({"jerk_mm_s3": np.inf}, 4.7, 6.2),
+        ({"cycle_s": 0.002, "jerk_mm_s3": np.inf}, 4.2, 5.1),
+    ],
+)
+def test_overshoot_of_a_perfect_sensor(
+    changes: dict[str, float], mean_mm: float, worst_mm: float
+) -> None:
+    found = overshoots_mm(UR3Config(**changes))
+    assert found.mean() == pytest.approx(mean_mm, abs=0.1)
+    assert found.max() == pytest.approx(worst_mm, abs=0.15)
+    assert found.max() <= worst_mm + 0.05
+
+
+def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
+    rng = np.random.default_rng(2)
+    config = UR3Config(repeatability_mm=0.0)
+    lag = np.array(
+        [
+            arm.pose().position_mm[0] - arm.true_position_mm()[0]
+            for arm in (approaching(rng, config) for _ in range(400))
+        ]
+    )
+    assert lag.mean() == pytest.approx(-0.72, abs=0.05)
+    assert lag.min() >= -1.44 - 1e-6
+    assert lag.max() <= 1e-9
+
+
+def test_a_reading_repeats_within_a_motion_and_differs_between_motions() -> None:
+    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(3))
+    errors = []
+    for k in range(400):
+        arm.move_linear(np.array([float((k + 1) % 2), 0.0, 0.0]), 100.0)
+        arm.advance_to(200_000 * (k + 1))
+        first = arm.pose().position_mm
+        assert (arm.pose().position_mm == first).all()
+        errors.append(first - arm.true_position_mm())
+    assert np.std(errors) == pytest.approx(0.028, rel=0.1)
+
+
+def test_motion_is_continuous_and_reaches_its_target() -> None:
+    arm = UR3Twin(UR3Config(), np.array([1.0, 2.0, 3.0]), np.random.default_rng(4))
+    target = np.array([4.0, 6.0, 3.0])
+    arm.move_linear(target, 20.0)
+    path = [arm.true_position_mm()]
+    for t_us in range(1000, 600_000, 1000):
+        arm.advance_to(t_us)
+        path.append(arm.true_position_mm())
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert steps.max() <= 0.02 + 1e-9
+    np.testing.assert_allclose(arm.true_position_mm(), target, atol=1e-9)
+    assert arm.state() is ArmState.IDLE
+
+
+def test_a_stop_before_the_motion_was_picked_up_leaves_the_arm_where_it_is() -> None:
+    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(5))
+    arm.move_linear(np.array([10.0, 0.0, 0.0]), 100.0)
+    arm.stop()
+    arm.advance_to(1_000_000)
+    assert np.linalg.norm(arm.true_position_mm()) < 1e-3
+    assert arm.state() is ArmState.IDLE
+
+
+def test_a_second_stop_changes_nothing() -> None:
+    ends = []
+    for again in (False, True):
+        arm = approaching(np.random.default_rng(6))
+        arm.stop()
+        if again:
+            arm.advance_to(arm_now := 720_000)
+            assert arm_now
+            arm.stop()
+        arm.advance_to(1_500_000)
+        ends.append(arm.true_position_mm()[0])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
+def test_a_protective_stop_halts_the_arm_and_refuses_motions_until_recovery() -> None:
+    arm = approaching(np.random.default_rng(7))
+    arm.protective_stop()
+    arm.advance_to(1_500_000)
+    assert arm.true_position_mm()[0] < 130.0
+    assert arm.state() is ArmState.PROTECTIVE_STOP
+    with pytest.raises(DeviceError, match="protective stop"):
+        arm.move_linear(np.zeros(3), 10.0)
+    arm.recover()
+    arm.move_linear(np.zeros(3), 10.0)
+
+
+def test_the_clock_never_goes_back() -> None:
+    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(8))
+    arm.advance_to(1000)
+    with pytest.raises(ValueError, match="1000 us"):
+        arm.advance_to(999)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, 1e9, np.nan])
+def test_an_impossible_speed_is_refused(speed: float) -> None:
+    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(9))
+    with pytest.raises(ConfigError, match="speed"):
+        arm.move_linear(np.ones(3), speed)

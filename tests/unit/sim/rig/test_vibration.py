@@ -1,0 +1,40 @@
+"""The arm's vibration has the stated rms, spectrum and independence of the step."""
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.rig.vibration import Vibration, VibrationConfig
+
+
+@pytest.mark.parametrize("dt_s", [0.0005, 0.004])
+def test_rms_and_resonance_do_not_depend_on_the_step(dt_s: float) -> None:
+    config = VibrationConfig(rms_mm=0.03)
+    vibration = Vibration(config, np.random.default_rng(1))
+    path = np.array([vibration.advance(dt_s) for _ in range(round(30.0 / dt_s))])
+    assert path.std() == pytest.approx(0.03, rel=0.1)
+    power = np.abs(np.fft.rfft(path, axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(path), dt_s)
+    low, high = (power[(frequency > a) & (frequency < b)].mean() for a, b in ((13, 17), (0, 5)))
+    assert low > 8.0 * high
+    assert np.abs(np.corrcoef(path.T) - np.eye(3)).max() < 0.2
+
+
+def test_it_starts_in_its_stationary_state() -> None:
+    starts = [
+        Vibration(VibrationConfig(rms_mm=0.01), np.random.default_rng(k)).offset_mm
+        for k in range(500)
+    ]
+    assert np.std(starts) == pytest.approx(0.01, rel=0.08)
+
+
+def test_none_is_none() -> None:
+    vibration = Vibration(VibrationConfig(rms_mm=0.0), np.random.default_rng(1))
+    assert (vibration.advance(0.001) == 0.0).all()
+
+
+def test_a_path_is_what_as_many_steps_give() -> None:
+    one, other = (Vibration(VibrationConfig(), np.random.default_rng(3)) for _ in range(2))
+    for length in (1, 200):
+        path = one.path(length, 0.001)
+        assert np.allclose(path, [other.advance(0.001) for _ in range(length)], atol=1e-12)
+    assert not Vibration(VibrationConfig(rms_mm=0.0), np.random.default_rng(1)).path(5, 0.001).any()

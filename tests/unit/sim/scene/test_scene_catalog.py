@@ -1,0 +1,68 @@
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.motions import Motion
+from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.timeline import Timeline
+
+CONTRACT = ("bootstrap", "quiet", "loops", "fifty-contacts", *catalog.TRAJECTORIES)
+
+
+@pytest.fixture(scope="module")
+def scenes() -> dict[str, Scene]:
+    return {name: catalog.load(name) for name in catalog.names()}
+
+
+def test_the_named_scenes_are_there_and_say_what_they_are(scenes):
+    assert set(CONTRACT) <= set(scenes)
+    assert all(scene.about and "\n" not in scene.about for scene in scenes.values())
+    assert len({scene.about for scene in scenes.values()}) == len(scenes)
+
+
+def test_the_ten_last_five_to_ten_seconds_and_end_a_second_after_the_last_motion(scenes):
+    for name in catalog.TRAJECTORIES:
+        assert scenes[name].lead_out_s == 1.0
+        for seed in range(5):
+            assert 5.0 <= Timeline(scenes[name], seed).duration_s <= 10.0, name
+
+
+def test_paths_stay_on_the_pad(scenes):
+    for name, scene in scenes.items():
+        for contact in scene.contacts:
+            motion = Motion(contact.motion)
+            times = [index * 0.02 for index in range(int(motion.duration_s / 0.02))]
+            reach = max(abs(motion.pose(t).position_mm[:2]).max() for t in times)
+            assert reach + scene.variation.place_mm <= 8.5, name
+
+
+def test_training_shares_no_body_with_the_ten(scenes):
+    def bodies(names):
+        return {contact.indenter.kind for name in names for contact in scenes[name].contacts}
+
+    training = [name for name in scenes if name.startswith("train-")]
+    assert len(training) >= 5
+    assert bodies(training).isdisjoint(bodies(catalog.TRAJECTORIES))
+
+
+def test_no_scene_starts_from_fresh_references(scenes):
+    for scene in scenes.values():
+        assert scene.history.references != "fresh"
+        assert scene.history.slide_mm > 0
+
+
+def test_a_wrong_name_gets_the_nearest_and_the_list():
+    with pytest.raises(ConfigError, match=r"did you mean 'bootstrap'.*finger-torsion"):
+        catalog.load("botstrap")
+
+
+def test_a_scene_file_of_ones_own_is_read(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("duration_s = 0.5\n")
+    assert catalog.load(path).duration_s == 0.5
+    with pytest.raises(ConfigError, match="cannot read"):
+        catalog.load(tmp_path / "other.toml")
+
+
+def test_the_list_says_what_the_files_say(scenes):
+    assert catalog.descriptions() == {name: scene.about for name, scene in scenes.items()}

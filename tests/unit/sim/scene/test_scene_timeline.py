@@ -1,0 +1,128 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from spikingtac.sim.gel.indenters import IndenterConfig
+from spikingtac.sim.scene.motions import Motion, MotionConfig, SegmentConfig
+from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene
+from spikingtac.sim.scene.timeline import Timeline, earlier_drag_mm
+from spikingtac.sim.scene.variation import VariationConfig, vary
+
+WIDE = VariationConfig(
+    place_mm=1.0,
+    heading_deg=180.0,
+    yaw_deg=20.0,
+    depth_fraction=0.3,
+    extent_fraction=0.3,
+    speed_fraction=0.3,
+    pause_s=0.5,
+)
+MOTION = MotionConfig(
+    height_mm=0.3,
+    segments=(
+        SegmentConfig(kind="press", depth_mm=0.5, duration_s=0.2),
+        SegmentConfig(kind="slide", dx_mm=1.0, dy_mm=0.5, duration_s=0.3),
+        SegmentConfig(kind="circle", radius_mm=0.4, turns=1.0, duration_s=0.3),
+        SegmentConfig(kind="roll", radius_mm=7.0, dx_mm=1.0, duration_s=0.2),
+        SegmentConfig(kind="lift", height_mm=0.3, duration_s=0.2),
+    ),
+)
+
+
+def scene(repeats: int = 2, variation: VariationConfig | None = None) -> Scene:
+    contact = ContactConfig(
+        indenter=IndenterConfig(kind="ball"), motion=MOTION, repeats=repeats, pause_s=0.4
+    )
+    return Scene(contacts=(contact,), variation=variation or VariationConfig())
+
+
+def path(timeline: Timeline, until_s: float) -> list[float | None]:
+    times = np.arange(0.0, until_s, 0.01)
+    bodies = [timeline.at(float(t)) for t in times]
+    return [None if body is None else float(body[1].position_mm.sum()) for body in bodies]
+
+
+def test_a_scene_lasts_lead_in_contacts_pauses_and_lead_out():
+    length = 2 * Motion(MOTION).duration_s
+    assert Timeline(scene(), seed=3).duration_s == pytest.approx(0.5 + length + 0.4 + 1.0)
+    assert Timeline(Scene(duration_s=2.5), seed=3).duration_s == 2.5
+
+
+def test_nothing_is_near_before_between_and_after_the_contacts():
+    timeline = Timeline(scene(), seed=0)
+    near = [body is not None for body in path(timeline, timeline.duration_s)]
+    changes = np.flatnonzero(np.diff(np.array(near, int)))
+    assert len(changes) == 4
+    assert not near[0]
+    assert not near[-1]
+    assert near[60]
+
+
+def test_equal_seeds_move_alike_and_others_do_not():
+    def run(seed):
+        return path(Timeline(scene(variation=WIDE), seed=seed), 3.0)
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_a_shorter_scene_is_the_beginning_of_the_longer_one():
+    full = path(Timeline(scene(variation=WIDE), seed=5), 2.0)
+    assert path(Timeline(scene(variation=WIDE), seed=5, duration_s=1.0), 1.0) == full[:100]
+
+
+def test_a_longer_scene_repeats_whole_contacts_varied_anew_and_ends_quiet():
+    own = Timeline(scene(variation=WIDE), seed=5).duration_s
+    long = path(Timeline(scene(variation=WIDE), seed=5, duration_s=3 * own), 3 * own)
+    starts = np.flatnonzero(np.diff(np.array([body is not None for body in long], int)) == 1)
+    assert len(starts) >= 4
+    assert all(body is None for body in long[-100:])
+    assert long[starts[0] + 5] != long[starts[2] + 5]
+
+
+def test_an_endless_scene_goes_on():
+    timeline = Timeline(scene(), seed=0, duration_s=math.inf)
+    assert any(body is not None for body in path(timeline, 60.0)[-400:])
+
+
+def test_no_variation_leaves_the_motion_as_written():
+    for seed in range(3):
+        assert vary(MOTION, VariationConfig(), np.random.default_rng(seed)) == MOTION
+
+
+def test_variation_stays_within_its_bounds():
+    for seed in range(50):
+        varied = vary(MOTION, WIDE, np.random.default_rng(seed))
+        press, slide, circle, roll, lift = varied.segments
+        assert abs(varied.x_mm) <= 1.0
+        assert abs(varied.yaw_deg) <= 20.0
+        assert 0.35 <= press.depth_mm <= 0.65
+        assert 0.2 / 1.3 <= press.duration_s <= 0.2 / 0.7
+        length = math.hypot(slide.dx_mm, slide.dy_mm)
+        assert 0.7 <= length / math.hypot(1.0, 0.5) <= 1.3
+        assert circle.radius_mm / 0.4 == pytest.approx(length / math.hypot(1.0, 0.5))
+        assert roll.radius_mm == 7.0  # the body's, not the path's
+        assert lift.height_mm == 0.3
+
+
+def test_a_turn_of_the_path_turns_slides_and_circles_alike():
+    turn = dataclasses.replace(VariationConfig(), heading_deg=90.0)
+    rng = np.random.default_rng(0)
+    angle = math.radians(90.0 * np.random.default_rng(0).uniform(-1, 1, 7)[2])
+    varied = vary(MOTION, turn, rng)
+    slide, circle = varied.segments[1], varied.segments[2]
+    cosine, sine = math.cos(angle), math.sin(angle)
+    assert slide.dx_mm == pytest.approx(cosine * 1.0 - sine * 0.5)
+    assert slide.dy_mm == pytest.approx(sine * 1.0 + cosine * 0.5)
+    assert circle.heading_deg == pytest.approx(math.degrees(angle) % 360.0)
+
+
+def test_the_earlier_drag_goes_out_and_comes_back_to_rest():
+    history = HistoryConfig(slide_mm=0.4, duration_s=0.2, wait_s=1.0)
+    drag = earlier_drag_mm(history, 3, np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
+    length = np.linalg.norm(drag, axis=1)
+    np.testing.assert_allclose(length, [0.0, 0.2, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
+    other = earlier_drag_mm(history, 4, np.array([0.1]))
+    assert not np.allclose(drag[2], other[0])

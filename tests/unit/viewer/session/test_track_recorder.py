@@ -1,0 +1,60 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.plots.summary import Course, Picture, save_summary
+from spikingtac.tracks import Tracks
+from spikingtac.types import MarkerFrame
+from spikingtac.viewer.export.output_files import check_picture, check_tracks, tracks_beside
+from spikingtac.viewer.session.track_recorder import FileTrackRecorder
+
+REST = np.array([[1.0, 2.0]])
+
+
+def frame(t_us: int) -> MarkerFrame:
+    moved = REST + t_us
+    return MarkerFrame(t_us, moved, moved, moved - REST, np.zeros(1, bool), np.ones(1))
+
+
+def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) -> None:
+    keeper = FileTrackRecorder(tmp_path / "x.npz", REST)
+    for t_us in (1, 2, 3, 2, 3, 4, 1, 5):
+        keeper.take(frame(t_us))
+    keeper.close({"seed": 3})
+    tracks = Tracks.load(tmp_path / "x.npz")
+    assert tracks.t_us.tolist() == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(tracks.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
+    assert tracks.meta["seed"] == 3
+    check_tracks(tmp_path / "x.npz")
+
+
+def test_tracks_of_another_verb_are_not_for_the_demo(tmp_path: Path) -> None:
+    keeper = FileTrackRecorder(tmp_path / "x.npz", REST)
+    keeper.close({"made_by": "somebody"})
+    with pytest.raises(ConfigError, match=r"x\.npz"):
+        check_tracks(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_picture_of_ours_is_known_for_one(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"x.{ending}"
+    check_picture(path)
+    one = Picture(
+        image=np.zeros((4, 4), np.uint8),
+        reference_px=REST,
+        position_px=REST + 1,
+        radius_px=np.ones(1),
+        t_s=0.0,
+    )
+    some = np.arange(3.0)
+    save_summary(path, "x", one, Course(t_s=some, displacement_px=some[:, None], rate_kev_s=some))
+    check_picture(path)
+    path.write_bytes(b"drawn by hand")
+    with pytest.raises(ConfigError, match="name another place"):
+        check_picture(path)
+
+
+def test_tracks_go_beside_the_picture() -> None:
+    assert tracks_beside(Path("a/b.png")) == Path("a/b.tracks.npz")
