@@ -51,7 +51,7 @@ def errors(folder: Path, preset: str, calibration: Calibration) -> str:
     frames = list(follow(recording.events(), tracker, RATE_HZ))
     t_us = np.array([frame.t_us for frame in frames])
     found_px = np.array([frame.detected_px for frame in frames])
-    held = np.array([frame.held for frame in frames])
+    held = np.array([frame.coasted for frame in frames])
     at, known_px = truth["marker_t_us"], truth["marker_px"].astype(float)
     after = np.clip(np.searchsorted(at, t_us), 1, len(at) - 1)
     share = np.clip((t_us - at[after - 1]) / (at[after] - at[after - 1]), 0, 1)[:, None, None]

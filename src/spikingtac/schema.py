@@ -34,7 +34,8 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
     Args:
         cls: A dataclass; fields may be numbers, strings, booleans, tuples, optional values,
-            other dataclasses, or tuples of dataclasses (TOML arrays of tables).
+            other dataclasses, or tuples of dataclasses (TOML arrays of tables). A field whose
+            metadata holds ``former_names`` also accepts these keys.
         mapping: Parsed TOML or JSON.
         where: Name of the document or table, for errors.
 
@@ -44,6 +45,8 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     """
     hints = typing.get_type_hints(cls)
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    former = {old: name for name in fields for old in _former_names(fields[name])}
+    mapping = {former.get(key, key): value for key, value in mapping.items()}
     for key in mapping:
         if key not in fields:
             raise ConfigError(
@@ -62,8 +65,15 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise ConfigError(f"{where}: the key {missing[0]!r} is missing")
     try:
         return cls(**values)
+    except ConfigError:
+        raise
     except (ValueError, TypeError) as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _former_names(field: dataclasses.Field[Any]) -> tuple[str, ...]:
+    """Return the names under which earlier versions wrote a field."""
+    return field.metadata.get("former_names", ())
 
 
 def to_mapping(value: Any) -> Any:

@@ -17,7 +17,7 @@ from spikingtac.events.formats.npz import ColumnFile
 from spikingtac.types import MarkerFrame
 
 FRAMES_PER_CHUNK = 1_024
-"""Frames that are held in memory before they are written."""
+"""Frames that are kept in memory before they are written."""
 
 CSV_COLUMNS = (
     "t_us",
@@ -33,6 +33,10 @@ CSV_COLUMNS = (
 )
 
 
+FIELDS = {"held": "coasted"}
+"""Key of a file -> the attribute that holds it, where the two differ."""
+
+
 @dataclass(frozen=True)
 class Tracks:
     """Marker tracks of one recording.
@@ -42,7 +46,7 @@ class Tracks:
         detected_px: ``(n, m, 2)`` the truthful estimate, px.
         position_px: ``(n, m, 2)`` after the hysteresis law, px.
         displacement_px: ``(n, m, 2)`` position minus reference, px.
-        held: ``(n, m)`` True where a position was sustained or predicted.
+        coasted: ``(n, m)`` True where a position was sustained or predicted.
         confidence: ``(n, m)`` 0 to 1.
         reference_px: ``(m, 2)`` rest positions, px.
         meta: Resolved configuration, input digest, package version, loss counters.
@@ -52,10 +56,15 @@ class Tracks:
     detected_px: NDArray[np.float32]
     position_px: NDArray[np.float32]
     displacement_px: NDArray[np.float32]
-    held: NDArray[np.bool_]
+    coasted: NDArray[np.bool_]
     confidence: NDArray[np.float32]
     reference_px: NDArray[np.float32]
     meta: dict[str, Any]
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """The former name of :attr:`coasted`, and its key in files."""
+        return self.coasted
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -66,9 +75,10 @@ class Tracks:
         """
         try:
             with np.load(path, allow_pickle=False) as archive:
-                values = {name: archive[name] for name in archive.files}
+                values: dict[str, Any] = {str(name): archive[name] for name in archive.files}
             meta = json.loads(str(values.pop("meta")))
-            return cls(meta=meta, **values)
+            fields = {FIELDS.get(name, name): array for name, array in values.items()}
+            return cls(meta=meta, **fields)
         except (OSError, ValueError, EOFError, KeyError, TypeError) as error:
             raise RecordingError(
                 f"{str(path)!r} holds no tracks: {error}; "
@@ -130,7 +140,9 @@ class NpzTracksWriter:
             return
         frames, self._frames = self._frames, []
         columns = {
-            name: np.stack([getattr(frame, name) for frame in frames]).astype(dtype)
+            name: np.stack([getattr(frame, FIELDS.get(name, name)) for frame in frames]).astype(
+                dtype
+            )
             for name, dtype in _TYPES.items()
         }
         self._file.append({"t_us": np.array([frame.t_us for frame in frames]), **columns})
@@ -162,7 +174,7 @@ class CsvTracksWriter:
                     frame.t_us,
                     marker,
                     *(f"{value:.4f}" for value in vector),
-                    int(frame.held[marker]),
+                    int(frame.coasted[marker]),
                     f"{frame.confidence[marker]:.3f}",
                 ]
             )
@@ -181,3 +193,7 @@ _TYPES = {
     "held": np.bool_,
     "confidence": np.float32,
 }
+
+
+def _stacked(frames: list[MarkerFrame], field: str) -> NDArray[Any]:
+    return np.stack([getattr(frame, field) for frame in frames])

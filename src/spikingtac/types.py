@@ -142,7 +142,7 @@ class MarkerFrame:
         detected_px: ``(m, 2)`` the truthful estimate, px.
         position_px: ``(m, 2)`` after the hysteresis law, px.
         displacement_px: ``(m, 2)`` position minus reference, px.
-        held: ``(m,)`` True where the position was sustained or predicted, not observed.
+        coasted: ``(m,)`` True where the marker coasts: its position is predicted, not observed.
         confidence: ``(m,)`` from 0 (no support) to 1.
     """
 
@@ -150,8 +150,13 @@ class MarkerFrame:
     detected_px: NDArray[np.float64]
     position_px: NDArray[np.float64]
     displacement_px: NDArray[np.float64]
-    held: NDArray[np.bool_]
+    coasted: NDArray[np.bool_]
     confidence: NDArray[np.float64]
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """The former name of :attr:`coasted`."""
+        return self.coasted
 
 
 @dataclass(frozen=True, slots=True)

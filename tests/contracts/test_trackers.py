@@ -100,8 +100,8 @@ def reference_run(name: str) -> list[MarkerFrame]:
 def test_shapes_and_types(name: str) -> None:
     for frame in reference_run(name):
         assert frame.detected_px.shape == frame.position_px.shape == (9, 2)
-        assert frame.held.shape == frame.confidence.shape == (9,)
-        assert frame.held.dtype == np.bool_
+        assert frame.coasted.shape == frame.confidence.shape == (9,)
+        assert frame.coasted.dtype == np.bool_
         assert np.isfinite(frame.detected_px).all()
         assert ((frame.confidence >= 0.0) & (frame.confidence <= 1.0)).all()
         np.testing.assert_allclose(frame.displacement_px, frame.position_px - GRID, atol=1e-12)
@@ -132,7 +132,7 @@ def test_any_cutting_of_the_stream_gives_the_same(name: str) -> None:
     for frame, expected in zip(run, reference_run(name), strict=True):
         np.testing.assert_array_equal(frame.detected_px, expected.detected_px)
         np.testing.assert_array_equal(frame.position_px, expected.position_px)
-        np.testing.assert_array_equal(frame.held, expected.held)
+        np.testing.assert_array_equal(frame.coasted, expected.coasted)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -165,12 +165,12 @@ def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     packet = events()
     tracker.absorb(between(packet, 0, PERIOD_US))
     frame = tracker.estimate(PERIOD_US)
-    kept = frame.detected_px.copy(), frame.held.copy()
+    kept = frame.detected_px.copy(), frame.coasted.copy()
     frame.position_px[:] = np.nan
     tracker.absorb(between(packet, PERIOD_US, 2 * PERIOD_US))
     later = tracker.estimate(2 * PERIOD_US)
     np.testing.assert_array_equal(frame.detected_px, kept[0])
-    np.testing.assert_array_equal(frame.held, kept[1])
+    np.testing.assert_array_equal(frame.coasted, kept[1])
     assert np.isfinite(later.position_px).all()
 
 
@@ -188,6 +188,6 @@ def test_a_marker_that_is_not_seen_is_held(name: str) -> None:
     away = np.hypot(packet.x - GRID[4, 0], packet.y - GRID[4, 1]) > 18.0
     run = frames(main_methods()[name].build(calibration()), packet.select(away))
     if name == "ekalibr":
-        assert all(frame.held[4] for frame in run)
+        assert all(frame.coasted[4] for frame in run)
         np.testing.assert_array_equal(run[-1].detected_px[4], GRID[4])
-    assert not all(frame.held[0] for frame in run)
+    assert not all(frame.coasted[0] for frame in run)

@@ -36,7 +36,7 @@ def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
         frames.append(tracker.estimate(window.t_end_us))
     true_px = recording.at(np.array([frame.t_us for frame in frames]))
     detected_px = np.array([frame.detected_px for frame in frames])
-    held = np.array([frame.held for frame in frames])
+    held = np.array([frame.coasted for frame in frames])
     return np.linalg.norm(detected_px - true_px, axis=2), held
 
 

@@ -59,5 +59,5 @@ def test_a_time_that_is_gone_back_to_looks_as_it_did(
     for t_us in AGAIN_US:
         again = shown(t_us)
         np.testing.assert_array_equal(again.detected_px, before[t_us].detected_px)
-        np.testing.assert_array_equal(again.held, before[t_us].held)
+        np.testing.assert_array_equal(again.coasted, before[t_us].coasted)
     store.close()

@@ -57,7 +57,7 @@ def tracked(folder: Path, name: str, denoiser: Denoiser) -> tuple[np.ndarray, np
         tracker.absorb(window)
         frames.append(tracker.estimate(window.t_end_us))
     detected = np.array([frame.detected_px for frame in frames])
-    held = np.array([frame.held for frame in frames])
+    held = np.array([frame.coasted for frame in frames])
     t_us = np.array([frame.t_us for frame in frames])
     return np.linalg.norm(detected - true_positions(truth, t_us), axis=2), held
 

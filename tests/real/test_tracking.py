@@ -50,7 +50,7 @@ class Outcome:
         frames = list(follow(packets, tracker, RATE_HZ))
         t_us = np.array([frame.t_us for frame in frames])
         self.detected_px = np.array([frame.detected_px for frame in frames])
-        self.held = np.array([frame.held for frame in frames])
+        self.coasted = np.array([frame.coasted for frame in frames])
         self.truth_px = true_positions(dict(np.load(folder / "mix.truth.npz")), t_us)
         self.error_px = np.linalg.norm(self.detected_px - self.truth_px, axis=2)
         self.mean_px = float(self.error_px.mean())
@@ -94,7 +94,7 @@ def test_mix_is_tracked(data_dir: Path, preset: str, mean_px: float, p95_px: flo
     assert outcome.p95_px < p95_px
     assert outcome.lost() == 0
     assert outcome.swaps() == 0
-    assert not outcome.held.any()
+    assert not outcome.coasted.any()
 
 
 def test_a_third_of_the_events_may_be_lost(data_dir: Path) -> None:

@@ -21,7 +21,7 @@ def frame(t_us: int) -> MarkerFrame:
         detected_px=detected,
         position_px=detected - 0.5,
         displacement_px=detected - 0.5 - REFERENCE_PX,
-        held=np.array([False, True]),
+        coasted=np.array([False, True]),
         confidence=np.array([0.75, 0.0]),
     )
 

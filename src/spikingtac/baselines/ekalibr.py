@@ -108,16 +108,16 @@ class EkalibrTracker:
         self._recent.forget_before(since_us)
         center_px = self._circles(t_us, since_us)
         match = associate(self._detected_px, center_px, self._proximity_px)
-        held = match == UNMATCHED
-        self._detected_px[~held] = center_px[match[~held]]
+        coasted = match == UNMATCHED
+        self._detected_px[~coasted] = center_px[match[~coasted]]
         reference_px = self._calibration.reference_px
         return MarkerFrame(
             t_us=t_us,
             detected_px=self._detected_px.copy(),
             position_px=self._detected_px.copy(),
             displacement_px=self._detected_px - reference_px,
-            held=held,
-            confidence=np.where(held, 0.0, 1.0),
+            coasted=coasted,
+            confidence=np.where(coasted, 0.0, 1.0),
         )
 
     def reset(self) -> None:

@@ -118,14 +118,14 @@ class EvetacTracker:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the dots after the last whole slice before ``t_us``."""
         reference_px = self._calibration.reference_px
-        held = self._support < self._config.gate
+        coasted = self._support < self._config.gate
         return MarkerFrame(
             t_us=t_us,
             detected_px=self._center_px.copy(),
             position_px=self._center_px.copy(),
             displacement_px=self._center_px - reference_px,
-            held=held,
-            confidence=np.where(held, 0.0, 1.0),
+            coasted=coasted,
+            confidence=np.where(coasted, 0.0, 1.0),
         )
 
     def reset(self) -> None:

@@ -20,12 +20,14 @@ Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 
 
 def _disc(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
-    return GradedTracker(DiscLocator(config.disc, calibration), config.care, calibration, law)
+    return GradedTracker(
+        DiscLocator(config.disc, calibration), config.maintenance, calibration, law
+    )
 
 
 def _centroid(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
     locator = CentroidLocator(config.centroid, calibration)
-    return GradedTracker(locator, config.care, calibration, law)
+    return GradedTracker(locator, config.maintenance, calibration, law)
 
 
 def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:

@@ -24,7 +24,7 @@ class TrackingConfig:
         disc: For ``disc``.
         centroid: For ``centroid``.
         blobs: For ``blobs``.
-        care: For ``disc`` and ``centroid``.
+        maintenance: For ``disc`` and ``centroid``.
         paper_law: For the law ``paper``.
         anchored_law: For the law ``anchored``.
     """
@@ -36,6 +36,8 @@ class TrackingConfig:
     disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
     centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
-    care: MaintenanceConfig = field(default_factory=MaintenanceConfig)
+    maintenance: MaintenanceConfig = field(
+        default_factory=MaintenanceConfig, metadata={"former_names": ("care",)}
+    )
     paper_law: PaperLawConfig = field(default_factory=PaperLawConfig)
     anchored_law: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)

@@ -87,23 +87,23 @@ PROGRESS_EVERY = 64
 class _Counts:
     def __init__(self, markers: int) -> None:
         self.estimates = 0
-        self._held = np.zeros(markers, np.int64)
+        self._coasted = np.zeros(markers, np.int64)
         self._largest_px = 0.0
 
     def add(self, frame: MarkerFrame) -> None:
         self.estimates += 1
-        self._held += frame.held
+        self._coasted += frame.coasted
         largest2 = float((frame.displacement_px**2).sum(axis=1).max(initial=0.0))
         self._largest_px = max(self._largest_px, largest2**0.5)
 
     def summary(self) -> dict[str, Any]:
-        markers = len(self._held)
+        markers = len(self._coasted)
         total = max(self.estimates * markers, 1)
-        never = np.flatnonzero(self._held == self.estimates) if self.estimates else []
+        never = np.flatnonzero(self._coasted == self.estimates) if self.estimates else []
         return {
             "markers": markers,
             "estimates": self.estimates,
-            "held_share": float(self._held.sum() / total),
+            "held_share": float(self._coasted.sum() / total),
             "displacement_max_px": self._largest_px,
             "never_observed": [int(marker) for marker in never],
         }

@@ -127,8 +127,8 @@ def _laws() -> list[LawMethod]:
 
 
 def _maintain(name: str, about: str, base: Config, **changes: float | bool) -> Method:
-    care = replace(base.tracking.care, **changes)  # type: ignore[arg-type]
-    return of_config(name, about, base.with_tracking(care=care))
+    maintenance = replace(base.tracking.maintenance, **changes)  # type: ignore[arg-type]
+    return of_config(name, about, base.with_tracking(maintenance=maintenance))
 
 
 def _changed(

@@ -12,7 +12,7 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 
 class NoHold:
-    """Gives out each marker that is held or predicted at its place of rest instead."""
+    """Gives out each marker that is coasted or predicted at its place of rest instead."""
 
     def __init__(self, tracker: MarkerTracker, calibration: Calibration) -> None:
         """Wrap a tracker, whose own state is left as it is.
@@ -30,9 +30,9 @@ class NoHold:
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the tracker's frame without what it only remembers."""
         frame = self._tracker.estimate(t_us)
-        held = frame.held[:, None]
-        detected_px = np.where(held, self._rest_px, frame.detected_px)
-        position_px = np.where(held, self._rest_px, frame.position_px)
+        coasted = frame.coasted[:, None]
+        detected_px = np.where(coasted, self._rest_px, frame.detected_px)
+        position_px = np.where(coasted, self._rest_px, frame.position_px)
         return replace(
             frame,
             detected_px=detected_px,

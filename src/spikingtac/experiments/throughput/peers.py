@@ -62,14 +62,14 @@ class PeerTracker:
         """Return the centres, each under its marker's identity."""
         found = self._locate((self._map.values * WHITE).astype(np.uint8))
         if self._tracks:
-            self._detected_px, held = found, np.zeros(len(found), np.bool_)
+            self._detected_px, coasted = found, np.zeros(len(found), np.bool_)
         else:
             match = associate_tree(self._detected_px, found, self._proximity_px)
-            held = match == UNMATCHED
-            self._detected_px[~held] = found[match[~held]]
+            coasted = match == UNMATCHED
+            self._detected_px[~coasted] = found[match[~coasted]]
         given = self._detected_px.copy()
         moved = given - self._calibration.reference_px
-        return MarkerFrame(t_us, given, given, moved, held, np.where(held, 0.0, 1.0))
+        return MarkerFrame(t_us, given, given, moved, coasted, np.where(coasted, 0.0, 1.0))
 
     def reset(self) -> None:
         """Not needed by the bench."""

@@ -22,14 +22,14 @@ class Prediction:
         t_us: ``(n,)`` int64 times, us.
         detected_px: ``(n, m, 2)`` float32, the truthful estimate, px.
         position_px: ``(n, m, 2)`` float32, after the method's own law, px.
-        held: ``(n, m)`` True where a marker was sustained or predicted.
+        coasted: ``(n, m)`` True where a marker was sustained or predicted.
         reference_px: ``(m, 2)`` the rest positions that the method was given, px.
     """
 
     t_us: NDArray[np.int64]
     detected_px: NDArray[np.float32]
     position_px: NDArray[np.float32]
-    held: NDArray[np.bool_]
+    coasted: NDArray[np.bool_]
     reference_px: NDArray[np.float64]
 
     @classmethod
@@ -56,7 +56,7 @@ class Prediction:
             t_us=np.array([frame.t_us for frame in kept], np.int64),
             detected_px=_stacked([frame.detected_px for frame in kept], count),
             position_px=_stacked([frame.position_px for frame in kept], count),
-            held=np.array([frame.held for frame in kept], np.bool_).reshape(-1, count),
+            coasted=np.array([frame.coasted for frame in kept], np.bool_).reshape(-1, count),
             reference_px=reference_px,
         )
 
@@ -77,7 +77,7 @@ class Prediction:
                 t_us=self.t_us,
                 detected_px=self.detected_px,
                 position_px=np.empty(0, np.float32) if same else self.position_px,
-                held=np.packbits(self.held),
+                coasted=np.packbits(self.coasted),
                 reference_px=self.reference_px,
             )
         partial.replace(path)
@@ -94,10 +94,10 @@ class Prediction:
             return None
         detected_px = values["detected_px"]
         shape = detected_px.shape[:2]
-        held = np.unpackbits(values["held"], count=shape[0] * shape[1]).astype(np.bool_)
+        coasted = np.unpackbits(values["coasted"], count=shape[0] * shape[1]).astype(np.bool_)
         position_px = values["position_px"] if values["position_px"].size else detected_px
         return cls(
-            values["t_us"], detected_px, position_px, held.reshape(shape), values["reference_px"]
+            values["t_us"], detected_px, position_px, coasted.reshape(shape), values["reference_px"]
         )
 
 

@@ -185,8 +185,8 @@ def predict(
 
 def _truth_itself(truth: GroundTruth) -> Prediction:
     position_px = truth.marker_px.astype("float32")
-    held = (position_px[..., 0] * 0).astype(bool)
-    return Prediction(truth.t_us, position_px, position_px, held, truth.reference_px)
+    coasted = (position_px[..., 0] * 0).astype(bool)
+    return Prediction(truth.t_us, position_px, position_px, coasted, truth.reference_px)
 
 
 def _stored(path: Path, key: str) -> dict[str, Any] | None:

@@ -3,8 +3,8 @@
 White acceleration noise of density q (px^2/s^3) drives each axis; the fit measures the position
 with standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
 variance grows as their period shrinks. The covariance is shared by all markers, since all are
-measured at the same times; a held marker stays where it is put. The output is c + lag * v: what the
-events show now is where the marker was ``lag`` ago.
+measured at the same times; a coasted marker stays where it is put. The output is c + lag * v: what
+the events show now is where the marker was ``lag`` ago.
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ class MotionFilter:
         self.position_px += dt_s * self.velocity_px_s
         return self.position_px
 
-    def update(self, measured_px: NDArray[np.float64], held: NDArray[np.bool_]) -> None:
-        """Take in measured positions; held markers keep their prediction and lose their speed."""
+    def update(self, measured_px: NDArray[np.float64], coasted: NDArray[np.bool_]) -> None:
+        """Take in measured positions; coasted markers keep their prediction, at no speed."""
         pp, pv, vv = self._covariance
         shortness = max(1.0, MEASUREMENT_PERIOD_S / max(self._dt_s, 1e-6))
         total = pp + MEASUREMENT_SIGMA_PX**2 * shortness
         gains = pp / total, pv / total
-        _correct_kernel(self.position_px, self.velocity_px_s, measured_px, held, gains)
+        _correct_kernel(self.position_px, self.velocity_px_s, measured_px, coasted, gains)
         self._covariance = ((1.0 - gains[0]) * pp, (1.0 - gains[0]) * pv, vv - gains[1] * pv)
 
     def place(self, marker: NDArray[np.bool_], position_px: NDArray[np.float64]) -> None:
@@ -74,12 +74,12 @@ def _correct_kernel(
     position_px: NDArray[np.float64],
     velocity_px_s: NDArray[np.float64],
     measured_px: NDArray[np.float64],
-    held: NDArray[np.bool_],
+    coasted: NDArray[np.bool_],
     gains: tuple[float, float],
 ) -> None:  # pragma: no cover - compiled
     for m in range(position_px.shape[0]):
         for axis in range(2):
-            if held[m]:
+            if coasted[m]:
                 velocity_px_s[m, axis] = 0.0
             else:
                 innovation = measured_px[m, axis] - position_px[m, axis]

@@ -1,10 +1,10 @@
-"""Custody of the identities: which markers are observed, which are held, and how they come back.
+"""Track management: which markers are observed, which are coasted, and how they come back.
 
 A marker counts as lost when its fit no longer agrees with the map, when it stays away from where
 its neighbours expect it, or when it sends no events while they move. It is then predicted from
-them, flagged ``held``, and looked for at a low rate by a detection in the full map; a detection is
-taken only near the prediction and only if no other marker owns it, so that identities cannot swap.
-A broken marker is never found again: it stays held, with confidence 0.
+them, flagged ``coasted``, and looked for at a low rate by a detection in the full map; a detection
+is taken only near the prediction and only if no other marker owns it, so that identities cannot
+swap. A broken marker is never found again: it stays coasted, with confidence 0.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TrackManagementConfig:
         strain_share: The same, as a share of how far the farthest neighbour moved (ours: in torsion
             the neighbours of a marker move in opposite directions, so that their prediction says
             nothing; but no marker moves much farther than all of them).
-        patience_us: How long a marker may look lost before it is held, us.
+        patience_us: How long a marker may look lost before it is coasted, us.
         search_us: Time between two full-frame detections while a marker is lost, us.
         capture_share: Largest distance between prediction and detection, as a share of the smallest
             spacing of the markers.
@@ -66,7 +66,7 @@ class TrackManager:
     """Keeps the identities of one sensor's markers.
 
     Attributes:
-        held: ``(m,)`` markers that are predicted, not observed.
+        coasted: ``(m,)`` markers that are predicted, not observed.
         placed: Whether the last judgement placed any marker.
         moved: ``(m,)`` markers that it placed somewhere else.
         position_px: ``(m, 2)`` where it placed them.
@@ -92,7 +92,7 @@ class TrackManager:
         self._search_at_us = 0
         self._doubted = np.zeros(count, np.bool_)
         self._watching = False
-        self.held = np.zeros(count, np.bool_)
+        self.coasted = np.zeros(count, np.bool_)
         self.placed = False
         self.moved = np.zeros(count, np.bool_)
         self.position_px = calibration.reference_px.copy()
@@ -109,7 +109,7 @@ class TrackManager:
         levels: NDArray[np.float32],
         silent: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
-        """Decide which markers are held at ``t_us`` and look for those that are.
+        """Decide which markers are coasted at ``t_us`` and look for those that are.
 
         Args:
             t_us: Time of the estimate, us.
@@ -117,11 +117,11 @@ class TrackManager:
             agreement: ``(m,)`` share of each edge that agrees with its disc.
             levels: ``(height, width)`` the map.
             silent: ``(m,)`` markers that are gone
-                (:mod:`spikingtac.markers.graded.missing_markers`): held at once, and not looked
+                (:mod:`spikingtac.markers.graded.missing_markers`): coasted at once, and not looked
                 for while they are, since the map shows them where they were.
 
         Returns:
-            ``(m,)`` the held markers (:attr:`held`, not a copy).
+            ``(m,)`` the coasted markers (:attr:`coasted`, not a copy).
         """
         config = self._config
         clear = _all_clear_kernel(
@@ -135,31 +135,31 @@ class TrackManager:
             self._doubted,
         )
         if clear and not self._watching:
-            return self.held
+            return self.coasted
         self.placed = False
         self.moved[:] = False
         self._weigh(t_us)
-        self.held |= silent
-        if self.held.any():
+        self.coasted |= silent
+        if self.coasted.any():
             self._place_held(fitted_px)
             if t_us >= self._search_at_us:
                 self._search_at_us = t_us + config.search_us
                 self._search(fitted_px, levels, silent)
-        self._watching = self.placed or bool(self._doubted.any() or self.held.any())
-        return self.held
+        self._watching = self.placed or bool(self._doubted.any() or self.coasted.any())
+        return self.coasted
 
     def _weigh(self, t_us: int) -> None:
         doubted = self._doubted
         fresh = doubted & (self._doubted_since_us < 0)
         self._doubted_since_us[fresh] = t_us
         self._doubted_since_us[~doubted] = -1
-        self.held |= doubted & (t_us - self._doubted_since_us >= self._config.patience_us)
+        self.coasted |= doubted & (t_us - self._doubted_since_us >= self._config.patience_us)
 
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
-        held = self.held
-        blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
-        self.position_px[held] = self.expected_px(blended)[held]
-        self.moved |= held
+        coasted = self.coasted
+        blended = np.where(coasted[:, np.newaxis], self.position_px, fitted_px)
+        self.position_px[coasted] = self.expected_px(blended)[coasted]
+        self.moved |= coasted
         self.placed = True
 
     def _search(
@@ -169,11 +169,11 @@ class TrackManager:
         silent: NDArray[np.bool_],
     ) -> None:
         blobs = self._detector.detect(levels)
-        expected_px = np.where(self.held[:, np.newaxis], self.position_px, fitted_px)
+        expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self._capture_px)
-        found = self.held & ~silent & (match != UNMATCHED)
+        found = self.coasted & ~silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
-        self.held &= ~found
+        self.coasted &= ~found
         self._doubted_since_us[found] = -1
 
 

@@ -1,10 +1,10 @@
 """The project's own tracker, one screen: presets ``default`` and ``fast``.
 
 Graded map -> locator (disc fit or centroid) from the predicted position -> Kalman filter -> lag
-correction. In its own time it takes care of the rest: lost markers are predicted from their
+correction. In its own time it does the rest: lost markers are predicted from their
 neighbours and found again (:mod:`spikingtac.markers.graded.track_management`), steps grow when
 events are lost (:mod:`spikingtac.markers.graded.event_loss`), markers that send none while the
-skin moves are held (:mod:`spikingtac.markers.graded.missing_markers`), and the map leaks towards
+skin moves are coasted (:mod:`spikingtac.markers.graded.missing_markers`), and the map leaks towards
 the fitted discs.
 """
 
@@ -95,7 +95,7 @@ class MaintenanceConfig:
         leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
-        custody: When a marker counts as lost, and how it is found again.
+        track_management: When a marker counts as lost, and how it is found again.
     """
 
     period_us: int = 4_000
@@ -107,7 +107,9 @@ class MaintenanceConfig:
     leak_groups: int = 8
     lag_us: float | None = None
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
-    custody: TrackManagementConfig = field(default_factory=TrackManagementConfig)
+    track_management: TrackManagementConfig = field(
+        default_factory=TrackManagementConfig, metadata={"former_names": ("custody",)}
+    )
 
     def __post_init__(self) -> None:
         tolerances = ("leak_tolerance", "wary_tolerance")
@@ -124,7 +126,7 @@ class GradedTracker:
     def __init__(
         self,
         locator: Locator,
-        care: MaintenanceConfig,
+        maintenance: MaintenanceConfig,
         calibration: Calibration,
         law: OutputLaw | None = None,
     ) -> None:
@@ -132,18 +134,18 @@ class GradedTracker:
 
         Args:
             locator: Disc fit or centroid.
-            care: What the tracker does beside locating.
+            maintenance: What the tracker does beside locating.
             calibration: Where the markers rest and how they look.
             law: From detected to given position; None gives out what was detected.
         """
         self._locator = locator
-        self._maintenance_config = care
+        self._maintenance_config = maintenance
         self._calibration = calibration
         self._law = law or NoLaw()
         self._profile = profile_of(calibration)
         self._map = painted_graded_map(calibration, self._profile)
         self._leak_tables = leak_tables(self._profile)
-        lag_us = care.lag_us if care.lag_us is not None else calibration.lag_us
+        lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()
 
@@ -167,9 +169,9 @@ class GradedTracker:
         self._t_us = t_us
         predicted_px = self._filter.predict(dt_s)
         asked = self._locator.needs_expectation
-        expected_px = self._custody.expected_px(predicted_px) if asked else None
+        expected_px = self._manager.expected_px(predicted_px) if asked else None
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
-        self._filter.update(located_px, self._custody.held)
+        self._filter.update(located_px, self._manager.coasted)
         self._maintain(t_us, located_px, agreement)
         return self._frame(t_us, agreement)
 
@@ -190,7 +192,7 @@ class GradedTracker:
         )
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
-        self._custody = TrackManager(self._maintenance_config.custody, self._calibration)
+        self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
         self._kept = EventLoss(self._calibration)
         self._cells = self._kept.take(0.0)
         self._silence = MissingMarkers(self._calibration)
@@ -207,10 +209,10 @@ class GradedTracker:
             self._silence.update(self._filter.velocity_px_s, self._cells, self._kept.share)
         if self._judging.turn_s(t_us) is not None:
             values, silent = self._map.values, self._silence.silent
-            self._custody.judge(t_us, located_px, agreement, values, silent)
-            if self._custody.placed:
-                moved = self._custody.moved
-                self._filter.place(moved, self._custody.position_px[moved])
+            self._manager.judge(t_us, located_px, agreement, values, silent)
+            if self._manager.placed:
+                moved = self._manager.moved
+                self._filter.place(moved, self._manager.position_px[moved])
         if (since_s := self._leaking.turn_s(t_us)) is not None:
             self._leak(since_s)
 
@@ -225,22 +227,22 @@ class GradedTracker:
 
     def _leak(self, dt_s: float) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
-        care, time_s = self._maintenance_config, dt_s * self._maintenance_config.leak_groups
+        settings, time_s = self._maintenance_config, dt_s * self._maintenance_config.leak_groups
         if time_s <= 0.0:
             return
-        self._turn = (self._turn + 1) % care.leak_groups
-        some = slice(self._turn, None, care.leak_groups)
+        self._turn = (self._turn + 1) % settings.leak_groups
+        some = slice(self._turn, None, settings.leak_groups)
         position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
-        whole = not care.adapt_to_loss or self._kept.share == 1.0
+        whole = not settings.adapt_to_loss or self._kept.share == 1.0
         leak_to_discs_kernel(
             self._map.padded,
             self._map.memory,
             position_px,
             outline_px,
             self._leak_tables,
-            (self._profile.reach_px, care.leak_reach_px),
-            care.leak_tolerance if whole else care.wary_tolerance,
-            1.0 - np.exp(-care.leak_per_s * time_s),
+            (self._profile.reach_px, settings.leak_reach_px),
+            settings.leak_tolerance if whole else settings.wary_tolerance,
+            1.0 - np.exp(-settings.leak_per_s * time_s),
         )
         ease_outlines_kernel(
             self._map.padded,
@@ -249,19 +251,19 @@ class GradedTracker:
             self._calibration.radius_px[some],
             self._profile.tables,
             self._profile.reach_px,
-            (1.0 - np.exp(-care.ease_per_s * time_s), AT_REST_PX_S),
+            (1.0 - np.exp(-settings.ease_per_s * time_s), AT_REST_PX_S),
         )
 
     def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
         detected_px = self._filter.position_px + self._lag_s * self._filter.velocity_px_s
         reference_px = self._calibration.reference_px
         position_px = self._law.update(detected_px, reference_px)
-        held = self._custody.held
+        coasted = self._manager.coasted
         return MarkerFrame(
             t_us=t_us,
             detected_px=detected_px,
             position_px=position_px,
             displacement_px=position_px - reference_px,
-            held=held.copy(),
-            confidence=agreement * ~held,
+            coasted=coasted.copy(),
+            confidence=agreement * ~coasted,
         )

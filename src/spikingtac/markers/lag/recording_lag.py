@@ -71,7 +71,7 @@ def _tracked(source: EventSource, tracker: MarkerTracker, calibration: Calibrati
         tracker.absorb(window)
         frame = tracker.estimate(window.t_end_us)
         t_us.append(window.t_end_us)
-        center_px.append(np.where(frame.held[:, None], np.nan, frame.detected_px))
+        center_px.append(np.where(frame.coasted[:, None], np.nan, frame.detected_px))
     places = np.array(center_px).reshape(len(t_us), len(calibration.radius_px), 2)
     dark = calibration.polarity == "dark"
     return MarkerTrack(np.array(t_us, np.int64), places, calibration.radius_px, dark)

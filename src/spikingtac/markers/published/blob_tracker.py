@@ -43,7 +43,8 @@ class BlobTrackerConfig:
             the erased footprint lie nearer than the marker and would capture its identity).
         max_area_share: Largest blob, as a share of the largest calibrated disc (ours: motion
             stretches a marker in the map and noise clumps it; two merged markers pass as well: the
-            nearer one takes their joint centroid at a confidence of one half, the other is held).
+            nearer one takes their joint centroid at a confidence of one half, the other is
+            coasted).
         proximity_share: Association threshold as a share of the smallest distance between two
             resting markers (ours: one half, beyond which a neighbour could be nearer than the
             marker itself).
@@ -79,8 +80,8 @@ class BlobTracker:
     """Follows markers by detecting blobs in the state map, as published.
 
     A marker without a blob of its own keeps its last position (zero-order hold) and is flagged
-    ``held`` with confidence 0; otherwise the confidence is the ratio of its blob's area to that of
-    its calibrated disc, or the inverse where that is smaller.
+    ``coasted`` with confidence 0; otherwise the confidence is the ratio of its blob's area to that
+    of its calibrated disc, or the inverse where that is smaller.
     """
 
     def __init__(
@@ -150,13 +151,13 @@ class BlobTracker:
         if self._refreshed is not None and self._refreshing.turn_s(t_us):
             self._refreshed.repaint(cleaned >= self._config.threshold)
         match = associate(self._detected_px, blobs.center_px, self._proximity_px)
-        held, confidence = np.empty(len(match), np.bool_), np.empty(len(match))
+        coasted, confidence = np.empty(len(match), np.bool_), np.empty(len(match))
         _take_kernel(
             match,
             (blobs.center_px, blobs.area_px),
             self._disc_area_px,
             self._detected_px,
-            held,
+            coasted,
             confidence,
         )
         reference_px = self._calibration.reference_px
@@ -166,7 +167,7 @@ class BlobTracker:
             detected_px=self._detected_px.copy(),
             position_px=position_px,
             displacement_px=position_px - reference_px,
-            held=held,
+            coasted=coasted,
             confidence=confidence,
         )
 
@@ -194,16 +195,16 @@ def _take_kernel(
     blobs: tuple[NDArray[np.float64], NDArray[np.float64]],
     disc_area_px: NDArray[np.float64],
     detected_px: NDArray[np.float64],
-    held: NDArray[np.bool_],
+    coasted: NDArray[np.bool_],
     confidence: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Move each marker to its blob, if it has one; ``blobs`` are their centres and areas."""
     center_px, area_px = blobs
     for m in range(match.size):
         blob = match[m]
-        held[m] = blob == UNMATCHED
+        coasted[m] = blob == UNMATCHED
         confidence[m] = 0.0
-        if not held[m]:
+        if not coasted[m]:
             detected_px[m, 0], detected_px[m, 1] = center_px[blob, 0], center_px[blob, 1]
             share = area_px[blob] / disc_area_px[m]
             confidence[m] = min(share, 1.0 / share)

@@ -139,12 +139,12 @@ def _events(packet: EventPacket, encoder: Evt3Encoder, origin_us: int) -> dict[s
 
 
 def _field(frame: MarkerFrame, calibration: Calibration) -> dict[str, Any]:
-    cloud = np.zeros(len(frame.held), FIELD)
+    cloud = np.zeros(len(frame.coasted), FIELD)
     rest = _about_centre(calibration) / (calibration.px_per_mm or 1.0)
     cloud["x"], cloud["y"] = rest.T
     cloud["u"], cloud["v"] = frame.position_px.T
     cloud["du"], cloud["dv"] = frame.displacement_px.T
-    cloud["valid"] = ~frame.held
+    cloud["valid"] = ~frame.coasted
     fields = [
         {"name": name, "offset": 4 * index, "datatype": FLOAT32, "count": 1}
         for index, name in enumerate(FIELD.names or ())
@@ -183,11 +183,11 @@ def _diagnostics(subject: ViewSource, playback: Playback) -> dict[str, Any]:
     p50_us, p99_us = playback.step_percentiles_us()
     figures = {"step_p50_us": p50_us, "step_p99_us": p99_us, **subject.source.losses}
     values = [{"key": key, "value": f"{value:g}"} for key, value in figures.items()]
-    held = int(playback.frame.held.sum()) if playback.frame else 0
+    coasted = int(playback.frame.coasted.sum()) if playback.frame else 0
     status = {
-        "level": 1 if held else 0,
+        "level": 1 if coasted else 0,
         "name": "spikingtac: tracking",
-        "message": f"{held} markers held" if held else "all markers seen",
+        "message": f"{coasted} markers held" if coasted else "all markers seen",
         "hardware_id": subject.label,
         "values": values,
     }

@@ -97,4 +97,4 @@ def _log_moment(rerun: Any, stream: Any, subject: ViewSource, playback: Playback
     origins = subject.calibration.reference_px / step
     stream.log("sensor/displacement", rerun.Arrows2D(origins=origins, vectors=moved_px / step))
     stream.log("displacement_px/largest", rerun.Scalars(float(np.hypot(*moved_px.T).max())))
-    stream.log("markers/held", rerun.Scalars(int(frame.held.sum())))
+    stream.log("markers/held", rerun.Scalars(int(frame.coasted.sum())))

@@ -99,7 +99,7 @@ def _markers(subject: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArra
     arrays: dict[str, NDArray[Any]] = {
         "detected_px": frame.detected_px.astype(np.float32),
         "position_px": frame.position_px.astype(np.float32),
-        "held": frame.held.astype(np.uint8),
+        "held": frame.coasted.astype(np.uint8),
         "confidence": np.round(np.clip(frame.confidence, 0, 1) * FULL).astype(np.uint8),
     }
     truth = subject.truth.at(frame.t_us) if subject.truth else None

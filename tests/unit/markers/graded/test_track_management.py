@@ -31,73 +31,73 @@ def doubtful(marker: int) -> np.ndarray:
 
 
 def test_all_is_well_at_rest() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     for t_us in range(0, LATER_US, 10_000):
-        assert not custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD).any()
-        assert not custody.moved.any()
+        assert not manager.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD).any()
+        assert not manager.moved.any()
 
 
 def test_doubt_needs_patience() -> None:
-    custody = TrackManager(TrackManagementConfig(patience_us=20_000), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(patience_us=20_000), CALIBRATION)
     nothing_there = levels(np.delete(REST_PX, 5, axis=0))
-    assert not custody.judge(0, REST_PX, doubtful(5), nothing_there, HEARD).any()
-    assert not custody.judge(10_000, REST_PX, doubtful(5), nothing_there, HEARD).any()
-    held = custody.judge(20_000, REST_PX, doubtful(5), nothing_there, HEARD)
+    assert not manager.judge(0, REST_PX, doubtful(5), nothing_there, HEARD).any()
+    assert not manager.judge(10_000, REST_PX, doubtful(5), nothing_there, HEARD).any()
+    held = manager.judge(20_000, REST_PX, doubtful(5), nothing_there, HEARD)
     assert np.flatnonzero(held).tolist() == [5]
 
 
 def test_a_lost_marker_is_predicted_from_its_neighbours() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     moved_px = REST_PX + np.array([5.0, -3.0])
     blind = levels(np.delete(moved_px, 5, axis=0))
     fitted_px = moved_px.copy()
     fitted_px[5] = REST_PX[5] + [-4.0, 7.0]
     for t_us in (0, LATER_US, 2 * LATER_US):
-        custody.judge(t_us, fitted_px, doubtful(5), blind, HEARD)
-    assert custody.held[5]
-    assert custody.moved[5]
-    np.testing.assert_allclose(custody.position_px[5], moved_px[5], atol=0.2)
+        manager.judge(t_us, fitted_px, doubtful(5), blind, HEARD)
+    assert manager.coasted[5]
+    assert manager.moved[5]
+    np.testing.assert_allclose(manager.position_px[5], moved_px[5], atol=0.2)
 
 
 def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     blind = levels(np.delete(REST_PX, 5, axis=0))
     for t_us in (0, LATER_US):
-        custody.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
-    assert custody.held[5]
+        manager.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
+    assert manager.coasted[5]
     back_px = REST_PX.copy()
     back_px[5] += [3.0, 2.0]
-    custody.judge(2 * LATER_US, REST_PX, doubtful(5), levels(back_px), HEARD)
-    assert not custody.held.any()
-    np.testing.assert_allclose(custody.position_px[5], back_px[5], atol=0.2)
+    manager.judge(2 * LATER_US, REST_PX, doubtful(5), levels(back_px), HEARD)
+    assert not manager.coasted.any()
+    np.testing.assert_allclose(manager.position_px[5], back_px[5], atol=0.2)
 
 
 def test_a_neighbours_blob_is_never_taken() -> None:
-    custody = TrackManager(TrackManagementConfig(capture_share=5.0), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(capture_share=5.0), CALIBRATION)
     blind = levels(np.delete(REST_PX, 5, axis=0))
     for t_us in (0, LATER_US, 2 * LATER_US):
-        custody.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
-    assert custody.held[5], "the only blobs belong to other markers"
+        manager.judge(t_us, REST_PX, doubtful(5), blind, HEARD)
+    assert manager.coasted[5], "the only blobs belong to other markers"
 
 
 def test_a_runaway_is_noticed_by_its_neighbours() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     fitted_px = REST_PX.copy()
     fitted_px[5] += [14.0, 0.0]
     for t_us in (0, LATER_US):
-        custody.judge(t_us, fitted_px, AGREED, levels(REST_PX), HEARD)
-    assert not custody.held.any(), "it was found again where it belongs"
-    np.testing.assert_allclose(custody.position_px[5], REST_PX[5], atol=0.2)
+        manager.judge(t_us, fitted_px, AGREED, levels(REST_PX), HEARD)
+    assert not manager.coasted.any(), "it was found again where it belongs"
+    np.testing.assert_allclose(manager.position_px[5], REST_PX[5], atol=0.2)
 
 
 def test_torsion_is_no_reason_for_doubt() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     offset = REST_PX - REST_PX.mean(axis=0)
     angle = np.radians(35.0) * np.exp(-((offset**2).sum(axis=1)) / (2 * 35.0**2))
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
     twisted_px = REST_PX.mean(axis=0) + np.einsum("mij,mj->mi", turn.reshape(-1, 2, 2), offset)
     for t_us in (0, LATER_US):
-        assert not custody.judge(t_us, twisted_px, AGREED, levels(twisted_px), HEARD).any()
+        assert not manager.judge(t_us, twisted_px, AGREED, levels(twisted_px), HEARD).any()
 
 
 @pytest.mark.parametrize(
@@ -110,15 +110,15 @@ def test_unfit_settings_are_refused(wrong: dict[str, float]) -> None:
 
 
 def test_a_silent_marker_is_held_and_not_found_in_its_own_painted_disc() -> None:
-    custody = TrackManager(TrackManagementConfig(), CALIBRATION)
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
     silent = HEARD.copy()
     silent[5] = True
     for t_us in range(0, LATER_US, 10_000):
-        held = custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), silent)
+        held = manager.judge(t_us, REST_PX, AGREED, levels(REST_PX), silent)
         assert np.flatnonzero(held).tolist() == [5]
     for t_us in range(LATER_US, 2 * LATER_US, 10_000):
-        custody.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD)
-    assert not custody.held.any()
+        manager.judge(t_us, REST_PX, AGREED, levels(REST_PX), HEARD)
+    assert not manager.coasted.any()
 
 
 def test_the_kernel_does_what_its_plain_twin_does() -> None:

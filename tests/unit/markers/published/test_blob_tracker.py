@@ -74,7 +74,7 @@ def windows(packet: EventPacket, count: int) -> list[EventPacket]:
 
 def test_a_sensor_at_rest_needs_no_slides() -> None:
     frame = tracker().estimate(0)
-    assert not frame.held.any()
+    assert not frame.coasted.any()
     assert np.abs(frame.detected_px - REST_PX).max() < 0.1
     assert frame.confidence.min() > 0.9
 
@@ -86,7 +86,7 @@ def test_moving_markers_are_followed(moving: tuple[EventPacket, np.ndarray]) -> 
         follower.absorb(window)
         frame = follower.estimate(window.t_end_us)
         now = path[min(window.t_end_us // 1_000, len(path)) - 1]
-        assert not frame.held.any()
+        assert not frame.coasted.any()
         assert np.linalg.norm(frame.detected_px - now, axis=1).max() < 1.6
         np.testing.assert_array_equal(frame.position_px, frame.detected_px)
         np.testing.assert_array_equal(frame.displacement_px, frame.detected_px - REST_PX)
@@ -126,12 +126,12 @@ def test_a_vanished_marker_is_held_and_comes_back() -> None:
     kept = state_map.values[8:33, 8:33].copy()
     state_map.values[8:33, 8:33] = 0.0
     gone = follower.estimate(1)
-    assert np.flatnonzero(gone.held).tolist() == [0]
+    assert np.flatnonzero(gone.coasted).tolist() == [0]
     assert gone.confidence[0] == 0.0
     np.testing.assert_array_equal(gone.detected_px, before.detected_px)
     state_map.values[8:33, 11:36] = kept
     back = follower.estimate(2)
-    assert not back.held.any()
+    assert not back.coasted.any()
     np.testing.assert_allclose(back.detected_px[0], before.detected_px[0] + [3.0, 0.0])
 
 
@@ -140,7 +140,7 @@ def test_half_a_marker_is_held_rather_than_followed() -> None:
     follower = BlobTracker(BlobTrackerConfig(), calibration(), NoDenoiser(), state_map)
     state_map.values[8:20, 8:33] = 0.0  # more than half of marker 0
     state_map.values[20, 8:33] = 0.0
-    assert follower.estimate(0).held[0]
+    assert follower.estimate(0).coasted[0]
 
 
 def test_one_blob_never_serves_two_markers() -> None:
@@ -149,7 +149,7 @@ def test_one_blob_never_serves_two_markers() -> None:
     state_map.values[10:31, 10:64] = 0.0
     state_map.values[15:26, 30:41] = 1.0  # one blob between markers 0 and 1, nearer to 0
     frame = follower.estimate(0)
-    assert frame.held.tolist() == [False, True] + [False] * 10
+    assert frame.coasted.tolist() == [False, True] + [False] * 10
 
 
 def test_permuted_markers_give_permuted_results(moving: tuple[EventPacket, np.ndarray]) -> None:
@@ -224,7 +224,7 @@ def test_a_single_marker_has_no_neighbours() -> None:
     assert smallest_spacing_px(REST_PX[:1]) == np.inf
     assert smallest_spacing_px(REST_PX) == pytest.approx(33.0)
     alone = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[:1]), Median3())
-    assert not alone.estimate(0).held.any()
+    assert not alone.estimate(0).coasted.any()
 
 
 def test_a_recording_of_another_size_is_refused() -> None:
