@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from spikingtac.contact.event_count import EventCountConfig as EventCountConfig
     from spikingtac.contact.event_count import EventCountDetector as EventCountDetector
     from spikingtac.contact.quiet import QuietStatistics as QuietStatistics
+    from spikingtac.contact.registry import DetectionConfig as DetectionConfig
+    from spikingtac.contact.registry import make_detector as make_detector
     from spikingtac.errors import SpikingTacError as SpikingTacError
+    from spikingtac.events.create import create_events as create_events
     from spikingtac.events.open import open_events as open_events
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
@@ -42,6 +45,7 @@ _HOMES = {
     "CalibrationConfig": "markers.calibration.calibrate",
     "Config": "config",
     "Contact": "types",
+    "DetectionConfig": "contact.registry",
     "EventCountConfig": "contact.event_count",
     "EventCountDetector": "contact.event_count",
     "EventPacket": "types",
@@ -56,9 +60,11 @@ _HOMES = {
     "SpikingTacError": "errors",
     "Tracks": "tracks",
     "calibrate": "markers.calibration.calibrate",
+    "create_events": "events.create",
     "follow": "pipeline.follow",
     "load_config": "config",
     "load_scene": "sim.scene.catalog:load",
+    "make_detector": "contact.registry",
     "make_tracker": "markers.registry",
     "open_events": "events.open",
     "simulate": "sim.scene.render",
@@ -83,5 +89,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names, imported or not."""
-    return sorted({*globals(), *__all__})
+    """List the public names only, imported or not."""
+    return list(__all__)

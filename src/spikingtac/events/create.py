@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from spikingtac import plugins
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.formats.codec import EventWriter
+from spikingtac.plugins import with_plugins
 
 WRITABLE = (".raw", ".npz", ".csv", ".txt", ".es", ".h5", ".hdf5", ".aedat4")
 """Endings that can be written."""
@@ -55,6 +57,9 @@ def create_events(
         from spikingtac.events.formats.aedat4_writer import Aedat4Writer
 
         return Aedat4Writer(path, size)
+    foreign = with_plugins({}, plugins.WRITERS)
+    if ending.removeprefix(".") in foreign:
+        return foreign[ending.removeprefix(".")](path, size)
     raise ConfigError(
         f"cannot write {ending!r} files{nearest(ending, WRITABLE)} (valid: {', '.join(WRITABLE)})"
     )

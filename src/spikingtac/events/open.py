@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.plugins import with_plugins
 
 READABLE = (
     ".raw", ".npz", ".csv", ".txt", ".es", ".dat", ".aedat4", ".h5", ".hdf5",
@@ -96,6 +98,9 @@ def _opener(path: Path) -> _Opener:
         return RawStream
     with path.open("rb") as file:
         start = file.read(64)
+    foreign = with_plugins({}, plugins.READERS)
+    if path.suffix.lower().removeprefix(".") in foreign and not _kind_by_content(start):
+        return foreign[path.suffix.lower().removeprefix(".")]
     kind = _kind_by_content(start) or _kind_by_ending(path)
     if kind == "raw":
         from spikingtac.events.formats.evt.raw import RawSource as Source

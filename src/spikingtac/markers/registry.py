@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
+from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import named
@@ -15,6 +16,7 @@ from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw
 from spikingtac.markers.published.blob_tracker import BlobTracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.plugins import with_plugins
 
 Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 
@@ -35,7 +37,12 @@ def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> 
 
 
 TRACKERS: dict[str, Builder] = {"disc": _disc, "centroid": _centroid, "blobs": _blobs}
-"""``tracking.method`` -> builder."""
+"""``tracking.method`` -> builder, of this package."""
+
+
+def trackers() -> Mapping[str, Builder]:
+    """Return every tracking method, also those that other packages register."""
+    return with_plugins(TRACKERS, plugins.TRACKERS)
 
 
 def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTracker:
@@ -44,7 +51,7 @@ def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTrac
     Raises:
         ConfigError: The method, the denoiser or the law is unknown.
     """
-    build = named(TRACKERS, config.method, "tracking method")
+    build = named(trackers(), config.method, "tracking method")
     return build(config, calibration, make_law(config))
 
 

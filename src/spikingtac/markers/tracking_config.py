@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from spikingtac.markers.anchored_law import AnchoredLawConfig
 from spikingtac.markers.graded.centroid_locator import CentroidLocatorConfig
@@ -17,7 +18,7 @@ class TrackingConfig:
     """How markers are followed; the registry says which methods there are.
 
     Attributes:
-        method: ``disc``, ``centroid`` or ``blobs``.
+        method: ``disc``, ``centroid`` or ``blobs``, or the name of another package's tracker.
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
         denoiser: For ``blobs``: ``none``, ``median3``, ``box7``, ``network`` or ``network-int8``.
@@ -27,6 +28,7 @@ class TrackingConfig:
         maintenance: For ``disc`` and ``centroid``.
         paper_law: For the law ``paper``.
         anchored_law: For the law ``anchored``.
+        options: For a tracker from another package, which checks them itself.
     """
 
     method: str = "disc"
@@ -41,3 +43,4 @@ class TrackingConfig:
     )
     paper_law: PaperLawConfig = field(default_factory=PaperLawConfig)
     anchored_law: AnchoredLawConfig = field(default_factory=AnchoredLawConfig)
+    options: dict[str, Any] = field(default_factory=dict, hash=False)

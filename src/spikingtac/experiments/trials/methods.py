@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from spikingtac import plugins
 from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
@@ -13,7 +14,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, digest, load_config
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind
-from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.registry import TRACKERS, make_tracker, trackers
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket
@@ -89,8 +90,8 @@ def of_config(name: str, about: str, config: Config) -> Method:
         about=about,
         rate_hz=config.tracking.rate_hz,
         build=lambda calibration: make_tracker(config.tracking, calibration),
-        settings=to_mapping(config.tracking),
-        code=OWN_CODE[config.tracking.method],
+        settings={"about": about, **to_mapping(config.tracking)},
+        code=OWN_CODE.get(config.tracking.method, ()),
         reads=READ_BY_BASELINES if config.tracking.method == "blobs" else (),
     )
 
@@ -145,7 +146,20 @@ def main_methods() -> dict[str, Method]:
         _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
         _ekalibr("ekalibr", "arcs paired, circle that moves in time", EkalibrConfig()),
     )  # fmt: skip
-    return {method.name: method for method in methods}
+    return {method.name: method for method in (*methods, *plugin_methods())}
+
+
+def plugin_methods() -> list[Method]:
+    """Return the trackers that other packages register, each with its default options."""
+    return [
+        of_config(name, f"of {plugins.origin(plugins.TRACKERS, name)}", _with_method(name))
+        for name in trackers()
+        if name not in TRACKERS
+    ]
+
+
+def _with_method(name: str) -> Config:
+    return load_config("default").with_tracking(method=name)
 
 
 def as_published(name: str, about: str) -> Method:

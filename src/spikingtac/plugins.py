@@ -1,0 +1,77 @@
+"""Parts that other packages add: trackers, contact detectors, event formats, cameras.
+
+A package registers a part under an entry point group of its ``pyproject.toml``, and it can be
+named wherever one of this package's own can. The how-to pages ``add-a-tracker.md``,
+``add-a-detector.md`` and ``add-a-format.md`` show each kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from typing import TypeVar
+
+from spikingtac.errors import ConfigError
+
+T = TypeVar("T")
+
+TRACKERS = "spikingtac.trackers"
+"""Group of trackers: builder ``(TrackingConfig, Calibration, OutputLaw) -> MarkerTracker``."""
+DETECTORS = "spikingtac.contact_detectors"
+"""Group of contact detectors: the builder of :mod:`spikingtac.contact.registry`."""
+READERS = "spikingtac.readers"
+"""Group of event formats to read: the ending without its dot -> a class like ``FileSource``."""
+WRITERS = "spikingtac.writers"
+"""Group of event formats to write: the same -> ``(path, size) -> EventWriter``."""
+
+
+class _WithPlugins(Mapping[str, T]):
+    """A table of own entries, and behind them what other packages register under a group."""
+
+    def __init__(self, own: Mapping[str, T], group: str) -> None:
+        self._own = own
+        self._plugins = {point.name: point for point in metadata.entry_points(group=group)}
+
+    def __getitem__(self, name: str) -> T:
+        if name in self._own:
+            return self._own[name]
+        point = self._plugins[name]
+        try:
+            return point.load()
+        except Exception as error:  # whatever a foreign module raises while it is imported
+            package = point.dist.name if point.dist else "unknown"
+            raise ConfigError(
+                f"{name!r} of the package {package!r} cannot be loaded ({point.value}): {error}; "
+                "update or remove that package"
+            ) from error
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._own
+        yield from (name for name in self._plugins if name not in self._own)
+
+    def __len__(self) -> int:
+        return len({*self._own, *self._plugins})
+
+
+def with_plugins(own: Mapping[str, T], group: str) -> Mapping[str, T]:
+    """Return this package's entries together with those that other packages register.
+
+    A plug-in is imported when it is asked for; a name of this package cannot be replaced.
+
+    Args:
+        own: Name -> entry.
+        group: Entry point group, as ``spikingtac.trackers``.
+    """
+    return _WithPlugins(own, group)
+
+
+def origin(group: str, name: str) -> str:
+    """Return the package, its version and the object behind a plug-in, for reports and digests.
+
+    Raises:
+        ConfigError: No package registers that name under the group.
+    """
+    for point in metadata.entry_points(group=group, name=name):
+        package = f"{point.dist.name} {point.dist.version}" if point.dist else "unknown package"
+        return f"{package}, {point.value}"
+    raise ConfigError(f"no package registers {name!r} under {group!r}")
