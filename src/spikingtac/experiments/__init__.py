@@ -15,6 +15,7 @@ EXPERIMENTS: dict[str, str] = {
     "denoise": "spikingtac.experiments.denoise.experiment",
     "collision": "spikingtac.experiments.collision.experiment",
     "holes": "spikingtac.experiments.holes.experiment",
+    "real": "spikingtac.experiments.real_gels.experiment",
 }
 """Name -> module with ``run(options) -> summary``, imported when it is asked for."""
 

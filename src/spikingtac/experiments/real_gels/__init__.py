@@ -1,0 +1,1 @@
+"""Recordings of real gels, and of sensors like the real one with truth."""

@@ -1,0 +1,183 @@
+"""Every preset and baseline on recordings of real gels, and of sensors like the real one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError
+from spikingtac.events.filters import time_slice
+from spikingtac.events.open import open_events
+from spikingtac.experiments import RunOptions, chosen
+from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.rows import Row, rows_of
+from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.worker_pool import worker_pool
+from spikingtac.experiments.real_gels.cases import CASES, FOLDER, GelCase
+from spikingtac.experiments.real_gels.figures import course_figure, plateau_figure
+from spikingtac.experiments.real_gels.scoring import (
+    METRICS,
+    PLATEAU_METRICS,
+    TRUTH_METRICS,
+    Plateaus,
+)
+from spikingtac.experiments.real_gels.work import (
+    GelWork,
+    calibration_path,
+    make_calibration,
+    prediction_path,
+    run_method,
+)
+from spikingtac.experiments.trials.methods import main_methods
+from spikingtac.experiments.trials.prediction import Prediction
+from spikingtac.types import EventPacket
+
+NAME = "real"
+OWN = ("default", "fast", "paper")
+"""Methods whose figures are told in sentences and drawn."""
+
+DRAWN_PLATEAU = 5
+"""Standing place of the picture: a press, after the reference has become good."""
+
+QUICK_CASES = ("real-presses", "sim-presses/itself")
+"""Cases of a quick run."""
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary.
+
+    Raises:
+        ConfigError: There is no folder with the recordings, or a method is unknown.
+    """
+    data = _recordings(options.data)
+    names = chosen(main_methods(), options.methods)
+    settings = {"experiment": NAME, "quick": options.quick, "methods": names}
+    claim(options.output, settings, options.resume)
+    cases = [case for case in CASES if case.is_there(data)]
+    cases = [case for case in cases if not options.quick or case.name in QUICK_CASES]
+    works = [GelWork(case=case, data=data, folder=options.output) for case in cases]
+    refused, records = _scored(works, names, options)
+    rows = rows_of(records, METRICS, {}, paper_case="")
+    absent = [case.name for case in CASES if not case.is_there(data)]
+    report = Report(
+        experiment=NAME,
+        title="Recordings of real gels",
+        provenance=provenance(options.command(NAME), settings),
+        rows=rows,
+        findings=[*findings(rows, cases), *(f"{case}: {why}" for case, why in refused.items()),
+                  *(f"{name} was not run: its files are not in {FOLDER}/" for name in absent)],
+        tables=[_table(case, names) for case in cases],
+        figures=_figures([work for work in works if work.case.name not in refused], names),
+        methods={name: method.about for name, method in main_methods().items() if name in names},
+    )  # fmt: skip
+    report.write(options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "trials": len(records),
+        "rows": len(rows),
+        "findings": list(report.findings),
+    }
+
+
+def _recordings(data: Path | None) -> Path:
+    if data is None or not (data / FOLDER).is_dir():
+        raise ConfigError(
+            f"this experiment reads recordings from the folder {FOLDER}/ below SPIKINGTAC_DATA, "
+            "which is not there; set the variable to the folder of your recordings"
+        )
+    return data / FOLDER
+
+
+def _scored(
+    works: Sequence[GelWork], names: Sequence[str], options: RunOptions
+) -> tuple[dict[str, str], list[dict[str, Any]]]:
+    """Calibrate each sensor once, then ask every method about every case.
+
+    Returns:
+        Case -> why its calibration was refused; the records of all others.
+    """
+    pieces = len(works) * len(names)
+    with worker_pool(options.workers, pieces) as pool:
+        sensors = {calibration_path(work): work for work in works}
+        whys = dict(zip(sensors, pool.map(make_calibration, sensors.values()), strict=True))
+        refused = {work.case.name: f"not calibrated, {why}" for work in works
+                   if (why := whys[calibration_path(work)])}  # fmt: skip
+        asked = [
+            GelWork(case=work.case, data=work.data, folder=work.folder, method=name)
+            for work in works
+            if work.case.name not in refused
+            for name in names
+        ]
+        records = []
+        for record in pool.map(run_method, asked):
+            records.append(record)
+            if options.advance:
+                options.advance(len(records) / max(len(asked), 1))
+    return refused, records
+
+
+def findings(rows: Sequence[Row], cases: Sequence[GelCase]) -> list[str]:
+    """Return what came out in sentences, computed from the rows and from nothing else."""
+    said = []
+    for case in cases:
+        names = PLATEAU_METRICS if case.reference else TRUTH_METRICS[:4]
+        for method in OWN:
+            found = [find(rows, method, case.name, name) for name in names]
+            told = [
+                f"{row.metric} {row.value:.3g}" for row in found if row and row.value is not None
+            ]
+            if told:
+                said.append(f"{case.name} ({case.source}), {method}: {', '.join(told)}.")
+    return said
+
+
+def _table(case: GelCase, names: Sequence[str]) -> Table:
+    return Table.of_case(case.name, PLATEAU_METRICS if case.reference else TRUTH_METRICS, names)
+
+
+def _figures(works: Sequence[GelWork], names: Sequence[str]) -> list[tuple[str, str]]:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    figures = []
+    for work in works:
+        if not work.case.reference:
+            continue
+        plateaus = Plateaus.load(work.data / work.case.reference)
+        known = {name: _prediction(work, name) for name in OWN if name in names}
+        predictions = {name: one for name, one in known.items() if one is not None}
+        if not predictions:
+            continue
+        first = next(iter(predictions))
+        calibration = Calibration.load(calibration_path(work))
+        figures.append((
+            f"{work.case.name} ({work.case.source}): events of a press, the standing places of the "
+            f"independent reference (circles), and the displacements by {first} (arrows).",
+            plateau_figure(predictions[first], plateaus, calibration.radius_px,
+                           _burst(work, plateaus), DRAWN_PLATEAU),
+        ))  # fmt: skip
+        figures.append((
+            f"{work.case.name} ({work.case.source}): displacement of the marker that moves most.",
+            course_figure(predictions, plateaus, OWN),
+        ))  # fmt: skip
+    return figures
+
+
+def _prediction(work: GelWork, name: str) -> Prediction | None:
+    asked = GelWork(case=work.case, data=work.data, folder=work.folder, method=name)
+    return Prediction.load(prediction_path(asked))
+
+
+def _burst(work: GelWork, plateaus: Plateaus) -> EventPacket:
+    source = open_events(work.data / work.case.events)
+    packets = iter(source)
+    first = next(packet for packet in packets if len(packet))
+    start_us = int(first.t[0] + plateaus.end_us[DRAWN_PLATEAU - 1])
+    end_us = int(first.t[0] + plateaus.start_us[DRAWN_PLATEAU])
+    return EventPacket.concatenate(
+        list(time_slice(open_events(work.data / work.case.events), start_us, end_us))
+    )
