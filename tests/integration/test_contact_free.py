@@ -8,10 +8,10 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.free_motion.free_motion import FreeMotion, swayed_skin
+from spikingtac.sim.free_motion.free_motion import FreeMotion, skin_state
 from spikingtac.sim.free_motion.free_rig import FreeRig, SmallMotionFinger
 from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.rig.pad_modes import Pad
+from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe
 from spikingtac.sim.rig.rig import RigConfig
 from spikingtac.sim.rig.vibration import Vibration
@@ -42,18 +42,22 @@ def both(request: pytest.FixtureRequest) -> Both:
     finger = FingerConfig(camera=request.param, history="random")
     vibration = Vibration(config.vibration, np.random.default_rng(SEED))
     bushing = FreeMotion(config.probe, vibration).advance(STEPS)
-    swaying = SmallMotionFinger(finger, SEED, pad, config)
+    free_finger = SmallMotionFinger(finger, SEED, pad, config)
     whole = SensingFinger(finger, SEED)
-    skins = [swayed_skin(pad, config.probe, one) for one in bushing]
-    whole.settle(whole.look(swayed_skin(pad, config.probe, np.zeros(6))))
-    images = [whole.look(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
+    skins = [skin_state(pad, config.probe, one) for one in bushing]
+    whole.settle(whole.project(skin_state(pad, config.probe, np.zeros(6))))
+    images = [whole.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
     calibration = Calibration(
-        reference_px=swaying.image.center_px,
-        radius_px=swaying.image.radius_px,
+        reference_px=free_finger.image.center_px,
+        radius_px=free_finger.image.radius_px,
         grid=(8, 8),
         size=(320, 320),
     )
-    return Both(swaying.swaying.sway(bushing), whole.advance(images), calibration)
+    return Both(
+        free_finger.sparse_camera.render_motion(bushing),
+        whole.advance(images),
+        calibration,
+    )
 
 
 def per_window(packet: EventPacket, weight: np.ndarray | None = None) -> np.ndarray:
@@ -112,8 +116,8 @@ def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
 def test_any_cutting_into_stretches_gives_the_same_events() -> None:
     config, finger = rig_config("noisy"), FingerConfig(camera="noisy")
     whole, cut = (FreeRig(config, [finger], [SEED], np.random.default_rng(SEED)) for _ in range(2))
-    (at_once,), _ = whole.stretch(1_200)
-    parts = [cut.stretch(400)[0][0] for _ in range(3)]
+    (at_once,), _ = whole.advance(1_200)
+    parts = [cut.advance(400)[0][0] for _ in range(3)]
     for name in "xypt":
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(joined, getattr(at_once, name))
@@ -122,8 +126,8 @@ def test_any_cutting_into_stretches_gives_the_same_events() -> None:
 def test_stretches_go_on_where_the_last_one_ended() -> None:
     config, finger = rig_config("typical"), FingerConfig()
     rig = FreeRig(config, [finger], [SEED], np.random.default_rng(SEED))
-    (first,), (markers,) = rig.stretch(300)
-    (second,), _ = rig.stretch(300)
+    (first,), (markers,) = rig.advance(300)
+    (second,), _ = rig.advance(300)
     assert first.t_end_us == second.t_start_us == 300_000
     assert second.t_end_us == 600_000
     assert (np.diff(second.t) >= 0).all()

@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from spikingtac.sim.gel.creep import advance_kernel, history_kernel
+from spikingtac.sim.gel.creep import advance_creep_kernel, creep_displacement_kernel
 from spikingtac.sim.gel.friction import shear_kernel
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator, response_kernel
+from spikingtac.sim.gel.greens import GridConfig, LayerOperator, layer_response_kernel
 from spikingtac.sim.gel.grid_cells import (
-    attach_kernel,
-    carry_kernel,
-    collect_kernel,
-    deposit_kernel,
+    attached_displacement_kernel,
+    gather_cells_kernel,
+    scatter_cells_kernel,
+    set_anchors_kernel,
 )
-from spikingtac.sim.gel.influence import Influence, product_kernel, sheared_kernel
-from spikingtac.sim.gel.interpolation import gather_kernel
-from spikingtac.sim.gel.normal_contact import dot_kernel, error_kernel, move_kernel, pressure_kernel
+from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
+from spikingtac.sim.gel.interpolation import interpolate_kernel
+from spikingtac.sim.gel.normal_contact import (
+    dot_kernel,
+    pressure_kernel,
+    residual_kernel,
+    update_pressure_kernel,
+)
 
 Array = np.ndarray
 
@@ -53,7 +58,7 @@ def shear(xx: Array, xy: Array, yy: Array, target: Array, bound: Array, steps: i
 
 def chosen(influence_of: Influence, wanted: Array) -> tuple[Array, Array, Array]:
     """Return the leading parts of the matrices, and rows and columns of the slots."""
-    influence_of.choose(wanted)
+    influence_of.set_cells(wanted)
     count = len(influence_of.cells)
     rows, columns = np.divmod(influence_of.cells, 16)
     matrices = np.ascontiguousarray(influence_of.matrices[:, :count, :count])
@@ -84,20 +89,20 @@ def test_cells_that_stay_keep_their_slots() -> None:
     changing = Influence(TABLES)
     wanted = np.zeros(256, np.bool_)
     wanted[10:30] = True
-    changing.choose(wanted)
+    changing.set_cells(wanted)
     before = changing.cells
     wanted[15], wanted[100] = False, True
-    changing.choose(wanted)
+    changing.set_cells(wanted)
     np.testing.assert_array_equal(np.where(before == 15, 100, before), changing.cells)
 
 
-@pytest.mark.parametrize(("count", "room"), [(0, 0), (1, 1), (17, 33), (300, 300)])
-def test_products(count: int, room: int) -> None:
+@pytest.mark.parametrize(("count", "capacity"), [(0, 0), (1, 1), (17, 33), (300, 300)])
+def test_products(count: int, capacity: int) -> None:
     rng = np.random.default_rng(12)
-    xx, xy, yy = rng.normal(size=(3, room, room)).astype(np.float32)
+    xx, xy, yy = rng.normal(size=(3, capacity, capacity)).astype(np.float32)
     one, other = rng.normal(size=(2, count)).astype(np.float32)
     np.testing.assert_allclose(product_kernel(xx, one), product(xx, one), atol=1e-4)
-    both = sheared_kernel(xx, xy, yy, np.stack((one, other)))
+    both = lateral_displacement_kernel(xx, xy, yy, np.stack((one, other)))
     np.testing.assert_allclose(both[0], product(xx, one) + product(xy, other), atol=2e-4)
     np.testing.assert_allclose(both[1], product(xy, one) + product(yy, other), atol=2e-4)
 
@@ -116,7 +121,7 @@ def test_error_and_inner_product() -> None:
     error = rng.normal(size=40).astype(np.float32)
     pressure_now = np.maximum(rng.normal(size=40), 0.0).astype(np.float32)
     inside = pressure_now > 0.0
-    worst, square = error_kernel(error, pressure_now)
+    worst, square = residual_kernel(error, pressure_now)
     assert worst == pytest.approx(max(np.abs(error[inside]).max(), -error[~inside].min()))
     assert square == pytest.approx(sum(float(e) ** 2 for e in error[inside]), rel=1e-5)
     expected = sum(float(a) * float(b) for a, b in zip(error, pressure_now, strict=True))
@@ -128,7 +133,7 @@ def test_response() -> None:
     even, odd = rng.normal(size=(4, 3, 5)), rng.normal(size=(2, 3, 5))
     traction = rng.normal(size=(3, 3, 5)) + 1j * rng.normal(size=(3, 3, 5))
     found = np.empty_like(traction)
-    response_kernel(even, odd, traction, found)
+    layer_response_kernel(even, odd, traction, found)
     for place in np.ndindex(3, 5):
         (xx, xy, yy, zz), (xz, yz) = (part[(slice(None), *place)] for part in (even, odd))
         matrix = np.array([[xx, xy, -1j * xz], [xy, yy, -1j * yz], [1j * xz, 1j * yz, zz]])
@@ -141,7 +146,7 @@ def test_gather() -> None:
     fields, weights = rng.normal(size=(3, 50)), rng.normal(size=(2, 7, 4))
     cells = rng.integers(0, 50, (7, 4))
     found = np.zeros((3, 2, 7))
-    gather_kernel(fields, cells, weights, found)
+    interpolate_kernel(fields, cells, weights, found)
     np.testing.assert_allclose(found, np.einsum("wms,fms->fwm", weights, fields[:, cells]))
 
 
@@ -195,10 +200,10 @@ def test_creep(count: int) -> None:
     kept, gained = rng.random((2, count))
     retarded, elastic = rng.normal(size=(count, 20)), rng.normal(size=20)
     out = np.full(20, np.nan)
-    history_kernel(kept, retarded, out)
+    creep_displacement_kernel(kept, retarded, out)
     np.testing.assert_allclose(out, kept @ retarded if count else 0.0, atol=1e-12)
     expected = kept[:, None] * retarded + gained[:, None] * elastic
-    advance_kernel(kept, gained, elastic, retarded)
+    advance_creep_kernel(kept, gained, elastic, retarded)
     np.testing.assert_allclose(retarded, expected)
 
 
@@ -207,7 +212,10 @@ def test_one_step_of_pressure() -> None:
     error = np.array([0.5, 0.2, -0.4, 0.3], np.float32)
     direction = np.array([0.5, 0.2, 0.0, 0.0], np.float32)
     now = np.array([1.0, 0.1, 0.0, 0.0], np.float32)
-    assert move_kernel(compliance, error, direction, np.float32(1.0), now) == (True, True)
+    assert update_pressure_kernel(compliance, error, direction, np.float32(1.0), now) == (
+        True,
+        True,
+    )
     np.testing.assert_allclose(now, [0.5, 0.0, 0.2, 0.0])
 
 
@@ -218,30 +226,30 @@ def test_attached_cells_are_carried_and_attached_where_they_are() -> None:
     center, body = rng.normal(size=3), np.zeros((9, 3))
     fresh = np.array([1, 4, 8])
     pose = np.column_stack((rotation, center))
-    attach_kernel(fresh, rest, relative[:2], reach, pose, body)
+    set_anchors_kernel(fresh, rest, relative[:2], reach, pose, body)
     for cell in fresh:
         place = np.append(rest[:, cell] + relative[:2, cell], reach[cell])
         np.testing.assert_allclose(body[cell], rotation.T @ (place - center))
-    held = np.isin(np.arange(9), fresh)
+    sticking = np.isin(np.arange(9), fresh)
     carried = relative.copy()
-    carried[:, held] = 99.0
-    carry_kernel(held, body, rotation, center, rest, carried)
+    carried[:, sticking] = 99.0
+    attached_displacement_kernel(sticking, body, rotation, center, rest, carried)
     np.testing.assert_allclose(carried[:2], relative[:2])
 
 
 def test_what_is_collected_and_deposited() -> None:
     rng = np.random.default_rng(18)
-    traction, change, asked, history = rng.normal(size=(4, 3, 12))
+    traction, change, prescribed, history = rng.normal(size=(4, 3, 12))
     traction[2, 5] = 0.0
     cells = np.array([7, 0, 5])
     guess, target = np.empty((2, 3, 3), np.float32)
-    collect_kernel(cells, traction, change, asked, history, guess, target)
+    gather_cells_kernel(cells, traction, change, prescribed, history, guess, target)
     expected = (traction + change)[:, cells]
     expected[2, 2] = 0.0
     np.testing.assert_allclose(guess, expected, rtol=1e-6)
-    np.testing.assert_allclose(target, (asked - history)[:, cells], rtol=1e-5)
+    np.testing.assert_allclose(target, (prescribed - history)[:, cells], rtol=1e-5)
     old = traction.copy()
-    deposit_kernel(cells, guess[:2], guess[2], traction, change)
+    scatter_cells_kernel(cells, guess[:2], guess[2], traction, change)
     full = np.zeros((3, 12))
     full[:, cells] = guess
     np.testing.assert_allclose(traction, full)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.camera.config import BackgroundConfig
-from spikingtac.sim.camera.noise import make_noise, noise_kernel, start_noise
-from spikingtac.sim.camera.pixels import KEY_SHIFT
+from spikingtac.sim.camera.noise import background_events_kernel, make_noise, start_noise
+from spikingtac.sim.camera.pixel_records import KEY_SHIFT
 
 
 def test_the_background_is_poisson_in_time_and_even_in_space():
@@ -15,7 +15,7 @@ def test_the_background_is_poisson_in_time_and_even_in_space():
     source = make_noise(config, 4096, np.random.default_rng(1))
     start_noise(source, 0.0)
     out = np.zeros(1 << 18, np.int64)
-    assert noise_kernel(source, 20e6, out)
+    assert background_events_kernel(source, 20e6, out)
     keys = out[1 : 1 + out[0]]
     times_us, pixel, on = keys >> KEY_SHIFT, (keys & 0xFFFFFF) >> 1, keys & 1
     assert len(keys) / 4096 / 20 == pytest.approx(2.0, rel=0.02)
@@ -35,7 +35,7 @@ def test_a_full_outbox_stops_the_background_and_loses_nothing():
         start_noise(source, 0.0)
         parts, out = [], np.zeros(room, np.int64)
         while True:
-            done = noise_kernel(source, 1e6, out)
+            done = background_events_kernel(source, 1e6, out)
             parts.append(out[1 : 1 + out[0]].copy())
             out[0] = 0
             if done:

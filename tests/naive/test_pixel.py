@@ -10,20 +10,31 @@ import pytest
 from scipy.special import ndtr
 
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.camera.pixel_coverage import coverage_kernel, discs_of, paint_kernel
-from spikingtac.sim.camera.pixels import (
+from spikingtac.sim.camera.pixel_coverage import (
+    coverage_image_kernel,
+    disc_coverage_kernel,
+    discs_of,
+)
+from spikingtac.sim.camera.pixel_records import (
     KEY_SHIFT,
-    carry_kernel,
-    cross_kernel,
-    decay_kernel,
-    foresee_kernel,
-    hold_kernel,
-    log_kernel,
-    quiet_kernel,
-    relight_kernel,
+    exponential_decay_kernel,
+    log_intensity_kernel,
+)
+from spikingtac.sim.camera.pixels import (
+    advance_constant_light_kernel,
+    advance_light_ramp_kernel,
+    advance_settled_kernel,
+    change_below_threshold_kernel,
+    emit_crossings_kernel,
+    predict_leak_event_kernel,
 )
 from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
-from spikingtac.sim.camera.sweep_plan import WORK_DTYPE, box_kernel, plan_kernel, swept_kernel
+from spikingtac.sim.camera.sweep_plan import (
+    SWEEP_PLAN_DTYPE,
+    bounding_box_kernel,
+    plan_sweep_kernel,
+    swept_pixel_count_kernel,
+)
 from spikingtac.sim.optics.states import MarkerImage
 
 NO_PATTERN = np.zeros((1, 1), np.float32)
@@ -84,13 +95,13 @@ def walk(sensor: Sensor, times_us, intensities) -> list[tuple[float, bool]]:
     last_us = 0.0
     for t_us, intensity in zip(times_us, intensities, strict=True):
         if abs(intensity - px["intensity"]) > 1e-6:
-            if not carry_kernel(px, last_us):
-                hold_kernel(px, chip, out, last_us)
-            rise = relight_kernel(px, chip, intensity, t_us, t_us - last_us)
-            if not quiet_kernel(px, last_us, rise):
-                cross_kernel(px, chip, out, last_us, t_us - last_us, rise)
+            if not advance_settled_kernel(px, last_us):
+                advance_constant_light_kernel(px, chip, out, last_us)
+            rise = advance_light_ramp_kernel(px, chip, intensity, t_us, t_us - last_us)
+            if not change_below_threshold_kernel(px, last_us, rise):
+                emit_crossings_kernel(px, chip, out, last_us, t_us - last_us, rise)
         last_us = t_us
-    hold_kernel(px, chip, out, last_us)
+    advance_constant_light_kernel(px, chip, out, last_us)
     keys = out[1 : 1 + out[0]]
     return [(int(key) >> KEY_SHIFT, bool(key & 1)) for key in keys]
 
@@ -102,9 +113,9 @@ def plain(pixel: PixelConfig, leak_per_us: float, times_us, intensities, start: 
     for tick in range(1, round(times_us[-1] / TICK_US) + 1):
         now_us = tick * TICK_US
         at = min(np.searchsorted(nodes_us, now_us), len(nodes) - 1)
-        share = (now_us - nodes_us[at - 1]) / (nodes_us[at] - nodes_us[at - 1])
+        fraction = (now_us - nodes_us[at - 1]) / (nodes_us[at] - nodes_us[at - 1])
         # The kernels let the log of the light move evenly in a step.
-        log = math.log(nodes[at - 1]) * (1 - share) + math.log(nodes[at]) * share
+        log = math.log(nodes[at - 1]) * (1 - fraction) + math.log(nodes[at]) * fraction
         one.tick(now_us, math.exp(log))
     return one.events
 
@@ -138,7 +149,7 @@ def test_a_pixel_fires_as_the_plain_one_does(bandwidth_hz, refractory_us, leak_h
     sensor = one_pixel(pixel, 0.3)
     # The table is linear in between: start both from what the sensor saw at rest.
     start = float(sensor.pixels[0, 0]["intensity"])
-    leak_per_us = float(sensor.pixels[0, 0]["mean_leak"])
+    leak_per_us = float(sensor.pixels[0, 0]["mean_leak_per_us"])
     ours = walk(sensor, times_us, intensities)
     theirs = plain(pixel, leak_per_us, times_us, intensities, start)
     assert len(theirs) >= 20
@@ -153,29 +164,29 @@ def test_a_pixel_fires_as_the_plain_one_does(bandwidth_hz, refractory_us, leak_h
 def test_a_resting_pixel_is_due_when_its_leak_says():
     sensor = one_pixel(PixelConfig(leak_hz=10.0, leak_spread=0.0, leak_jitter=0.0), 0.3)
     px, out = sensor.pixels[0, 0], np.zeros(16, np.int64)
-    assert foresee_kernel(px)
-    assert px["due_us"] == pytest.approx(100_000.0, rel=1e-5)
-    hold_kernel(px, sensor.chip[0], out, 350_000.0)
+    assert predict_leak_event_kernel(px)
+    assert px["leak_due_us"] == pytest.approx(100_000.0, rel=1e-5)
+    advance_constant_light_kernel(px, sensor.chip[0], out, 350_000.0)
     assert (out[1 : 1 + out[0]] >> KEY_SHIFT) == pytest.approx([1e5, 2e5, 3e5], abs=2)
-    foresee_kernel(px)
-    assert px["due_us"] == pytest.approx(400_000.0, rel=1e-5)
+    predict_leak_event_kernel(px)
+    assert px["leak_due_us"] == pytest.approx(400_000.0, rel=1e-5)
 
 
 def test_an_unsettled_pixel_is_never_due():
     sensor = one_pixel(PixelConfig(leak_hz=10.0, bandwidth_hz=10.0), 0.3)
     px = sensor.pixels[0, 0]
-    relight_kernel(px, sensor.chip[0], 0.4, 100.0, 100.0)
-    assert not foresee_kernel(px)
-    assert px["due_us"] > 1e17
+    advance_light_ramp_kernel(px, sensor.chip[0], 0.4, 100.0, 100.0)
+    assert not predict_leak_event_kernel(px)
+    assert px["leak_due_us"] > 1e17
 
 
 def test_tables_follow_the_functions():
     sensor = one_pixel(PixelConfig(), 0.2)
     chip = sensor.chip[0]
     for intensity in (0.05, 0.1, 0.3, 0.77, 1.0):
-        assert log_kernel(chip, intensity) == pytest.approx(math.log(intensity), abs=3e-5)
+        assert log_intensity_kernel(chip, intensity) == pytest.approx(math.log(intensity), abs=3e-5)
     for x in (0.0, 0.01, 0.7, 3.0, 15.0, 40.0):
-        assert decay_kernel(chip, x) == pytest.approx(math.exp(-x), abs=4e-5)
+        assert exponential_decay_kernel(chip, x) == pytest.approx(math.exp(-x), abs=4e-5)
 
 
 def random_image(markers: int, seed: int) -> MarkerImage:
@@ -214,13 +225,13 @@ def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
         for x in range(64):
             each = [plain_coverage(image, k, x, y, width_px) for k in range(5)]
             expected[y, x] = max(each)
-            got = [coverage_kernel(disc, chip, float(x), float(y)) for disc in discs]
+            got = [disc_coverage_kernel(disc, chip, float(x), float(y)) for disc in discs]
             np.testing.assert_allclose(got, each, atol=1.2e-3)  # the cut tails: 5e-4 each
-    boxes = np.zeros(5, WORK_DTYPE)
+    boxes = np.zeros(5, SWEEP_PLAN_DTYPE)
     for disc, box in zip(discs, boxes, strict=True):
-        box_kernel(disc, disc, float(chip["reach_px"]) + 1.0, box)
+        bounding_box_kernel(disc, disc, float(chip["edge_half_width_px"]) + 1.0, box)
     painted = np.empty((64, 64), np.float32)
-    paint_kernel(discs, boxes, chip, painted)
+    coverage_image_kernel(discs, boxes, chip, painted)
     np.testing.assert_allclose(painted, expected, atol=1.2e-3)
 
 
@@ -230,19 +241,19 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
     before, after = (discs_of(random_image(12, seed)) for _ in range(2))
     moving = rng.random(12) < 0.4
     after["x"][moving] += rng.uniform(-3, 3, moving.sum())
-    work = np.empty(12, WORK_DTYPE)
-    plan_kernel(before, after, work, 2.0, 4000.0, (0.1, 20.0, 1000.0, 0.001))
-    boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in work]
+    plan = np.empty(12, SWEEP_PLAN_DTYPE)
+    plan_sweep_kernel(before, after, plan, 2.0, 4000.0, (0.1, 20.0, 1000.0, 0.001))
+    boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in plan]
     expected = plain_groups(boxes, moving)
-    assert work["leader"].tolist() == expected
+    assert plan["leader"].tolist() == expected
     for first in set(expected) - {-1}:
         chain, k = [], first
         while k >= 0:
             chain.append(k)
-            k = int(work["following"][k])
+            k = int(plan["following"][k])
         assert chain == [k for k in range(12) if expected[k] == first]
-        way_px = max(abs(float(after["x"][k] - before["x"][k])) for k in chain)
-        assert work["steps"][first] == max(4, math.ceil(way_px / 0.1 - 1e-9))
+        travel_px = max(abs(float(after["x"][k] - before["x"][k])) for k in chain)
+        assert plan["steps"][first] == max(4, math.ceil(travel_px / 0.1 - 1e-9))
 
 
 @pytest.mark.parametrize("reach_px", [5, 40, 3_000_000_000])
@@ -250,15 +261,15 @@ def test_the_swept_pixels_are_those_of_the_sensor(reach_px):
     rng = np.random.default_rng(reach_px)
     width, height = 30, 20
     for _ in range(20):
-        work = np.zeros(3, WORK_DTYPE)
-        work["leader"] = rng.integers(-1, 3, 3)
+        plan = np.zeros(3, SWEEP_PLAN_DTYPE)
+        plan["leader"] = rng.integers(-1, 3, 3)
         for name in ("x_first", "y_first", "x_last", "y_last"):
-            work[name] = rng.integers(-reach_px, reach_px + 1, 3)
+            plan[name] = rng.integers(-reach_px, reach_px + 1, 3)
         plain = 0
-        for box in work[work["leader"] >= 0]:
+        for box in plan[plan["leader"] >= 0]:
             columns = sum(box["x_first"] <= x <= box["x_last"] for x in range(width))
             plain += columns * sum(box["y_first"] <= y <= box["y_last"] for y in range(height))
-        assert swept_kernel(work, width, height) == min(plain, width * height)
+        assert swept_pixel_count_kernel(plan, width, height) == min(plain, width * height)
 
 
 def plain_groups(boxes, moving) -> list[int]:

@@ -4,33 +4,37 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.rig.tip_contact_kernels import (
+    SLIP_FRACTION,
     SLIP_STEPS,
-    SLIPPING,
     SWEEPS,
     TOLERANCE_N,
-    Facing,
-    Mount,
+    CompliantMount,
+    LinearisedWall,
     TipPoints,
-    bent_kernel,
-    hold_kernel,
     inverse_kernel,
-    press_kernel,
-    remember_kernel,
+    point_force_kernel,
+    solve_linearised_kernel,
+    stiffen_by_curvature_kernel,
+    update_anchors_kernel,
 )
 from spikingtac.sim.rig.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
 
 Array = np.ndarray
 
 
-def plain_bent(mount: Mount, corners: TipPoints, facing: Facing, tip: Array) -> Mount:
-    pressure = np.maximum((corners.force_n * facing.normal).sum(axis=1), 0.0)
-    bend = np.tensordot(pressure, facing.bend, axes=1)
-    compliance = np.linalg.inv(mount.stiffness + bend)
-    free = compliance @ (mount.stiffness @ mount.free_mm + bend @ tip)
-    return Mount(free, compliance, mount.stiffness + bend)
+def plain_bent(
+    mount: CompliantMount, points: TipPoints, wall: LinearisedWall, tip: Array
+) -> CompliantMount:
+    pressure = np.maximum((points.force_n * wall.normal).sum(axis=1), 0.0)
+    curvature = np.tensordot(pressure, wall.curvature, axes=1)
+    compliance = np.linalg.inv(mount.stiffness + curvature)
+    free = compliance @ (mount.stiffness @ mount.free_mm + curvature @ tip)
+    return CompliantMount(free, compliance, mount.stiffness + curvature)
 
 
-def plain_hold(mount: Mount, free: Array, normal: Array, anchor: Array, friction: float) -> Array:
+def plain_hold(
+    mount: CompliantMount, free: Array, normal: Array, anchor: Array, friction: float
+) -> Array:
     stick = mount.stiffness @ (anchor - free)
     pressure = stick @ normal
     tangential = stick - pressure * normal
@@ -55,45 +59,50 @@ def plain_hold(mount: Mount, free: Array, normal: Array, anchor: Array, friction
 
 
 def plain_press(
-    corners: TipPoints, facing: Facing, mount: Mount, friction: float, tip: Array, share: float
+    points: TipPoints,
+    wall: LinearisedWall,
+    mount: CompliantMount,
+    friction: float,
+    tip: Array,
+    fraction: float,
 ) -> Array:
     """Return the new tip; the corners' forces are overwritten."""
-    bent = plain_bent(mount, corners, facing, tip)
-    reach = facing.normal @ tip - facing.gap_mm
+    stiffened = plain_bent(mount, points, wall, tip)
+    reach = wall.normal @ tip - wall.gap_mm
     for _ in range(SWEEPS):
         change = 0.0
-        for k, normal in enumerate(facing.normal):
-            pull = corners.force_n.sum(axis=0) - corners.force_n[k]
-            others, force = bent.free_mm + bent.compliance @ pull, np.zeros(3)
+        for k, normal in enumerate(wall.normal):
+            pull = points.force_n.sum(axis=0) - points.force_n[k]
+            others, force = stiffened.free_mm + stiffened.compliance @ pull, np.zeros(3)
             if reach[k] - normal @ others > 0.0:
-                anchor = corners.anchor_mm[k] if corners.stuck[k] else others
+                anchor = points.anchor_mm[k] if points.stuck[k] else others
                 anchor = anchor + normal * (reach[k] - normal @ anchor)
-                force = plain_hold(bent, others, normal, anchor, friction)
-            change = max(change, np.abs(force - corners.force_n[k]).max())
-            corners.force_n[k] = force
-        if change < TOLERANCE_N or len(facing.normal) == 1:
+                force = plain_hold(stiffened, others, normal, anchor, friction)
+            change = max(change, np.abs(force - points.force_n[k]).max())
+            points.force_n[k] = force
+        if change < TOLERANCE_N or len(wall.normal) == 1:
             break
-    there = bent.free_mm + bent.compliance @ corners.force_n.sum(axis=0)
-    return tip + share * (there - tip)
+    there = stiffened.free_mm + stiffened.compliance @ points.force_n.sum(axis=0)
+    return tip + fraction * (there - tip)
 
 
-def plain_remember(corners: TipPoints, normal: Array, friction: float, tip: Array) -> None:
-    pressure = (corners.force_n * normal).sum(axis=1)
-    tangential = np.linalg.norm(corners.force_n - pressure[:, None] * normal, axis=1)
-    slipped = tangential > friction * pressure * SLIPPING
-    corners.anchor_mm[(pressure > 0.0) & (slipped | ~corners.stuck)] = tip
-    corners.stuck[:] = pressure > 0.0
+def plain_remember(points: TipPoints, normal: Array, friction: float, tip: Array) -> None:
+    pressure = (points.force_n * normal).sum(axis=1)
+    tangential = np.linalg.norm(points.force_n - pressure[:, None] * normal, axis=1)
+    slipped = tangential > friction * pressure * SLIP_FRACTION
+    points.anchor_mm[(pressure > 0.0) & (slipped | ~points.stuck)] = tip
+    points.stuck[:] = pressure > 0.0
 
 
-def mount_of(rng: np.random.Generator, free: Array) -> Mount:
+def mount_of(rng: np.random.Generator, free: Array) -> CompliantMount:
     basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     upright = np.eye(3) + 0.05 * (basis - np.eye(3))
     compliance = upright @ np.diag([24.0, rng.uniform(3.0, 24.0), 0.4]) @ upright.T
-    return Mount(free, compliance, np.linalg.inv(compliance))
+    return CompliantMount(free, compliance, np.linalg.inv(compliance))
 
 
-def copied(corners: TipPoints) -> TipPoints:
-    return TipPoints(*(part.copy() for part in corners))
+def copied(points: TipPoints) -> TipPoints:
+    return TipPoints(*(part.copy() for part in points))
 
 
 def test_inverse() -> None:
@@ -113,7 +122,7 @@ def test_hold_sticks_slips_or_jams(friction: float) -> None:
         free, anchor = rng.normal(size=(2, 3))
         anchor += normal * max(normal @ (free - anchor) + 0.1, 0.0)
         plain = plain_hold(mount, free, normal, anchor, friction)
-        fast = hold_kernel(mount, tuple(free), tuple(normal), tuple(anchor), friction)
+        fast = point_force_kernel(mount, tuple(free), tuple(normal), tuple(anchor), friction)
         np.testing.assert_allclose(fast, plain, rtol=1e-6, atol=1e-7)
         stuck += np.allclose(plain, mount.stiffness @ (anchor - free))
     assert stuck < 300
@@ -136,21 +145,23 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
     fast = TipPoints(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_))
     compliance = mount_of(rng, np.zeros(3)).compliance
     for free in np.cumsum(rng.normal([0.02, 0.0, 0.0], 0.05, (80, 3)), axis=0):
-        mount = Mount(free, compliance, np.linalg.inv(compliance))
+        mount = CompliantMount(free, compliance, np.linalg.inv(compliance))
         tip = free + compliance @ fast.force_n.sum(axis=0)
         gap, normal = wall.gap(tip + bit.points_mm)
-        facing = Facing(gap - bit.radius_mm, normal, wall.bend(tip + bit.points_mm))
-        plain, place, share = copied(fast), tip.copy(), rng.choice([0.5, 1.0])
-        bent, expected = (k(mount, fast, facing, tip) for k in (bent_kernel, plain_bent))
-        for part, wanted in zip(bent, expected, strict=True):
+        wall = LinearisedWall(gap - bit.radius_mm, normal, wall.curvature(tip + bit.points_mm))
+        plain, place, fraction = copied(fast), tip.copy(), rng.choice([0.5, 1.0])
+        stiffened, expected = (
+            k(mount, fast, wall, tip) for k in (stiffen_by_curvature_kernel, plain_bent)
+        )
+        for part, wanted in zip(stiffened, expected, strict=True):
             np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-10)
-        press_kernel(fast, facing, mount, friction, place, share)
+        solve_linearised_kernel(fast, wall, mount, friction, place, fraction)
         np.testing.assert_allclose(
-            place, plain_press(plain, facing, mount, friction, tip, share), rtol=1e-6, atol=1e-6
+            place, plain_press(plain, wall, mount, friction, tip, fraction), rtol=1e-6, atol=1e-6
         )
         np.testing.assert_allclose(fast.force_n, plain.force_n, rtol=1e-6, atol=1e-6)
         plain = copied(fast)
-        remember_kernel(fast, normal, friction, place)
+        update_anchors_kernel(fast, normal, friction, place)
         plain_remember(plain, normal, friction, place)
         np.testing.assert_array_equal(fast.anchor_mm, plain.anchor_mm)
         np.testing.assert_array_equal(fast.stuck, plain.stuck)
@@ -173,4 +184,4 @@ def test_a_hole_is_seen_as_on_arrays() -> None:
     np.testing.assert_allclose(normal[1:], -outward, atol=1e-12)
     around = np.cross(axis, outward)
     turn = around[:, :, None] * around[:, None, :] / distance[1:, None, None]
-    np.testing.assert_allclose(wall.bend(points)[1:], turn, atol=1e-12)
+    np.testing.assert_allclose(wall.curvature(points)[1:], turn, atol=1e-12)

@@ -1,4 +1,4 @@
-"""The settings of the twin's event camera, one table for each physical part, and the presets."""
+"""Settings of the simulated event camera, with one table for each physical part, and presets."""
 
 from __future__ import annotations
 
@@ -22,22 +22,25 @@ def _require(valid: bool, what: str) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightConfig:
-    """How much light reaches a pixel; the brighter of marker and ground at the centre counts 1.
+    """Light on a pixel. The brighter of marker and ground has intensity 1 at the sensor's centre.
 
     Attributes:
-        contrast: Marker over ground intensity; below 1 the markers are dark.
-        blur_px: Standard deviation of the lens's blur; the pixel's own box adds 1/12 px^2.
-        edge: ``gaussian`` (lens and pixel box) or ``logistic`` with ``blur_px`` as its scale, as
-            other simulators paint discs.
-        vignetting: Share of the light that is lost half a sensor's width from the centre; it
-            grows with the square of the distance.
-        stray: Veiling light everywhere, lowering the contrast.
-        linear_below: Intensity under which the front end is linear instead of logarithmic.
-        flicker_depth: Relative swing of a flickering LED; 0 is a steady one.
-        flicker_hz: Its frequency.
+        contrast: Marker intensity divided by ground intensity. Below 1 the markers are dark.
+        blur_px: Standard deviation of the lens blur, px. The square pixel adds a variance of 1/12
+            px^2.
+        edge: Profile of a disc's edge: ``gaussian`` (lens and square pixel), or ``logistic`` with
+            ``blur_px`` as its scale, as other simulators draw discs.
+        vignetting: Fraction of the light that is lost at half a sensor width from the centre. The
+            loss grows with the square of the distance.
+        stray: Stray (veiling) light at every pixel, as an intensity. It lowers the contrast.
+        linear_below: Intensity below which the front end is linear instead of logarithmic.
+        flicker_depth: Relative amplitude of a flickering lamp; 0 is a steady lamp.
+        flicker_hz: Frequency of the flicker, Hz.
         texture: Relative rms of a random pattern behind the markers, as in a clear gel.
-        texture_px: Correlation length of that pattern: small is texture, large is shading.
-        texture_follow: How far the pattern moves with the markers' mean displacement; 0 is still.
+        texture_px: Correlation length of that pattern, px. A small value gives texture, a large one
+            shading.
+        texture_follow: Displacement of the pattern divided by the mean displacement of the markers;
+            0 is a fixed pattern.
     """
 
     contrast: float = 6.0
@@ -66,23 +69,24 @@ class LightConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PixelConfig:
-    """One pixel: photoreceptor, change detector, comparators.
+    """One pixel: photoreceptor, change detector and comparators.
 
     Attributes:
-        threshold_on: Log-intensity step of an ON event.
-        threshold_off: Log-intensity step of an OFF event.
-        mismatch: Standard deviation of both thresholds from pixel to pixel.
-        bandwidth_hz: Corner of the photoreceptor at intensity 1, proportional to intensity; None
-            follows the light at once.
-        dark: Intensity equivalent of the dark current, added in the bandwidth only.
-        high_pass_hz: Corner of the optional high-pass, 0 is off.
-        noise: Standard deviation (log) of band-limited photoreceptor noise, 0 is off.
-        leak_hz: Rate of the ON events that the leaking reference makes at rest.
-        leak_spread: Standard deviation of log10 of that rate from pixel to pixel.
-        leak_jitter: Relative spread of the rate, drawn anew after each event.
-        refractory_us: Dead time after an event; the reference is taken at its end.
-        latency_us: Delay of an event at intensity 1, inversely proportional to intensity.
-        jitter_us: Standard deviation of that delay.
+        threshold_on: Step of log intensity that causes an ON event.
+        threshold_off: Step of log intensity that causes an OFF event.
+        mismatch: Standard deviation of both thresholds from pixel to pixel, in log intensity.
+        bandwidth_hz: Corner frequency of the photoreceptor at intensity 1, Hz. It is proportional
+            to intensity. None is an infinite bandwidth.
+        dark: Dark current as an equivalent intensity. It raises the bandwidth only.
+        high_pass_hz: Corner frequency of the optional high-pass filter, Hz; 0 switches it off.
+        noise: Standard deviation of band-limited photoreceptor noise, in log intensity; 0 switches
+            it off.
+        leak_hz: Rate of the ON events that the leak of the reference causes at rest, Hz.
+        leak_spread: Standard deviation of the decimal logarithm of that rate from pixel to pixel.
+        leak_jitter: Relative standard deviation of the rate, drawn anew after each event.
+        refractory_us: Dead time after an event, us. The reference is sampled at its end.
+        latency_us: Delay of an event at intensity 1, us. It is inversely proportional to intensity.
+        jitter_us: Standard deviation of that delay, us.
     """
 
     threshold_on: float = 0.25
@@ -112,13 +116,14 @@ class PixelConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BackgroundConfig:
-    """Events without a cause on the skin.
+    """Background activity: events that no motion causes.
 
     Attributes:
-        rate_hz: Mean background rate of a pixel, Poisson; a pixel's polarities alternate.
-        hot_fraction: Share of the array that is hot.
-        hot_min_hz: Lowest rate of a hot pixel.
-        hot_max_hz: Highest rate; rates are log-uniform in between.
+        rate_hz: Mean background rate of one pixel, Hz. The events are a Poisson process and the
+            polarities of a pixel alternate.
+        hot_fraction: Fraction of the pixels that are hot.
+        hot_min_hz: Lowest rate of a hot pixel, Hz.
+        hot_max_hz: Highest rate of a hot pixel, Hz. The rates are log-uniform in between.
     """
 
     rate_hz: float = 0.0
@@ -134,13 +139,14 @@ class BackgroundConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ReadoutConfig:
-    """The way out of the chip.
+    """The readout: rate limit of the arbiter, and losses.
 
     Attributes:
-        cap_mev_s: Most events a second, millions; None is unlimited.
-        row_us: Time to switch to another row.
-        backlog_us: Longest wait for the arbiter; events beyond it are dropped and counted.
-        loss: Share of all events lost at random behind the arbiter (bus or driver).
+        cap_mev_s: Largest event rate, million events per second; None is unlimited.
+        row_us: Time to switch to another row, us.
+        backlog_us: Longest wait for the arbiter, us. Events that would wait longer are dropped and
+            counted.
+        loss: Fraction of all events that are lost at random behind the arbiter (bus or driver).
     """
 
     cap_mev_s: float | None = None
@@ -157,14 +163,14 @@ class ReadoutConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StepConfig:
-    """How finely a motion between two images is rendered.
+    """Time steps in which the motion between two images is rendered.
 
     Attributes:
-        motion_px: Longest way of a marker's edge in one step.
-        min_us: Shortest step; faster motions move further in it.
-        max_us: Longest step of a moving marker (light moves evenly in it: at 155 px/s, 1 and 2 ms
-            differ by less than 0.001 px).
-        still_px: A marker that moved less since it was last rendered is left as it is.
+        motion_px: Longest travel of a marker's edge in one step, px.
+        min_us: Shortest step, us. Faster motions travel further in one step.
+        max_us: Longest step of a moving marker, us. The light moves evenly within a step; at 155
+            px/s, steps of 1 and 2 ms differ by less than 0.001 px.
+        still_px: A marker is not rendered again until it has moved by more than this, px.
     """
 
     motion_px: float = 0.1
@@ -180,15 +186,15 @@ class StepConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraConfig:
-    """The event camera: light, pixel, background, readout and the rendering's steps.
+    """The event camera: light, pixel, background, readout and the steps of rendering.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
-        light: What reaches the pixels.
-        pixel: What a pixel makes of it.
-        background: Events without a cause.
-        readout: The way out.
-        steps: How finely motion is rendered.
+        light: Light that reaches the pixels.
+        pixel: Response of a pixel.
+        background: Events that no motion causes.
+        readout: Rate limit and losses of the readout.
+        steps: Time steps of rendering.
     """
 
     size: tuple[int, int] = (320, 320)
@@ -207,11 +213,12 @@ def load_camera(name: str | Path) -> CameraConfig:
     """Return a camera by name, or from a TOML file.
 
     Args:
-        name: A preset (:data:`CAMERA_NAMES`); ``v2e``, the emulator whose recordings the twin is
-            compared with; or a path.
+        name: A preset (:data:`CAMERA_NAMES`), ``v2e`` (the emulator with which the simulated camera
+            is compared), or the path of a TOML file.
 
     Raises:
-        ConfigError: The name is unknown, or the file does not fit; names the valid values.
+        ConfigError: The name is unknown, or the file does not fit. The message names the valid
+            values.
     """
     if str(name) in _STORED_NAMES:
         path = importlib.resources.files("spikingtac") / "configs" / "cameras" / f"{name}.toml"

@@ -1,9 +1,9 @@
-"""One pixel of the twin's event camera: low-pass, change detector, dead time, leak, latency.
+"""One pixel of the simulated event camera: low-pass, change detector, dead time, leak, latency.
 
-A pixel is only looked at when its light changes or when something is due; in between its state is
-carried forward in closed form, so that its history never depends on who looked when. The equations
-are those of v2e (Hu, Liu, Delbruck 2021, doi:10.1109/CVPRW53098.2021.00144) with the time of each
-crossing interpolated and the reference taken at the end of the dead time.
+A pixel is updated only when its light changes or when an event is due. In between its state is
+advanced in closed form, so that the result does not depend on the times of the updates. The
+equations are those of v2e (Hu, Liu, Delbruck 2021, doi:10.1109/CVPRW53098.2021.00144), with
+interpolated crossing times and with the reference sampled at the end of the dead time.
 """
 
 from __future__ import annotations
@@ -15,254 +15,225 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.sim.camera.pixel_records import (
+    KEY_SHIFT,
+    exponential_decay_kernel,
+    inverse_time_constant_kernel,
+    log_intensity_kernel,
+)
 from spikingtac.sim.camera.random import normal_pair_kernel, pixel_counter_kernel
 
-KEY_SHIFT = 24
-"""Bits of an event's key below its time: ``(t_us << 24) | (pixel << 1) | on``."""
-SETTLED = 5e-4
-"""A level this close to its light (log) is at rest; 1/500 of a threshold. The rest is kept."""
+SETTLED_LEVEL = 5e-4
+"""Log distance from its target at which a level has settled; 1/500 of a threshold."""
 SETTLING_STEPS = 4.0
 """Steps per time constant while a pixel settles under constant light."""
-_SETTLING_SHARE = 1.0 - math.exp(-1.0 / SETTLING_STEPS)
-_SAME_LIGHT = 1e-6
-"""Intensities (white = 1) this close are one; the log table is no finer."""
+_SETTLING_FRACTION = 1.0 - math.exp(-1.0 / SETTLING_STEPS)
 _NEVER_US = 1e18
-_STAMP_GAP_US = 1.0
-"""A pixel reports its events in order, at least one time unit apart."""
-
-PIXEL_DTYPE = np.dtype(
-    [
-        ("seen_us", "f8"),  # time to which the pixel has been carried
-        ("dead_us", "f8"),  # end of the dead time
-        ("due_us", "f8"),  # when the leak reaches the threshold; never while unsettled
-        ("stamp_us", "f8"),  # of the last event
-        ("intensity", "f4"),  # last light, white = 1
-        ("before", "f4"),  # light at the beginning of the span that is being worked on
-        ("target", "f4"),  # log of the last light
-        ("level", "f4"),  # low-passed log light
-        ("gap", "f4"),  # level minus reference; undefined while dead
-        ("leak", "f4"),  # present drift of the gap, 1/us
-        ("on", "f4"),  # threshold
-        ("off", "f4"),  # threshold
-        ("mean_leak", "f4"),  # 1/us
-        ("base", "f4"),  # light on bare ground
-        ("lift", "f4"),  # what a marker adds
-        ("fired", "u4"),  # events so far
-        ("index", "i4"),  # row by row
-        ("listed", "u1"),  # 1 while waiting to settle
-    ],
-    align=True,
-)
-"""What a pixel is and remembers: one record, so that one visit touches one place in memory."""
-
-EDGE_ENTRIES = 512
-LOG_ENTRIES = 2048
-DECAY_ENTRIES = 1024
-CHIP_DTYPE = np.dtype(
-    [
-        ("rate", "f8"),  # inverse time constant per unit of (intensity + dark), 1/us
-        ("dark", "f8"),  # dark current as an intensity
-        ("refractory_us", "f8"),
-        ("latency_us", "f8"),  # at intensity 1
-        ("jitter_us", "f8"),
-        ("leak_jitter", "f8"),  # relative, drawn after each event
-        ("key", "u8"),  # of the random numbers
-        ("reach_px", "f8"),  # half-width of an edge: beyond it coverage is exactly 0 or 1
-        ("edge_per_px", "f8"),  # entries of ``edge`` per px
-        ("log_per_unit", "f8"),  # entries of ``log`` per unit of intensity
-        ("decay_per_unit", "f8"),  # entries of ``decay`` per time constant
-        ("edge", "f4", (EDGE_ENTRIES,)),  # coverage from -reach_px (outside) to reach_px
-        ("log", "f4", (LOG_ENTRIES,)),  # log intensity
-        ("decay", "f4", (DECAY_ENTRIES,)),  # exp(-x), the last one 0
-    ],
-    align=True,
-)
-"""What all pixels share. Numba counts references to arrays and not to records: hence one record."""
+_MIN_EVENT_SPACING_US = 1.0
+"""Shortest time between two events of one pixel. It keeps them in order."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fire_kernel(
-    px: Any, chip: Any, out: NDArray[np.int64], t_us: float, share: float, on: int
+def emit_event_kernel(
+    px: Any, chip: Any, out: NDArray[np.int64], t_us: float, fraction: float, on: int
 ) -> None:
-    """Leave an event of a pixel that crossed at ``t_us``, delayed by its latency.
+    """Append one event of a pixel, delayed by the latency, and draw the pixel's next leak rate.
 
     Args:
-        px: Record of :data:`PIXEL_DTYPE`.
-        chip: Record of :data:`CHIP_DTYPE`.
-        out: ``out[0]`` counts the events, whose keys follow; those beyond its end are only counted.
-        t_us: Time of the crossing.
-        share: Of the way from the light before the span to the present one.
+        px: Record of :data:`~spikingtac.sim.camera.pixel_records.PIXEL_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixel_records.CHIP_DTYPE`.
+        out: ``out[0]`` counts the events, whose keys follow. Events beyond its end are only
+            counted.
+        t_us: Time of the crossing, us.
+        fraction: Position of the crossing between the previous light (0) and the present light (1).
         on: 1 for ON, 0 for OFF.
     """
-    counter = pixel_counter_kernel(px["index"], px["fired"])
+    counter = pixel_counter_kernel(px["index"], px["event_count"])
     first, second = normal_pair_kernel(chip["key"], counter)
-    px["fired"] += np.uint32(1)
-    px["leak"] = px["mean_leak"] * max(0.0, 1.0 + chip["leak_jitter"] * second)
-    intensity = px["before"] + share * (px["intensity"] - px["before"])
+    px["event_count"] += np.uint32(1)
+    px["leak_per_us"] = px["mean_leak_per_us"] * max(0.0, 1.0 + chip["leak_jitter"] * second)
+    intensity = px["previous_intensity"] + fraction * (px["intensity"] - px["previous_intensity"])
     delay_us = chip["latency_us"] / intensity + chip["jitter_us"] * first
-    stamp_us = max(t_us + max(delay_us, 0.0), px["stamp_us"] + _STAMP_GAP_US)
-    px["stamp_us"] = stamp_us
+    timestamp_us = max(t_us + max(delay_us, 0.0), px["last_event_us"] + _MIN_EVENT_SPACING_US)
+    px["last_event_us"] = timestamp_us
     n = out[0] + 1
     if n < out.shape[0]:
-        out[n] = (np.int64(stamp_us) << KEY_SHIFT) | (np.int64(px["index"]) << 1) | on
+        out[n] = (np.int64(timestamp_us) << KEY_SHIFT) | (np.int64(px["index"]) << 1) | on
     out[0] = n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cross_kernel(
+def emit_crossings_kernel(
     px: Any, chip: Any, out: NDArray[np.int64], start_us: float, span_us: float, rise: float
 ) -> None:
-    """Let a pixel's gap change by ``rise``, evenly over the span, and fire on the way."""
-    gap = float(px["gap"])
+    """Change a pixel's level difference evenly over a span and emit an event at each crossing.
+
+    Args:
+        px: Record of :data:`~spikingtac.sim.camera.pixel_records.PIXEL_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixel_records.CHIP_DTYPE`.
+        out: ``out[0]`` counts the events, whose keys follow.
+        start_us: Start of the span, us.
+        span_us: Length of the span, us.
+        rise: Change of the difference over the span, in log intensity.
+    """
+    difference = float(px["difference"])
     slope = rise / span_us
     at_us = 0.0
-    wait_us = px["dead_us"] - start_us
-    if wait_us > 0.0:
-        if wait_us >= span_us:
+    dead_us = px["dead_until_us"] - start_us
+    if dead_us > 0.0:
+        if dead_us >= span_us:
             return
-        at_us, gap = wait_us, 0.0
+        at_us, difference = dead_us, 0.0
     while True:
-        end = gap + slope * (span_us - at_us)
-        if end >= px["on"]:
-            on, level = 1, float(px["on"])
-        elif end <= -px["off"]:
-            on, level = 0, -float(px["off"])
+        end = difference + slope * (span_us - at_us)
+        if end >= px["threshold_on"]:
+            on, level = 1, float(px["threshold_on"])
+        elif end <= -px["threshold_off"]:
+            on, level = 0, -float(px["threshold_off"])
         else:
             break
-        if end != gap:  # equal where rounding left the gap on its threshold
-            at_us += (span_us - at_us) * (level - gap) / (end - gap)
-        fire_kernel(px, chip, out, start_us + at_us, at_us / span_us, on)
+        if end != difference:  # equal where rounding left the difference on its threshold
+            at_us += (span_us - at_us) * (level - difference) / (end - difference)
+        emit_event_kernel(px, chip, out, start_us + at_us, at_us / span_us, on)
         at_us += chip["refractory_us"]
-        gap = 0.0
+        difference = 0.0
         if at_us >= span_us:
-            px["dead_us"] = start_us + at_us
-            px["gap"] = 0.0
+            px["dead_until_us"] = start_us + at_us
+            px["difference"] = 0.0
             return
-    px["gap"] = end
+    px["difference"] = end
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def quiet_kernel(px: Any, start_us: float, rise: float) -> bool:
-    """Let a pixel's gap change by ``rise``; return False, with nothing done, if that may fire.
+def change_below_threshold_kernel(px: Any, start_us: float, rise: float) -> bool:
+    """Change a pixel's level difference by ``rise`` if no event results.
 
-    Numba counts references whenever an array is handed on; this path of most visits hands on none.
+    The function has no array argument: Numba counts references at each call that passes an array,
+    and most updates take this path.
+
+    Returns:
+        False, without any change, if the pixel is in its dead time or if a threshold is reached.
     """
-    end = px["gap"] + rise
-    if px["dead_us"] > start_us or end >= px["on"] or end <= -px["off"]:
+    end = px["difference"] + rise
+    if px["dead_until_us"] > start_us or end >= px["threshold_on"] or end <= -px["threshold_off"]:
         return False
-    px["gap"] = end
+    px["difference"] = end
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def rate_kernel(chip: Any, intensity: float) -> float:
-    """Return the photoreceptor's inverse time constant at a light, 1/us."""
-    return chip["rate"] * (intensity + chip["dark"])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def log_kernel(chip: Any, intensity: float) -> float:
-    """Return the log of an intensity from the table."""
-    place = intensity * chip["log_per_unit"]
-    low = min(int(place), LOG_ENTRIES - 2)
-    first = chip["log"][low]
-    return first + (place - low) * (chip["log"][low + 1] - first)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def decay_kernel(chip: Any, time_constants: float) -> float:
-    """Return exp(-x) from the table."""
-    place = time_constants * chip["decay_per_unit"]
-    if place >= DECAY_ENTRIES - 1:
-        return 0.0
-    low = int(place)
-    first = chip["decay"][low]
-    return first + (place - low) * (chip["decay"][low + 1] - first)
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def carry_kernel(px: Any, until_us: float) -> bool:
-    """Carry a settled pixel forward; return False, with nothing done, if more is to be done."""
-    span_us = until_us - px["seen_us"]
+def advance_settled_kernel(px: Any, until_us: float) -> bool:
+    """Advance a settled pixel to ``until_us`` under constant light if no event results.
+
+    Returns:
+        False, without any change, if the pixel has not settled or if an event is due.
+    """
+    span_us = until_us - px["updated_us"]
     if span_us <= 0.0:
         return True
-    if px["target"] != px["level"] or not quiet_kernel(px, px["seen_us"], px["leak"] * span_us):
+    if px["target_level"] != px["level"] or not change_below_threshold_kernel(
+        px, px["updated_us"], px["leak_per_us"] * span_us
+    ):
         return False
-    px["seen_us"] = until_us
+    px["updated_us"] = until_us
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hold_kernel(px: Any, chip: Any, out: NDArray[np.int64], until_us: float) -> None:
-    """Carry a pixel forward under the light that it last saw."""
-    seen_us = px["seen_us"]
-    if seen_us >= until_us:
-        return
-    px["before"] = px["intensity"]
-    target = float(px["target"])
-    rest = target - px["level"]
-    if abs(rest) > SETTLED:
-        rate = rate_kernel(chip, px["intensity"])
-        step_us, share = 1.0 / (SETTLING_STEPS * rate), _SETTLING_SHARE
-        while abs(rest) > SETTLED and seen_us < until_us:
-            if seen_us + step_us > until_us:
-                step_us = until_us - seen_us
-                share = 1.0 - decay_kernel(chip, step_us * rate)
-            moved = rest * share
-            rise = moved + px["leak"] * step_us
-            if not quiet_kernel(px, seen_us, rise):
-                cross_kernel(px, chip, out, seen_us, step_us, rise)
-            rest -= moved
-            seen_us += step_us
-    if seen_us < until_us:
-        span_us = until_us - seen_us
-        cross_kernel(px, chip, out, seen_us, span_us, rest + px["leak"] * span_us)
-        rest = 0.0
-    px["level"] = target - rest
-    px["seen_us"] = until_us
+def advance_constant_light_kernel(
+    px: Any, chip: Any, out: NDArray[np.int64], until_us: float
+) -> None:
+    """Advance a pixel to ``until_us`` under the light that it saw last, and emit its events.
 
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def intensity_kernel(px: Any, covered: float) -> float:
-    """Return the light of a pixel that markers cover by a share of 0 to 1."""
-    return px["base"] + px["lift"] * covered
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def unchanged_kernel(px: Any, intensity: float) -> bool:
-    """Return True if a pixel sees the light that it saw before."""
-    return abs(intensity - px["intensity"]) < _SAME_LIGHT
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def relight_kernel(px: Any, chip: Any, intensity: float, until_us: float, span_us: float) -> float:
-    """Let a pixel's light move evenly to ``intensity`` over a span; return the gap's rise.
-
-    The pixel must have been carried to the span's beginning.
+    Args:
+        px: Record of :data:`~spikingtac.sim.camera.pixel_records.PIXEL_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixel_records.CHIP_DTYPE`.
+        out: ``out[0]`` counts the events, whose keys follow.
+        until_us: End of the interval, us.
     """
-    target = log_kernel(chip, intensity)
-    # The mean light's time constant makes the step accurate to second order.
-    time_constants = span_us * rate_kernel(chip, 0.5 * (intensity + px["intensity"]))
-    level = float(px["level"])
-    lag = (target - px["target"]) / time_constants
-    moved = target - lag + (level - px["target"] + lag) * decay_kernel(chip, time_constants)
-    px["before"] = px["intensity"]
-    px["intensity"] = intensity
-    px["target"] = target
-    px["level"] = moved
-    px["seen_us"] = until_us
-    return moved - level + px["leak"] * span_us
+    now_us = px["updated_us"]
+    if now_us >= until_us:
+        return
+    px["previous_intensity"] = px["intensity"]
+    target = float(px["target_level"])
+    remaining = target - px["level"]
+    if abs(remaining) > SETTLED_LEVEL:
+        rate = inverse_time_constant_kernel(chip, px["intensity"])
+        step_us, fraction = 1.0 / (SETTLING_STEPS * rate), _SETTLING_FRACTION
+        while abs(remaining) > SETTLED_LEVEL and now_us < until_us:
+            if now_us + step_us > until_us:
+                step_us = until_us - now_us
+                fraction = 1.0 - exponential_decay_kernel(chip, step_us * rate)
+            change = remaining * fraction
+            rise = change + px["leak_per_us"] * step_us
+            if not change_below_threshold_kernel(px, now_us, rise):
+                emit_crossings_kernel(px, chip, out, now_us, step_us, rise)
+            remaining -= change
+            now_us += step_us
+    if now_us < until_us:
+        span_us = until_us - now_us
+        emit_crossings_kernel(
+            px, chip, out, now_us, span_us, remaining + px["leak_per_us"] * span_us
+        )
+        remaining = 0.0
+    px["level"] = target - remaining
+    px["updated_us"] = until_us
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def foresee_kernel(px: Any) -> bool:
-    """Note when a pixel at rest will next fire from its leak; return False if it is unsettled."""
-    if px["target"] != px["level"]:
-        px["due_us"] = _NEVER_US
+def advance_light_ramp_kernel(
+    px: Any, chip: Any, intensity: float, until_us: float, span_us: float
+) -> float:
+    """Advance the photoreceptor while the light moves evenly to ``intensity``.
+
+    The pixel must have been advanced to the start of the span.
+
+    Args:
+        px: Record of :data:`~spikingtac.sim.camera.pixel_records.PIXEL_DTYPE`.
+        chip: Record of :data:`~spikingtac.sim.camera.pixel_records.CHIP_DTYPE`.
+        intensity: Intensity at the end of the span.
+        until_us: End of the span, us.
+        span_us: Length of the span, us.
+
+    Returns:
+        Change of the level difference over the span, leak included. The caller applies it.
+    """
+    target = log_intensity_kernel(chip, intensity)
+    # The mean light's time constant makes the step accurate to second order.
+    time_constants = span_us * inverse_time_constant_kernel(
+        chip, 0.5 * (intensity + px["intensity"])
+    )
+    level = float(px["level"])
+    lag = (target - px["target_level"]) / time_constants
+    new_level = (
+        target
+        - lag
+        + (level - px["target_level"] + lag) * exponential_decay_kernel(chip, time_constants)
+    )
+    px["previous_intensity"] = px["intensity"]
+    px["intensity"] = intensity
+    px["target_level"] = target
+    px["level"] = new_level
+    px["updated_us"] = until_us
+    return new_level - level + px["leak_per_us"] * span_us
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict_leak_event_kernel(px: Any) -> bool:
+    """Store the time of a settled pixel's next leak event.
+
+    Returns:
+        False if the pixel has not settled; its time is then "never".
+    """
+    if px["target_level"] != px["level"]:
+        px["leak_due_us"] = _NEVER_US
         return False
     due_us = _NEVER_US
-    if px["leak"] > 0.0:
-        gap = 0.0 if px["dead_us"] > px["seen_us"] else px["gap"]
-        due_us = max(px["dead_us"], px["seen_us"]) + (px["on"] - gap) / px["leak"]
-    px["due_us"] = due_us
+    if px["leak_per_us"] > 0.0:
+        difference = 0.0 if px["dead_until_us"] > px["updated_us"] else px["difference"]
+        due_us = (
+            max(px["dead_until_us"], px["updated_us"])
+            + (px["threshold_on"] - difference) / px["leak_per_us"]
+        )
+    px["leak_due_us"] = due_us
     return True

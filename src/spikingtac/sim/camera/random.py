@@ -1,8 +1,8 @@
-"""Random numbers inside kernels: counted, not stepped, so that no order of work changes them.
+"""Counter-based random numbers for kernels. The order of the computation does not change them.
 
 A number is a hash of (key, counter) by the SplitMix64 finaliser (Steele, Lea, Flood 2014,
-doi:10.1145/2660193.2660195). Every operand is kept in 64 unsigned bits: Numba widens a mix of
-signed and unsigned integers to float, which silently ruins such generators.
+doi:10.1145/2660193.2660195). Every operand is an unsigned 64-bit integer, because Numba converts a
+mix of signed and unsigned integers to float, which ruins such a generator without an error.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def uniform_kernel(key: np.uint64, counter: np.uint64) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_pair_kernel(key: np.uint64, counter: np.uint64) -> tuple[float, float]:
-    """Return two independent standard normal numbers (Box and Muller) for an even use of counters.
+    """Return two independent standard normal numbers (Box-Muller transform).
 
-    Counters ``2 * counter`` and ``2 * counter + 1`` of the uniform numbers are used up.
+    The call uses the uniform numbers at the counters ``2 * counter`` and ``2 * counter + 1``.
     """
     first = counter * np.uint64(2)
     radius = math.sqrt(-2.0 * math.log(uniform_kernel(key, first)))
@@ -45,5 +45,5 @@ def normal_pair_kernel(key: np.uint64, counter: np.uint64) -> tuple[float, float
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def pixel_counter_kernel(pixel: int, count: int) -> np.uint64:
-    """Return the counter of a pixel's ``count``-th draw (both below 2**31)."""
+    """Return the counter of a pixel's draw number ``count`` (both below 2**31)."""
     return (np.uint64(pixel) << _PIXEL_SHIFT) + np.uint64(count)

@@ -1,4 +1,4 @@
-"""The way out of the chip: order of time, the arbiter's rate, random loss."""
+"""Readout of the sensor: order of time, rate limit of the arbiter, and random loss."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.sim.camera.config import ReadoutConfig
-from spikingtac.sim.camera.pixels import KEY_SHIFT
+from spikingtac.sim.camera.pixel_records import KEY_SHIFT
 from spikingtac.sim.camera.random import uniform_kernel
 from spikingtac.types import EventPacket, LossCounters
 
@@ -18,18 +18,18 @@ _PIXEL_BITS = (1 << KEY_SHIFT) - 1
 
 
 class Arbiter(NamedTuple):
-    """A server that lets one event pass at a time, in order of time, row and column.
+    """A server that passes one event at a time, in order of time, row and column.
 
     Attributes:
-        event_us: Time that an event takes.
-        row_us: Time to switch to another row.
-        backlog_us: Longest wait; events beyond it are lost.
-        loss: Share lost at random behind the server.
-        width: Pixels in a row.
-        free_us: ``(1,)`` when the server is free again.
+        event_us: Service time of an event, us.
+        row_us: Time to switch to another row, us.
+        backlog_us: Longest wait, us. Events that would wait longer are dropped.
+        loss: Fraction of the events that is lost at random behind the server.
+        width: Number of pixels in a row.
+        free_us: ``(1,)`` time from which the server is free, us.
         row: ``(1,)`` row of the last event.
-        served: ``(1,)`` events that passed the server.
-        key: Of the random numbers.
+        served: ``(1,)`` number of events that the server has passed.
+        key: Key of the random numbers.
     """
 
     event_us: float
@@ -44,25 +44,25 @@ class Arbiter(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def serve_kernel(
+def arbitrate_kernel(
     keys: NDArray[np.int64], arbiter: Arbiter, out: NDArray[np.int64]
 ) -> tuple[int, int, int]:
     """Pass events through the arbiter.
 
     Args:
         keys: ``(n,)`` sorted keys.
-        arbiter: Its state is advanced.
-        out: ``(n,)`` gets the keys of the surviving events, restamped, in order.
+        arbiter: Arbiter whose state is advanced.
+        out: ``(n,)`` receives the keys of the remaining events, with new time stamps, in order.
 
     Returns:
-        Events kept, dropped for their backlog, lost at random.
+        Numbers of events kept, dropped because of their wait, and lost at random.
     """
     kept = dropped = lost = 0
     for key in keys:
-        asked_us = float(key >> KEY_SHIFT)
+        requested_us = float(key >> KEY_SHIFT)
         row = ((key & _PIXEL_BITS) >> 1) // arbiter.width
-        start_us = max(asked_us, arbiter.free_us[0])
-        if start_us - asked_us > arbiter.backlog_us:
+        start_us = max(requested_us, arbiter.free_us[0])
+        if start_us - requested_us > arbiter.backlog_us:
             dropped += 1
             continue
         if row != arbiter.row[0]:
@@ -80,15 +80,15 @@ def serve_kernel(
 
 
 class Readout:
-    """Collects the pixels' events and gives them out in order of time.
+    """Collects the events of the pixels and returns them in order of time.
 
-    Events that a latency or the arbiter carries beyond an interval wait for the next one.
+    An event that latency or arbiter delay beyond an interval is returned with a later interval.
 
     Args:
-        config: Cap and losses.
-        size: ``(width, height)`` of the sensor.
-        rng: For the key of the random loss.
-        losses: Counted into: ``readout_overflow`` and ``readout_loss``.
+        config: Rate limit and losses.
+        size: ``(width, height)`` of the sensor, px.
+        rng: Source of the key of the random loss.
+        losses: Counters ``readout_overflow`` and ``readout_loss``, which are increased.
     """
 
     def __init__(
@@ -101,9 +101,9 @@ class Readout:
         cap = config.cap_mev_s
         self._size = size
         self._losses = losses
-        self._through = cap is None and config.row_us == 0 and config.loss == 0
-        self._early: list[NDArray[np.int64]] = []
-        self._late = np.empty(0, np.int64)
+        self._unlimited = cap is None and config.row_us == 0 and config.loss == 0
+        self._pending: list[NDArray[np.int64]] = []
+        self._delayed = np.empty(0, np.int64)
         self._since_us = 0
         self._arbiter = Arbiter(
             event_us=0.0 if cap is None else 1.0 / cap,
@@ -118,43 +118,43 @@ class Readout:
         )
 
     def reset(self, now_us: int) -> None:
-        """Forget the events that wait, and start again."""
+        """Drop all pending events and start again at ``now_us``."""
         self._since_us = now_us
-        self._early = []
-        self._late = np.empty(0, np.int64)
+        self._pending = []
+        self._delayed = np.empty(0, np.int64)
         self._arbiter.free_us[0] = -np.inf
 
     def collect(self, keys: NDArray[np.int64]) -> None:
-        """Take events in any order (copied)."""
+        """Add the keys of events, in any order. The keys are copied."""
         if len(keys):
-            self._early.append(keys.copy())
+            self._pending.append(keys.copy())
 
     def release(self, until_us: int) -> NDArray[np.int64]:
-        """Return the keys of all events stamped before ``until_us``, sorted by time."""
-        if not self._early:
-            waiting = np.empty(0, np.int64)
+        """Return the keys of all events with a time stamp before ``until_us``, sorted by time."""
+        if not self._pending:
+            pending = np.empty(0, np.int64)
         else:
-            waiting = self._early[0] if len(self._early) == 1 else np.concatenate(self._early)
-            waiting.sort()
-        waiting = _not_before(waiting, self._since_us)
+            pending = self._pending[0] if len(self._pending) == 1 else np.concatenate(self._pending)
+            pending.sort()
+        pending = _not_before(pending, self._since_us)
         self._since_us = until_us
         limit = np.int64(until_us) << KEY_SHIFT
-        ready = int(np.searchsorted(waiting, limit))
-        self._early = [waiting[ready:]] if ready < len(waiting) else []
-        if self._through:
-            return waiting[:ready]
+        ready = int(np.searchsorted(pending, limit))
+        self._pending = [pending[ready:]] if ready < len(pending) else []
+        if self._unlimited:
+            return pending[:ready]
         served = np.empty(ready, np.int64)
-        kept, dropped, lost = serve_kernel(waiting[:ready], self._arbiter, served)
+        kept, dropped, lost = arbitrate_kernel(pending[:ready], self._arbiter, served)
         self._losses.add("readout_overflow", int(dropped))
         self._losses.add("readout_loss", int(lost))
-        passed = np.concatenate([self._late, served[:kept]])
-        # The arbiter keeps the order of time, so a cut separates what is still under way.
+        passed = np.concatenate([self._delayed, served[:kept]])
+        # The arbiter keeps the order of time, so one cut separates the delayed events.
         out = int(np.searchsorted(passed >> KEY_SHIFT, until_us))
-        self._late = passed[out:]
+        self._delayed = passed[out:]
         return passed[:out]
 
     def packet(self, parts: list[NDArray[np.int64]], t_start_us: int, t_end_us: int) -> EventPacket:
-        """Return released keys as a packet."""
+        """Return released keys as a packet of the span from ``t_start_us`` to ``t_end_us``."""
         keys = np.concatenate(parts) if parts else np.empty(0, np.int64)
         y, x = np.divmod((keys & _PIXEL_BITS) >> 1, self._size[0])
         return EventPacket(
@@ -169,7 +169,7 @@ class Readout:
 
 
 def _not_before(keys: NDArray[np.int64], since_us: int) -> NDArray[np.int64]:
-    """Restamp sorted keys that rounding put a microsecond before their interval."""
+    """Raise the time stamp of sorted keys that rounding put before their interval."""
     start = np.int64(since_us) << KEY_SHIFT
     early = int(np.searchsorted(keys, start))
     if early:

@@ -1,4 +1,4 @@
-"""Which markers moved between two images, which of them share pixels, and in how many steps."""
+"""Plan of a sweep: which markers move, which of them share pixels, and how many steps they take."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 _MARGIN_PX = 0.1
-"""Slack around an edge, so that a pixel sees full and empty coverage before the edge has left."""
+"""Margin around an edge, so that pixels see zero and full coverage before the edge passes."""
 
-WORK_DTYPE = np.dtype(
+SWEEP_PLAN_DTYPE = np.dtype(
     [
         ("leader", "i8"),  # lowest index of the markers that share pixels; -1: stays as it is
         ("following", "i8"),  # the next marker of the same group, -1 for the last
@@ -25,12 +25,12 @@ WORK_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""What is to be done for a marker between two images."""
+"""How one marker is rendered between two images."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def way_kernel(before: Any, after: Any) -> float:
-    """Return how far a marker's edge moves at most, px (to first order in the strain)."""
+def edge_travel_kernel(before: Any, after: Any) -> float:
+    """Return the largest travel of a marker's edge, px (to first order in the strain)."""
     shift = math.hypot(after["x"] - before["x"], after["y"] - before["y"])
     strain = max(abs(after["xx"] - before["xx"]), abs(after["xy"] - before["xy"]))
     strain = max(strain, abs(after["yx"] - before["yx"]), abs(after["yy"] - before["yy"]))
@@ -38,7 +38,7 @@ def way_kernel(before: Any, after: Any) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def half_width_kernel(disc: Any) -> tuple[float, float]:
+def ellipse_half_widths_kernel(disc: Any) -> tuple[float, float]:
     """Return the half-widths of a marker's ellipse along x and y, px."""
     size = disc["radius"] / disc["scale"] ** 2
     half_x = size * math.hypot(disc["yy"], disc["xy"])
@@ -47,10 +47,17 @@ def half_width_kernel(disc: Any) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def box_kernel(before: Any, after: Any, slack_px: float, box: Any) -> None:
-    """Write the box that a marker sweeps, ``slack_px`` wider on every side, not clipped."""
-    x0, y0 = half_width_kernel(before)
-    x1, y1 = half_width_kernel(after)
+def bounding_box_kernel(before: Any, after: Any, slack_px: float, box: Any) -> None:
+    """Write the box that a marker sweeps, not clipped to the sensor.
+
+    Args:
+        before: Record of :data:`~spikingtac.sim.camera.pixel_coverage.DISC_DTYPE` at the start.
+        after: The same marker at the end.
+        slack_px: Margin on every side, px.
+        box: Record of :data:`SWEEP_PLAN_DTYPE`, whose box is overwritten.
+    """
+    x0, y0 = ellipse_half_widths_kernel(before)
+    x1, y1 = ellipse_half_widths_kernel(after)
     box["x_first"] = math.floor(min(before["x"] - x0, after["x"] - x1) - slack_px)
     box["y_first"] = math.floor(min(before["y"] - y0, after["y"] - y1) - slack_px)
     box["x_last"] = math.ceil(max(before["x"] + x0, after["x"] + x1) + slack_px)
@@ -60,7 +67,7 @@ def box_kernel(before: Any, after: Any, slack_px: float, box: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _apart_kernel(one: Any, two: Any) -> bool:
+def _disjoint_kernel(one: Any, two: Any) -> bool:
     apart_x = one["x_first"] > two["x_last"] or two["x_first"] > one["x_last"]
     apart_y = one["y_first"] > two["y_last"] or two["y_first"] > one["y_last"]
     gone = one["x_last"] < one["x_first"] or two["x_last"] < two["x_first"]
@@ -68,79 +75,81 @@ def _apart_kernel(one: Any, two: Any) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _join_kernel(work: NDArray[Any]) -> None:
-    """Give markers whose boxes meet one leader, if one of them moves."""
+def _group_overlapping_kernel(plan: NDArray[Any]) -> None:
+    """Give markers with overlapping boxes a common leader if one of them moves."""
     changed = True
     while changed:
         changed = False
-        for a in range(work.shape[0]):
-            for b in range(a + 1, work.shape[0]):
-                one, two = work[a]["leader"], work[b]["leader"]
-                if one == two or _apart_kernel(work[a], work[b]):
+        for a in range(plan.shape[0]):
+            for b in range(a + 1, plan.shape[0]):
+                one, two = plan[a]["leader"], plan[b]["leader"]
+                if one == two or _disjoint_kernel(plan[a], plan[b]):
                     continue
                 low = a if one < 0 else one
                 if two >= 0:
                     low = min(low, two)
-                work[a]["leader"] = work[b]["leader"] = low
+                plan[a]["leader"] = plan[b]["leader"] = low
                 changed = True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _chain_kernel(work: NDArray[Any]) -> None:
-    """Chain the members of each group and give its leader the most steps."""
-    for k in range(work.shape[0]):
-        work[k]["following"] = -1
-        leader = work[k]["leader"]
+def _link_groups_kernel(plan: NDArray[Any]) -> None:
+    """Link the members of each group in a list and give its leader the largest number of steps."""
+    for k in range(plan.shape[0]):
+        plan[k]["following"] = -1
+        leader = plan[k]["leader"]
         if leader < 0 or leader == k:
             continue
         last = leader
-        while work[last]["following"] >= 0:
-            last = work[last]["following"]
-        work[last]["following"] = k
-        work[leader]["steps"] = max(work[leader]["steps"], work[k]["steps"])
+        while plan[last]["following"] >= 0:
+            last = plan[last]["following"]
+        plan[last]["following"] = k
+        plan[leader]["steps"] = max(plan[leader]["steps"], plan[k]["steps"])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def plan_kernel(
+def plan_sweep_kernel(
     before: NDArray[Any],
     after: NDArray[Any],
-    work: NDArray[Any],
-    reach_px: float,
+    plan: NDArray[Any],
+    edge_half_width_px: float,
     span_us: float,
     limits: tuple[float, float, float, float],
 ) -> None:
-    """Plan the work between two images.
+    """Plan how the markers are rendered between two images.
 
     Args:
         before: ``(m,)`` markers as they were last rendered.
         after: ``(m,)`` markers at the end.
-        work: ``(m,)`` of :data:`WORK_DTYPE`, overwritten.
-        reach_px: Half-width of a marker's edge.
-        span_us: Time between the images.
-        limits: ``motion_px, min_us, max_us, still_px`` of the configured steps.
+        plan: ``(m,)`` records of :data:`SWEEP_PLAN_DTYPE`, overwritten.
+        edge_half_width_px: Half-width of a marker's blurred edge, px.
+        span_us: Time between the images, us.
+        limits: ``motion_px, min_us, max_us, still_px`` of
+            :class:`~spikingtac.sim.camera.config.StepConfig`.
     """
     motion_px, min_us, max_us, still_px = limits
-    for k in range(work.shape[0]):
-        task = work[k]
-        way_px = way_kernel(before[k], after[k])
-        task["leader"] = k if way_px > still_px else -1
-        steps = min(math.ceil(way_px / motion_px), math.floor(span_us / min_us))
-        task["steps"] = max(1, steps, math.ceil(span_us / max_us))
-        task["margin_px"] = way_px / task["steps"] + _MARGIN_PX
-        box_kernel(before[k], after[k], reach_px + task["margin_px"], task)
-    _join_kernel(work)
-    _chain_kernel(work)
+    for k in range(plan.shape[0]):
+        item = plan[k]
+        travel_px = edge_travel_kernel(before[k], after[k])
+        item["leader"] = k if travel_px > still_px else -1
+        steps = min(math.ceil(travel_px / motion_px), math.floor(span_us / min_us))
+        item["steps"] = max(1, steps, math.ceil(span_us / max_us))
+        item["margin_px"] = travel_px / item["steps"] + _MARGIN_PX
+        bounding_box_kernel(before[k], after[k], edge_half_width_px + item["margin_px"], item)
+    _group_overlapping_kernel(plan)
+    _link_groups_kernel(plan)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def swept_kernel(work: NDArray[Any], width: int, height: int) -> int:
-    """Return how many pixels of a sensor the moving markers' boxes hold at most.
+def swept_pixel_count_kernel(plan: NDArray[Any], width: int, height: int) -> int:
+    """Return an upper bound of the number of pixels in the boxes of the moving markers.
 
-    A tip that is pushed much too far throws markers far beyond the sensor, or across all of it.
+    The boxes are clipped to the sensor: a tip that is pushed much too far moves markers far beyond
+    the sensor, or across all of it.
     """
     swept = 0
-    for k in range(work.shape[0]):
-        box = work[k]
+    for k in range(plan.shape[0]):
+        box = plan[k]
         if box["leader"] >= 0:
             rows = max(0, min(box["y_last"], height - 1) - max(box["y_first"], 0) + 1)
             swept += rows * max(0, min(box["x_last"], width - 1) - max(box["x_first"], 0) + 1)

@@ -1,1 +1,1 @@
-"""Contact-free motion: a probe that vibrates with the arm, computed where events are due."""
+"""Motion of a probe without contact, with sparse rendering of its events."""

@@ -1,12 +1,13 @@
-"""The event camera in front of markers that only sway: the same pixels, visited only when due.
+"""The event camera for small motions: a pixel is updated only when an event may be near.
 
-Specimen (thresholds, leak, hot pixels), background, dead times, latencies and readout are those of
-:class:`~spikingtac.sim.camera.camera.EventCamera`; only the light around the edges is computed
-otherwise.
+Mismatch, leak, hot pixels, background, dead times, latencies and readout are those of
+:class:`~spikingtac.sim.camera.camera.EventCamera`. Only the light around the edges is computed in
+another way.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,73 +17,74 @@ from scipy.signal import lfilter
 
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.noise import noise_kernel
+from spikingtac.sim.camera.noise import background_events_kernel
 from spikingtac.sim.camera.pixel_coverage import discs_of
-from spikingtac.sim.free_motion.free_motion import FREEDOMS, STEP_S
+from spikingtac.sim.free_motion.free_motion import DEGREES_OF_FREEDOM, STEP_S
 from spikingtac.sim.free_motion.small_motion import (
     EDGE_DTYPE,
-    Rims,
-    lag_coefficients,
+    EdgePixels,
     small_motion_kernel,
 )
-from spikingtac.sim.free_motion.timing_wheel import NOBODY, make_timing_wheel
+from spikingtac.sim.free_motion.timing_wheel import EMPTY, make_timing_wheel
 from spikingtac.sim.optics.states import MarkerImage
 from spikingtac.types import EventPacket
 
 STEP_US = STEP_S * 1e6
+"""Step of the motion, us."""
 BLOCK_STEPS = 200
-"""Steps between two looks at the outbox."""
+"""Steps between two readings of the event buffer."""
 OUTBOX = 1 << 18
-"""Events that a block may bring: 1.3 Mev/s, ten times the ``noisy`` preset."""
-WHEEL_STEPS = 1 << 15
-"""Longest sleep of a pixel, in steps."""
-FAR_SIGMAS = 6.0
-"""Sway beyond which a sleeping pixel may wake too late: less often than once in ten hours."""
+"""Capacity of the event buffer for one block: 1.3 Mev/s, ten times the ``noisy`` preset."""
+WHEEL_SLOTS = 1 << 15
+"""Longest wait of a pixel, in steps."""
+RANGE_SIGMAS = 6.0
+"""Range of motion that a waiting pixel allows for; it is left less than once in ten hours."""
 LAGS = 6
-"""Photoreceptors of so many speeds stand for all; neighbours differ by a third."""
-AROUND_PX = 8.0
-"""Pixels farther outside of every edge see no marker: edges reach 3 px, sway 1 px."""
-PROBING = 1e-3
-"""Displacement (mm, rad) by which the slopes are taken: 0.02 px."""
+"""Number of photoreceptor time constants that stand for all; neighbours differ by a third."""
+FAR_OUTSIDE_PX = 8.0
+"""Distance outside an edge beyond which no marker is seen: edges reach 3 px, motion 1 px."""
+SLOPE_STEP = 1e-3
+"""Displacement (mm, rad) with which the slopes are taken; it moves a marker by 0.02 px."""
 
 
 class SmallMotionCamera(EventCamera):
-    """An event camera whose markers sway with a free probe.
+    """An event camera whose markers move with a free probe.
 
     Args:
-        config: The sensor.
-        seed: Of the noise.
-        serial: Which sensor.
+        config: Settings of the sensor.
+        seed: Seed of the noise.
+        serial: Number of the individual sensor.
     """
 
     def __init__(self, config: CameraConfig, seed: int, serial: int | None = None) -> None:
         super().__init__(config, seed, serial)
         self._lags_us = np.zeros(0)
 
-    def follow(
+    def linearise(
         self,
         image: MarkerImage,
-        swayed: Sequence[tuple[MarkerImage, MarkerImage]],
+        displaced: Sequence[tuple[MarkerImage, MarkerImage]],
         sigma: NDArray[np.float64],
     ) -> None:
-        """Learn how the light depends on the rod's motion; call it after :meth:`settle`.
+        """Store how the light depends on the motion of the rod. Call it after :meth:`settle`.
 
         Args:
             image: The markers at rest.
-            swayed: The same after a small step forth and back in each freedom of the bushing.
-            sigma: ``(6, 6)`` covariance of the bushing.
+            displaced: Images after a small step forwards and backwards in each degree of freedom of
+                the bushing.
+            sigma: ``(6, 6)`` covariance of the bushing (mm and rad).
         """
         inside = edge_distance_px(image, self.size)
         slope = np.stack(
             [
                 (edge_distance_px(forth, self.size) - edge_distance_px(back, self.size))
-                / (2.0 * PROBING)
-                for forth, back in swayed
+                / (2.0 * SLOPE_STEP)
+                for forth, back in displaced
             ],
             axis=-1,
         )
-        away_px = FAR_SIGMAS * np.sqrt(np.einsum("...i,ij,...j->...", slope, sigma, slope))
-        reach_px = float(self._sensor.chip["reach_px"][0])
+        away_px = RANGE_SIGMAS * np.sqrt(np.einsum("...i,ij,...j->...", slope, sigma, slope))
+        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
         near = np.flatnonzero((np.abs(inside) < reach_px + away_px).ravel())
         edges = np.zeros(len(near), EDGE_DTYPE)
         edges["inside_px"] = inside.ravel()[near]
@@ -90,29 +92,31 @@ class SmallMotionCamera(EventCamera):
             self._levels(near, edges["inside_px"] + side * away_px.ravel()[near])
             for side in (-1.0, 1.0)
         ]
-        edges["lowest"], edges["highest"] = np.sort(ends, axis=0)
-        self._begin(near, edges, slope.reshape(-1, FREEDOMS)[near])
+        edges["lowest_level"], edges["highest_level"] = np.sort(ends, axis=0)
+        self._initialise(near, edges, slope.reshape(-1, DEGREES_OF_FREEDOM)[near])
 
-    def _begin(
+    def _initialise(
         self, near: NDArray[np.intp], edges: NDArray[Any], slopes: NDArray[np.float64]
     ) -> None:
         chip, flat = self._sensor.chip[0], self._sensor.pixels.reshape(-1)
-        flat["level"][near] = flat["target"][near] = self._levels(near, edges["inside_px"])
-        flat["before"] = flat["intensity"]
-        lag_us = 1.0 / (float(chip["rate"]) * (flat["intensity"][near] + float(chip["dark"])))
+        flat["level"][near] = flat["target_level"][near] = self._levels(near, edges["inside_px"])
+        flat["previous_intensity"] = flat["intensity"]
+        lag_us = 1.0 / (
+            float(chip["white_rate_per_us"]) * (flat["intensity"][near] + float(chip["dark"]))
+        )
         self._lags_us = np.geomspace(lag_us.min(), lag_us.max(), LAGS)
         edges["slope"] = slopes
-        edges["lag"] = np.abs(np.log(lag_us[:, None] / self._lags_us)).argmin(axis=1)
-        place = np.full(len(flat), NOBODY, np.int32)
-        place[near] = np.arange(len(near))
-        self._rims = Rims(edges, place)
-        self._beds = make_timing_wheel(len(flat), WHEEL_STEPS)
-        self._past = np.zeros((LAGS, 1, FREEDOMS))
-        self._last = np.zeros((LAGS, FREEDOMS), np.float32)
+        edges["filter_index"] = np.abs(np.log(lag_us[:, None] / self._lags_us)).argmin(axis=1)
+        record = np.full(len(flat), EMPTY, np.int32)
+        record[near] = np.arange(len(near))
+        self._edge_pixels = EdgePixels(edges, record)
+        self._wheel = make_timing_wheel(len(flat), WHEEL_SLOTS)
+        self._filter_state = np.zeros((LAGS, 1, DEGREES_OF_FREEDOM))
+        self._previous = np.zeros((LAGS, DEGREES_OF_FREEDOM), np.float32)
         self._out = np.zeros(OUTBOX, np.int64)
 
-    def sway(self, bushing: NDArray[np.float64]) -> EventPacket:
-        """Return the events of ``(steps, 6)`` of the rod's motion, one step per millisecond."""
+    def render_motion(self, bushing: NDArray[np.float64]) -> EventPacket:
+        """Return the events of a motion ``(steps, 6)`` of the rod (mm, rad), one step per ms."""
         start_us = self._t_us
         assert start_us is not None
         motion = self._low_passed(bushing)
@@ -128,53 +132,57 @@ class SmallMotionCamera(EventCamera):
         sensor, start_us = self._sensor, self._t_us
         small_motion_kernel(
             sensor.pixels.reshape(-1),
-            self._rims,
+            self._edge_pixels,
             sensor.chip[0],
-            self._beds,
+            self._wheel,
             motion,
             float(start_us),
             STEP_US,
             self._out,
         )
         end_us = start_us + round((motion.shape[2] - 1) * STEP_US)
-        while not noise_kernel(self._noise, float(end_us), self._out):
+        while not background_events_kernel(self._noise, float(end_us), self._out):
             self._drain()
         self._drain()
         self._t_us = end_us
         return self._readout.release(end_us)
 
     def _low_passed(self, bushing: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return ``(lags, 6, 1 + steps)`` what photoreceptors of each speed see of a motion."""
-        out = np.empty((LAGS, FREEDOMS, 1 + len(bushing)), np.float32)
-        out[..., 0] = self._last
+        """Return the motion ``(filters, 6, 1 + steps)`` as photoreceptors of each speed see it."""
+        out = np.empty((LAGS, DEGREES_OF_FREEDOM, 1 + len(bushing)), np.float32)
+        out[..., 0] = self._previous
         for k, lag_us in enumerate(self._lags_us):
             b, a = lag_coefficients(lag_us, STEP_US)
-            seen, self._past[k] = lfilter(b, a, bushing, axis=0, zi=self._past[k])
+            seen, self._filter_state[k] = lfilter(b, a, bushing, axis=0, zi=self._filter_state[k])
             out[k, :, 1:] = seen.T
-        self._last = out[..., -1].copy()
+        self._previous = out[..., -1].copy()
         return out
 
     def _levels(
         self, pixels: NDArray[np.intp], inside_px: NDArray[np.floating[Any]]
     ) -> NDArray[np.float64]:
-        """Return the log light of pixels at a distance inside the edge."""
+        """Return the log intensity of pixels at a distance inside the edge, px."""
         chip, flat = self._sensor.chip[0], self._sensor.pixels.reshape(-1)
-        place = (inside_px + chip["reach_px"]) * chip["edge_per_px"]
-        covered = np.interp(place, np.arange(len(chip["edge"])), chip["edge"])
-        light = flat["base"][pixels] + flat["lift"][pixels] * covered
-        return np.interp(light * chip["log_per_unit"], np.arange(len(chip["log"])), chip["log"])
+        record = (inside_px + chip["edge_half_width_px"]) * chip["edge_per_px"]
+        covered = np.interp(record, np.arange(len(chip["edge_coverage"])), chip["edge_coverage"])
+        light = flat["ground_intensity"][pixels] + flat["marker_increment"][pixels] * covered
+        return np.interp(
+            light * chip["log_per_unit"],
+            np.arange(len(chip["log_intensity"])),
+            chip["log_intensity"],
+        )
 
 
 def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> NDArray[np.float64]:
     """Return ``(height, width)`` how far each pixel lies inside the nearest disc's edge, px.
 
     Args:
-        image: Whole discs; a broken one's chord is not looked at.
-        size: ``(width, height)``.
+        image: Image of whole discs; chords of broken discs are ignored.
+        size: ``(width, height)`` of the sensor, px.
     """
-    inside = np.full((size[1], size[0]), -AROUND_PX)
+    inside = np.full((size[1], size[0]), -FAR_OUTSIDE_PX)
     for disc in discs_of(image):
-        reach = disc["radius"] / disc["scale"] + 2.0 * AROUND_PX
+        reach = disc["radius"] / disc["scale"] + 2.0 * FAR_OUTSIDE_PX
         rows, columns = (
             slice(max(int(disc[axis] - reach), 0), max(int(disc[axis] + reach) + 1, 0))
             for axis in ("y", "x")
@@ -187,3 +195,11 @@ def edge_distance_px(image: MarkerImage, size: tuple[int, int]) -> NDArray[np.fl
         part = inside[rows, columns]
         np.maximum(part, found, out=part)
     return inside
+
+
+def lag_coefficients(lag_us: float, step_us: float) -> tuple[list[float], list[float]]:
+    """Return the filter (b, a) of a first-order low-pass for a piecewise linear input."""
+    steps = lag_us / step_us
+    decay = math.exp(-1.0 / steps)
+    rest = steps * (1.0 - decay)
+    return [1.0 - rest, rest - decay], [1.0, -decay]

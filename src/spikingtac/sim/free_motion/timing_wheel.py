@@ -1,4 +1,7 @@
-"""Who sleeps until when: a wheel of linked lists, one for each step to come."""
+"""Timing wheel of pending pixel updates: one linked list of pixels for each coming step.
+
+Source of the data structure: Varghese & Lauck, SOSP 1987, doi:10.1145/41457.37504.
+"""
 
 from __future__ import annotations
 
@@ -8,54 +11,55 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-NOBODY = -1
+EMPTY = -1
+"""End of a linked list."""
 
 
 class TimingWheel(NamedTuple):
-    """Which pixels are awake, and when the others wake: a wheel of linked lists.
+    """Pixels that are active now, and the step in which each other pixel becomes active again.
 
     Attributes:
-        first: ``(slots,)`` pixel that wakes first in each step; -1 for none.
-        following: ``(n,)`` the next pixel of the same list.
-        awake: ``(n,)`` the pixels that are awake; the first ``up[0]`` are valid.
-        up: ``(1,)`` how many they are.
-        turn: ``(1,)`` slot of the present step.
+        first: ``(slots,)`` first pixel of each slot's list; -1 if the list is empty.
+        following: ``(n,)`` next pixel of the same list; -1 at its end.
+        active: ``(n,)`` active pixels. The first ``active_count[0]`` are valid.
+        active_count: ``(1,)`` number of active pixels.
+        slot: ``(1,)`` slot of the present step.
     """
 
     first: NDArray[np.int32]
     following: NDArray[np.int32]
-    awake: NDArray[np.int32]
-    up: NDArray[np.int64]
-    turn: NDArray[np.int64]
+    active: NDArray[np.int32]
+    active_count: NDArray[np.int64]
+    slot: NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def schedule_kernel(beds: TimingWheel, pixel: int, steps: float) -> None:
-    """Let a pixel sleep for some steps, at most once around the wheel."""
-    slots = beds.first.shape[0]
-    slot = (beds.turn[0] + int(min(steps, slots - 1.0))) % slots
-    beds.following[pixel] = beds.first[slot]
-    beds.first[slot] = pixel
+def schedule_kernel(wheel: TimingWheel, pixel: int, steps: float) -> None:
+    """Make a pixel inactive for a number of steps, at most one turn of the wheel."""
+    slots = wheel.first.shape[0]
+    slot = (wheel.slot[0] + int(min(steps, slots - 1.0))) % slots
+    wheel.following[pixel] = wheel.first[slot]
+    wheel.first[slot] = pixel
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pop_due_kernel(beds: TimingWheel) -> None:
-    """Wake the pixels of the present step and go on to the next one."""
-    slot = beds.turn[0]
-    woken = beds.first[slot]
-    beds.first[slot] = NOBODY
-    while woken >= 0:
-        beds.awake[beds.up[0]] = woken
-        beds.up[0] += 1
-        woken = beds.following[woken]
+def pop_due_kernel(wheel: TimingWheel) -> None:
+    """Make the pixels of the present slot active and empty the slot."""
+    slot = wheel.slot[0]
+    pixel = wheel.first[slot]
+    wheel.first[slot] = EMPTY
+    while pixel >= 0:
+        wheel.active[wheel.active_count[0]] = pixel
+        wheel.active_count[0] += 1
+        pixel = wheel.following[pixel]
 
 
 def make_timing_wheel(pixels: int, slots: int) -> TimingWheel:
-    """Return beds with everybody awake."""
+    """Return a wheel with ``slots`` steps, in which all ``pixels`` pixels are active."""
     return TimingWheel(
-        first=np.full(slots, NOBODY, np.int32),
-        following=np.full(pixels, NOBODY, np.int32),
-        awake=np.arange(pixels, dtype=np.int32),
-        up=np.full(1, pixels, np.int64),
-        turn=np.zeros(1, np.int64),
+        first=np.full(slots, EMPTY, np.int32),
+        following=np.full(pixels, EMPTY, np.int32),
+        active=np.arange(pixels, dtype=np.int32),
+        active_count=np.full(1, pixels, np.int64),
+        slot=np.zeros(1, np.int64),
     )

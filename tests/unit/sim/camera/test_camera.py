@@ -188,8 +188,8 @@ def test_missing_markers_make_nothing_and_broken_ones_less():
     lower = (broken.x < 64) & (broken.y > 42.5) & (broken.y < 64)
     assert not lower.any()
     near_first = np.hypot(whole.x - 43.0, whole.y - 40.1) < 20
-    share = (np.hypot(broken.x - 43.0, broken.y - 40.1) < 20).sum() / near_first.sum()
-    assert 0.4 < share < 0.6
+    fraction = (np.hypot(broken.x - 43.0, broken.y - 40.1) < 20).sum() / near_first.sum()
+    assert 0.4 < fraction < 0.6
 
 
 def test_markers_that_meet_are_covered_once():

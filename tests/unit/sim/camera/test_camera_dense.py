@@ -5,7 +5,7 @@ import pytest
 
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
-from spikingtac.sim.camera.full_frame import is_dense, pattern_kernel
+from spikingtac.sim.camera.full_frame import needs_full_frame, sample_pattern_kernel
 from spikingtac.sim.camera.light import texture_field
 from spikingtac.sim.optics.states import MarkerImage
 
@@ -38,8 +38,8 @@ def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s):
     steps = StepConfig(motion_px=0.02, max_us=200.0)
     quick = CameraConfig(size=SIZE, pixel=TYPICAL, steps=steps)
     thorough = replace(quick, pixel=replace(TYPICAL, noise=1e-9))
-    assert is_dense(thorough)
-    assert not is_dense(quick)
+    assert needs_full_frame(thorough)
+    assert not needs_full_frame(quick)
     shots = images(speed_px_s, 60_000)
     one, two = film(quick, shots), film(thorough, shots)
     assert len(one) == pytest.approx(len(two), rel=0.005)
@@ -79,14 +79,14 @@ def test_a_pattern_that_follows_the_markers_makes_events_between_them():
 
 
 def test_a_high_pass_eats_slow_motion_and_spares_fast():
-    def share(speed_px_s: float, span_us: int) -> float:
+    def fraction(speed_px_s: float, span_us: int) -> float:
         shots = images(speed_px_s, span_us)
         plain = film(CameraConfig(size=SIZE), shots)
         passed = film(CameraConfig(size=SIZE, pixel=PixelConfig(high_pass_hz=5.0)), shots)
         return len(passed) / len(plain)
 
-    assert share(1000.0, 10_000) > 0.85
-    assert share(5.0, 2_000_000) < 0.3
+    assert fraction(1000.0, 10_000) > 0.85
+    assert fraction(5.0, 2_000_000) < 0.3
 
 
 def test_photoreceptor_noise_is_stationary_and_fires_both_ways():
@@ -95,8 +95,8 @@ def test_photoreceptor_noise_is_stationary_and_fires_both_ways():
     shots = images(0.0, 40_000)
     sensor.settle(shots[0], "fresh")
     packet = sensor.advance(shots)
-    assert sensor._dense is not None
-    noise = sensor._dense._auxiliary["noise"]
+    assert sensor._full_frame is not None
+    noise = sensor._full_frame._auxiliary["noise"]
     assert noise.std() == pytest.approx(0.08, rel=0.05)
     assert abs(noise.mean()) < 0.01
     assert len(packet) > 1000
@@ -116,8 +116,12 @@ def test_a_texture_has_the_configured_strength_and_grain():
 
 def test_a_pattern_is_read_between_its_samples_and_repeats():
     pattern = np.random.default_rng(1).random((5, 7)).astype(np.float32)
-    assert pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))
+    assert sample_pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))
     middle = pattern[[3, 3, 4, 4], [2, 3, 2, 3]].mean()
-    assert pattern_kernel(pattern, 2.5, 3.5) == pytest.approx(float(middle))
-    assert pattern_kernel(pattern, -0.5, 0.0) == pytest.approx(float(pattern[0, [6, 0]].mean()))
-    assert pattern_kernel(pattern, 7.25, 5.0) == pytest.approx(pattern_kernel(pattern, 0.25, 0.0))
+    assert sample_pattern_kernel(pattern, 2.5, 3.5) == pytest.approx(float(middle))
+    assert sample_pattern_kernel(pattern, -0.5, 0.0) == pytest.approx(
+        float(pattern[0, [6, 0]].mean())
+    )
+    assert sample_pattern_kernel(pattern, 7.25, 5.0) == pytest.approx(
+        sample_pattern_kernel(pattern, 0.25, 0.0)
+    )

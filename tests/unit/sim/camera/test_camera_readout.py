@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.camera.config import ReadoutConfig
-from spikingtac.sim.camera.pixels import KEY_SHIFT
-from spikingtac.sim.camera.readout import Arbiter, Readout, serve_kernel
+from spikingtac.sim.camera.pixel_records import KEY_SHIFT
+from spikingtac.sim.camera.readout import Arbiter, Readout, arbitrate_kernel
 from spikingtac.types import EventPacket, LossCounters
 
 SIZE = (64, 48)
@@ -67,7 +67,7 @@ def served(events, event_us, row_us, backlog_us):
 def test_the_arbiter_equals_its_plain_twin(event_us, row_us, backlog_us, count):
     events = np.sort(random_keys(count, 1000))
     out = np.empty(count, np.int64)
-    kept, dropped, lost = serve_kernel(events, arbiter(event_us, row_us, backlog_us), out)
+    kept, dropped, lost = arbitrate_kernel(events, arbiter(event_us, row_us, backlog_us), out)
     expected, expected_dropped = served(events, event_us, row_us, backlog_us)
     assert out[:kept].tolist() == expected
     assert (dropped, lost) == (expected_dropped, 0)

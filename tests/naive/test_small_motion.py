@@ -1,4 +1,4 @@
-"""Plain twins of the kernels that let pixels sleep, and their promise: none sleeps through one."""
+"""Plain twins of the kernels for small motions. No scheduled pixel may miss an event."""
 
 import math
 
@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.camera.pixels import KEY_SHIFT
+from spikingtac.sim.camera.pixel_records import KEY_SHIFT
 from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
 from spikingtac.sim.free_motion.small_motion import (
     EDGE_DTYPE,
-    Rims,
-    band_kernel,
-    lag_coefficients,
-    level_kernel,
-    sleep_kernel,
+    EdgePixels,
+    edge_distance_kernel,
+    edge_level_kernel,
+    idle_steps_kernel,
     small_motion_kernel,
-    stay_kernel,
-    swayed_px_kernel,
+    time_to_threshold_kernel,
+    update_band_kernel,
 )
+from spikingtac.sim.free_motion.small_motion_camera import lag_coefficients
 from spikingtac.sim.free_motion.timing_wheel import (
     make_timing_wheel,
     pop_due_kernel,
@@ -37,24 +37,24 @@ def sensor_of(count: int, leak_hz: float = 2.0):
     return sensor
 
 
-def rims_of(count: int, rng: np.random.Generator) -> Rims:
+def rims_of(count: int, rng: np.random.Generator) -> EdgePixels:
     edges = np.zeros(count, EDGE_DTYPE)
     edges["inside_px"] = rng.uniform(-3.0, 3.0, count)
-    edges["lowest"], edges["highest"] = -10.0, 10.0
+    edges["lowest_level"], edges["highest_level"] = -10.0, 10.0
     edges["slope"] = rng.normal(size=(count, 6))
-    place = np.arange(count, dtype=np.int32)
-    place[::5] = -1
-    return Rims(edges, place)
+    record = np.arange(count, dtype=np.int32)
+    record[::5] = -1
+    return EdgePixels(edges, record)
 
 
 def test_swayed_distance() -> None:
     rng = np.random.default_rng(0)
-    rims, motion = rims_of(9, rng), rng.normal(size=(2, 6, 4)).astype(np.float32)
-    rims.edges["lag"] = rng.integers(0, 2, 9)
-    for place in range(9):
-        edge = rims.edges[place]
-        plain = edge["inside_px"] + edge["slope"] @ motion[edge["lag"], :, 3]
-        assert swayed_px_kernel(edge, motion, 3) == pytest.approx(plain, abs=1e-5)
+    edge_pixels, motion = rims_of(9, rng), rng.normal(size=(2, 6, 4)).astype(np.float32)
+    edge_pixels.edges["filter_index"] = rng.integers(0, 2, 9)
+    for record in range(9):
+        edge = edge_pixels.edges[record]
+        plain = edge["inside_px"] + edge["slope"] @ motion[edge["filter_index"], :, 3]
+        assert edge_distance_kernel(edge, motion, 3) == pytest.approx(plain, abs=1e-5)
 
 
 def test_level_is_the_log_of_the_covered_light() -> None:
@@ -63,8 +63,8 @@ def test_level_is_the_log_of_the_covered_light() -> None:
     for inside in (-9.0, -0.5, 0.0, 0.7, 9.0):
         width = math.sqrt(0.81 + 1.0 / 12.0)
         covered = 0.5 * (1.0 + math.erf(inside / width / math.sqrt(2.0)))
-        plain = math.log(px["base"] + px["lift"] * covered)
-        assert level_kernel(px, chip, inside) == pytest.approx(plain, abs=4e-3)
+        plain = math.log(px["ground_intensity"] + px["marker_increment"] * covered)
+        assert edge_level_kernel(px, chip, inside) == pytest.approx(plain, abs=4e-3)
 
 
 def test_a_pixel_does_not_fire_within_its_band() -> None:
@@ -74,15 +74,17 @@ def test_a_pixel_does_not_fire_within_its_band() -> None:
     for px in sensor.pixels[0]:
         edge = np.zeros(1, EDGE_DTYPE)[0]
         inside = rng.uniform(-2.0, 2.0)
-        px["level"] = level_kernel(px, chip, inside)
-        band_kernel(px, edge, chip, inside, span_us)
-        if edge["until_us"] < 0.0:
+        px["level"] = edge_level_kernel(px, chip, inside)
+        update_band_kernel(px, edge, chip, inside, span_us)
+        if edge["band_until_us"] < 0.0:
             continue
         banded += 1
-        for end in (edge["from_px"], edge["to_px"]):
-            moved = level_kernel(px, chip, end) - px["level"]
-            assert px["gap"] + moved + px["leak"] * span_us < px["on"] + 1e-5
-            assert px["gap"] + moved > -px["off"] - 1e-5
+        for end in (edge["band_low_px"], edge["band_high_px"]):
+            moved = edge_level_kernel(px, chip, end) - px["level"]
+            assert (
+                px["difference"] + moved + px["leak_per_us"] * span_us < px["threshold_on"] + 1e-5
+            )
+            assert px["difference"] + moved > -px["threshold_off"] - 1e-5
     assert banded > 100
 
 
@@ -90,47 +92,51 @@ def test_sleep_lasts_until_the_leak_could_reach_the_threshold() -> None:
     sensor = sensor_of(50)
     for px in sensor.pixels[0]:
         level = float(px["level"])
-        plain = (px["on"] - px["gap"]) / px["leak"]
-        assert sleep_kernel(px, level, level) == pytest.approx(plain, rel=1e-5)
-        assert sleep_kernel(px, level, level + 9.0) == 0.0
-        assert sleep_kernel(px, level - 9.0, level) == 0.0
+        plain = (px["threshold_on"] - px["difference"]) / px["leak_per_us"]
+        assert time_to_threshold_kernel(px, level, level) == pytest.approx(plain, rel=1e-5)
+        assert time_to_threshold_kernel(px, level, level + 9.0) == 0.0
+        assert time_to_threshold_kernel(px, level - 9.0, level) == 0.0
 
 
-def test_beds_wake_each_pixel_once_and_in_time() -> None:
-    beds, rng = make_timing_wheel(40, 16), np.random.default_rng(3)
-    beds.up[0] = 0
+def test_the_wheel_returns_each_pixel_once_and_in_time() -> None:
+    wheel, rng = make_timing_wheel(40, 16), np.random.default_rng(3)
+    wheel.active_count[0] = 0
     asked = {pixel: int(rng.integers(2, 40)) for pixel in range(40)}
     for pixel, steps in asked.items():
-        schedule_kernel(beds, pixel, float(steps))
-    put_off = min(40, beds.first.shape[0] - 1)
-    woken: dict[int, int] = {}
+        schedule_kernel(wheel, pixel, float(steps))
+    put_off = min(40, wheel.first.shape[0] - 1)
+    due: dict[int, int] = {}
     for step in range(16):
-        beds.turn[0] = step
-        before = int(beds.up[0])
-        pop_due_kernel(beds)
-        woken |= {int(pixel): step for pixel in beds.awake[before : int(beds.up[0])]}
-    assert woken == {pixel: min(steps, put_off) for pixel, steps in asked.items()}
+        wheel.slot[0] = step
+        before = int(wheel.active_count[0])
+        pop_due_kernel(wheel)
+        due |= {int(pixel): step for pixel in wheel.active[before : int(wheel.active_count[0])]}
+    assert due == {pixel: min(steps, put_off) for pixel, steps in asked.items()}
 
 
-def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple[int, int]]]:
+def plain_events(
+    sensor, edge_pixels: EdgePixels, motion: np.ndarray
+) -> dict[int, list[tuple[int, int]]]:
     """Visit every pixel in every step."""
     chip = sensor.chip[0]
     every: dict[int, list[tuple[int, int]]] = {}
     for index, px in enumerate(sensor.pixels[0]):
-        gap, level, dead_us = float(px["gap"]), float(px["level"]), -1.0
+        gap, level, dead_us = float(px["difference"]), float(px["level"]), -1.0
         out = every.setdefault(index, [])
         for step in range(1, motion.shape[2]):
-            place, at_us = rims.place[index], (step - 1) * STEP_US
+            record, at_us = edge_pixels.record[index], (step - 1) * STEP_US
             target = level
-            if place >= 0:
-                target = level_kernel(px, chip, swayed_px_kernel(rims.edges[place], motion, step))
-            slope = (target - level) / STEP_US + px["leak"]
+            if record >= 0:
+                target = edge_level_kernel(
+                    px, chip, edge_distance_kernel(edge_pixels.edges[record], motion, step)
+                )
+            slope = (target - level) / STEP_US + px["leak_per_us"]
             end_us = at_us + STEP_US
             while at_us < end_us:
                 if dead_us > at_us:
                     at_us, gap = min(dead_us, end_us), 0.0
                     continue
-                limit = px["on"] if slope > 0 else -px["off"]
+                limit = px["threshold_on"] if slope > 0 else -px["threshold_off"]
                 wait = max((limit - gap) / slope, 0.0) if slope != 0.0 else math.inf
                 if at_us + wait > end_us:
                     gap += slope * (end_us - at_us)
@@ -144,23 +150,23 @@ def plain_events(sensor, rims: Rims, motion: np.ndarray) -> dict[int, list[tuple
 
 def test_stay_is_the_first_step_outside_of_the_band() -> None:
     rng = np.random.default_rng(5)
-    rims, steps = rims_of(300, rng), 70
+    edge_pixels, steps = rims_of(300, rng), 70
     motion = (0.02 * rng.normal(size=(2, 6, 1 + steps)).cumsum(axis=2)).astype(np.float32)
-    rims.edges["lag"] = rng.integers(0, 2, 300)
-    rims.edges["until_us"] = 2e6 + STEP_US * rng.integers(-2, 2 * steps, 300)
-    rims.edges["until_us"][::7] = -np.inf
-    rims.edges["from_px"] = rims.edges["inside_px"] - rng.uniform(0.0, 1.0, 300)
-    rims.edges["to_px"] = rims.edges["inside_px"] + rng.uniform(0.0, 1.0, 300)
+    edge_pixels.edges["filter_index"] = rng.integers(0, 2, 300)
+    edge_pixels.edges["band_until_us"] = 2e6 + STEP_US * rng.integers(-2, 2 * steps, 300)
+    edge_pixels.edges["band_until_us"][::7] = -np.inf
+    edge_pixels.edges["band_low_px"] = edge_pixels.edges["inside_px"] - rng.uniform(0.0, 1.0, 300)
+    edge_pixels.edges["band_high_px"] = edge_pixels.edges["inside_px"] + rng.uniform(0.0, 1.0, 300)
     found = set()
-    for edge in rims.edges:
+    for edge in edge_pixels.edges:
         first, plain = int(rng.integers(1, steps + 2)), 0
         for step in range(first, steps + 1):
-            inside = swayed_px_kernel(edge, motion, step)
-            banded = 2e6 + step * STEP_US <= edge["until_us"]
-            if not (banded and edge["from_px"] < inside < edge["to_px"]):
+            inside = edge_distance_kernel(edge, motion, step)
+            banded = 2e6 + step * STEP_US <= edge["band_until_us"]
+            if not (banded and edge["band_low_px"] < inside < edge["band_high_px"]):
                 break
             plain += 1
-        assert stay_kernel(edge, motion, first, 2e6, STEP_US) == plain
+        assert idle_steps_kernel(edge, motion, first, 2e6, STEP_US) == plain
         found.add(plain)
     assert {0, 1, 16, 17} <= found
 
@@ -168,25 +174,29 @@ def test_stay_is_the_first_step_outside_of_the_band() -> None:
 def test_sway_equals_visiting_every_pixel_in_every_step() -> None:
     rng = np.random.default_rng(4)
     count, steps = 120, 400
-    rims = rims_of(count, rng)
+    edge_pixels = rims_of(count, rng)
     swing = 0.4 * np.sin(np.arange(steps + 1) * rng.uniform(0.05, 0.2, (2, 6, 1)))
     motion = swing.astype(np.float32)
     plain_sensor, sensor = sensor_of(count), sensor_of(count)
     for one in (plain_sensor, sensor):
         one.chip["leak_jitter"] = 0.0
-        for index, place in enumerate(rims.place):
+        for index, record in enumerate(edge_pixels.record):
             px = one.pixels[0, index]
-            if place >= 0:
-                px["level"] = level_kernel(px, one.chip[0], rims.edges[place]["inside_px"])
-            px["before"] = px["intensity"] = 1.0
+            if record >= 0:
+                px["level"] = edge_level_kernel(
+                    px, one.chip[0], edge_pixels.edges[record]["inside_px"]
+                )
+            px["previous_intensity"] = px["intensity"] = 1.0
     out = np.zeros(1 << 14, np.int64)
     flat = sensor.pixels.reshape(-1)
-    beds = make_timing_wheel(count, 64)
+    wheel = make_timing_wheel(count, 64)
     for first in range(0, steps, 100):
         part = np.ascontiguousarray(motion[..., first : first + 101])
-        small_motion_kernel(flat, rims, sensor.chip[0], beds, part, first * STEP_US, STEP_US, out)
+        small_motion_kernel(
+            flat, edge_pixels, sensor.chip[0], wheel, part, first * STEP_US, STEP_US, out
+        )
     keys = out[1 : 1 + out[0]]
-    plain = plain_events(plain_sensor, rims, motion)
+    plain = plain_events(plain_sensor, edge_pixels, motion)
     assert out[0] > 500
     for index in range(count):
         own = np.sort(keys[(keys & ((1 << KEY_SHIFT) - 1)) >> 1 == index])
