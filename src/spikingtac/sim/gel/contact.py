@@ -1,7 +1,7 @@
-"""One body against one gel: which cells touch, press, stick and slip, step by step.
+"""Contact of one body with the gel: which cells touch, press, stick and slip in each step.
 
-The grid is attached to the skin: a cell is a piece of material, met by the body where it has been
-carried to. So a body that drags or turns a stuck patch stays on the same cells, however far.
+The grid is fixed to the skin, so that a cell is a piece of material. The body meets a cell at its
+displaced place. A body that drags or turns a sticking patch therefore stays on the same cells.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from spikingtac.errors import SpikingTacError
 from spikingtac.sim.gel.friction import shear_kernel
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.grid_cells import (
-    attach_kernel,
-    carry_kernel,
-    collect_kernel,
-    deposit_kernel,
+    attached_displacement_kernel,
+    gather_cells_kernel,
+    scatter_cells_kernel,
+    set_anchors_kernel,
 )
 from spikingtac.sim.gel.indenters import Indenter, SoftLayer
-from spikingtac.sim.gel.influence import Influence, product_kernel, sheared_kernel
+from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
 from spikingtac.sim.gel.normal_contact import pressure_kernel
 from spikingtac.types import Pose
 
@@ -30,18 +30,18 @@ Field = NDArray[np.float64]
 KPA_PER_MPA = 1e3
 """Moduli are configured in kPa; tractions are in N/mm², which is MPa."""
 
-NEAR_PITCHES = 0.05
-"""Cells closer to the body than this share of a cell's side must be among those solved for."""
-MOST_CELLS = 2500
-"""Most cells in one contact: six dense matrices of that size take 300 MB."""
-MOST_ITERATIONS = 400
-"""Where the conjugate gradients stop; a cold start takes about 10, a warm one about 5."""
-MOST_SWEEPS = 400
-"""Where the friction sweeps stop; a cold start takes about 20, a warm one about 6."""
-EXTENSIONS = 4
-"""Times the set may grow within a step, where the gel bulges into the body beyond it."""
-ON_RIM = 1.0 - 1e-6
-"""Share of the friction bound from which a cell counts as slipping (rounding only)."""
+NEAR_FRACTION = 0.05
+"""Distance from the body, in sides of a cell, below which a cell is solved for."""
+MAX_CELLS = 2500
+"""Largest number of cells in one contact: six dense matrices of that size take 300 MB."""
+MAX_ITERATIONS = 400
+"""Limit of the conjugate gradients; a cold start takes about 10, a warm one about 5."""
+MAX_SWEEPS = 400
+"""Limit of the friction sweeps; a cold start takes about 20, a warm one about 6."""
+MAX_EXTENSIONS = 4
+"""Limit of how often the set of cells grows in one step, where the gel bulges into the body."""
+SLIP_FRACTION = 1.0 - 1e-6
+"""Fraction of the friction bound from which a cell counts as slipping (rounding only)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,10 @@ class FrictionConfig:
 
     Attributes:
         static: Coefficient of friction while a cell sticks (contract: 0.8).
-        kinetic_ratio: Coefficient while it slips, over the static one (0.8 for dry silicone).
-        tolerance_mm: Error of displacement at which the iterations end (ours: 1e-4 mm, 0.002 px).
+        kinetic_ratio: Coefficient of a slipping cell divided by the static one (0.8 for dry
+            silicone).
+        tolerance_mm: Error of the displacement at which the iterations end (ours: 1e-4 mm, 0.002
+            px).
     """
 
     static: float = 0.8
@@ -63,12 +65,17 @@ class FrictionConfig:
             raise ValueError("static must be >= 0, kinetic_ratio in (0, 1], tolerance_mm > 0")
 
 
-class Touch:
-    """State of the contact between the gel and whatever touches it.
+class GelContact:
+    """State of the contact between the gel and one body.
+
+    Args:
+        grid: Cells of the skin.
+        layer: Elastic response of the gel.
+        friction: Friction between skin and body.
 
     Attributes:
         traction: ``(3, n, n)`` shear along x and y, and pressure, N/mm².
-        sticking: ``(n, n)`` True where the skin is attached to the body.
+        sticking: ``(n, n)`` True where the skin sticks to the body.
     """
 
     def __init__(self, grid: GridConfig, layer: LayerOperator, friction: FrictionConfig) -> None:
@@ -78,27 +85,27 @@ class Touch:
         self.traction = np.zeros((3, n, n))
         self.sticking = np.zeros((n, n), np.bool_)
         self._influence = Influence(layer.tables)
-        self._key: tuple[SoftLayer | None, float] | None = None
+        self._influence_key: tuple[SoftLayer | None, float] | None = None
         self._indenter: Indenter | None = None
-        self._clear = False
+        self._released = False
         self.release()
 
     def release(self) -> None:
-        """Forget the contact: nothing touches."""
-        if self._clear:
+        """Remove the body: all tractions become zero."""
+        if self._released:
             return
-        self._clear = True
+        self._released = True
         cells = self._rest.shape[1]
         self.traction[:] = 0.0
         self.sticking[:] = False
-        self._change = np.zeros((3, cells))
+        self._traction_change = np.zeros((3, cells))
         self._slipping = np.zeros(cells, np.bool_)
-        self._body = np.zeros((cells, 3))
+        self._anchor_mm = np.zeros((cells, 3))
         self._pose = np.zeros((3, 4))
         self._bound = np.empty(0, np.float32)
-        self._spread = np.empty((2, 0), np.float32)
+        self._pressure_shift = np.empty((2, 0), np.float32)
         self._relative: Field | None = None
-        # The order of slots decides the last digits: a new contact starts without a past.
+        # The order of slots changes the last digits, so a new contact starts with an empty set.
         self._influence.clear()
 
     @property
@@ -109,121 +116,131 @@ class Touch:
     def press(
         self, indenter: Indenter, pose: Pose, history: Field, before: Field, compliance: float
     ) -> Field | None:
-        """Solve one step and return the new displacement at unit compliance, or None if clear.
+        """Solve one step.
 
         Args:
             indenter: The body.
-            pose: Where it is at the end of the step.
-            history: ``(3, n, n)`` displacement left by former tractions at the end of the step, mm.
+            pose: Pose of the body at the end of the step.
+            history: ``(3, n, n)`` displacement that former tractions leave at the end of the step,
+                mm.
             before: ``(3, n, n)`` displacement at the end of the last step, mm.
-            compliance: What a traction meets over the step, mm²/N.
+            compliance: Compliance of the gel over the step, mm²/N.
 
         Returns:
-            ``(3, n, n)`` displacement of the new traction at unit compliance, N/mm.
+            ``(3, n, n)`` displacement of the new traction at unit compliance, N/mm, or None if
+            nothing touches.
+
+        Raises:
+            SpikingTacError: The contact covers more than :data:`MAX_CELLS` cells.
         """
         if indenter is not self._indenter:
             self.release()
-        self._indenter, self._clear = indenter, False
+        self._indenter, self._released = indenter, False
         center = pose.position_mm + np.array([0.0, 0.0, indenter.center_mm(pose.rotation)])
-        asked = self._asked(indenter, pose, center, before)
-        near = NEAR_PITCHES * self._grid.pitch_mm
-        needed = before[2].ravel() - asked[2] < near
+        prescribed = self._prescribed(indenter, pose, center, before)
+        near = NEAR_FRACTION * self._grid.pitch_mm
+        needed = before[2].ravel() - prescribed[2] < near
         needed[self._influence.cells] |= self.traction[2].ravel()[self._influence.cells] > 0.0
         if not needed.any():
             self.release()
             return None
-        self._renew(needed, compliance)
+        self._update_influence(needed, compliance)
         flat = history.reshape(3, -1)
-        moved = self._settle(asked, flat, compliance)
-        self._attach(compliance * moved.reshape(3, -1)[:2] + flat[:2], asked, flat)
+        moved = self._solve_with_extensions(prescribed, flat, compliance)
+        self._update_anchors(compliance * moved.reshape(3, -1)[:2] + flat[:2], prescribed, flat)
         return moved
 
-    def _asked(self, indenter: Indenter, pose: Pose, center: Field, before: Field) -> Field:
+    def _prescribed(self, indenter: Indenter, pose: Pose, center: Field, before: Field) -> Field:
         """Return each cell's displacement if it sticks (x, y) or is pressed (z), ``(3, n²)``."""
         self._pose = np.column_stack((pose.rotation, center))
-        asked = before.reshape(3, -1).copy()
+        prescribed = before.reshape(3, -1).copy()
         if self._relative is not None:
-            asked[:2] = self._relative
-        held = self.sticking.reshape(-1)
-        carry_kernel(held, self._body, pose.rotation, center, self._rest, asked)
-        x, y = self._rest + asked[:2] - pose.position_mm[:2, None]
-        asked[2] = pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
-        return asked
+            prescribed[:2] = self._relative
+        sticking = self.sticking.reshape(-1)
+        attached_displacement_kernel(
+            sticking, self._anchor_mm, pose.rotation, center, self._rest, prescribed
+        )
+        x, y = self._rest + prescribed[:2] - pose.position_mm[:2, None]
+        prescribed[2] = pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
+        return prescribed
 
-    def _settle(self, asked: Field, history: Field, compliance: float) -> Field:
-        """Solve, and again with more cells where the gel has bulged into the body."""
-        near = NEAR_PITCHES * self._grid.pitch_mm
-        for _ in range(EXTENSIONS):
-            self._solve(asked, history)
+    def _solve_with_extensions(self, prescribed: Field, history: Field, compliance: float) -> Field:
+        """Solve, and solve again with more cells where the gel bulges into the body."""
+        near = NEAR_FRACTION * self._grid.pitch_mm
+        for _ in range(MAX_EXTENSIONS):
+            self._solve(prescribed, history)
             moved = self._layer.displacements(self.traction)
-            beyond = asked[2] - history[2] - compliance * moved[2].ravel() > near
+            beyond = prescribed[2] - history[2] - compliance * moved[2].ravel() > near
             beyond[self._influence.cells] = False
             if not beyond.any():
                 return moved
             beyond[self._influence.cells] = True
-            self._renew(beyond, compliance)
-        self._solve(asked, history)
+            self._update_influence(beyond, compliance)
+        self._solve(prescribed, history)
         return self._layer.displacements(self.traction)
 
-    def _renew(self, chosen: NDArray[np.bool_], compliance: float) -> None:
-        """Make the influence matrices fit the cells, the step's compliance and the body."""
-        if chosen.sum() > MOST_CELLS:
+    def _update_influence(self, chosen: NDArray[np.bool_], compliance: float) -> None:
+        """Update the influence matrices for the cells, the compliance of the step and the body."""
+        if chosen.sum() > MAX_CELLS:
             raise SpikingTacError(
-                f"the contact covers {chosen.sum()} cells, the most is {MOST_CELLS}; press "
+                f"the contact covers {chosen.sum()} cells, the most is {MAX_CELLS}; press "
                 "less deeply, take a smaller indenter or a coarser grid"
             )
         key = None if self._indenter is None else self._indenter.soft, compliance
-        if key != self._key:
-            self._key, self._influence = key, Influence(self._tables(compliance))
-        self._influence.choose(chosen)
+        if key != self._influence_key:
+            self._influence_key, self._influence = (
+                key,
+                Influence(self._influence_tables(compliance)),
+            )
+        self._influence.set_cells(chosen)
 
-    def _tables(self, compliance: float) -> Field:
+    def _influence_tables(self, compliance: float) -> Field:
         tables = compliance * self._layer.tables
         soft = self._indenter.soft if self._indenter is not None else None
         if soft is None:
             return tables
         body = LayerOperator(self._grid, soft.thickness_mm).tables
-        # The body faces the gel: what pressure does to it sideways counts the other way.
+        # The body faces the gel, so that its lateral response to pressure has the other sign.
         facing = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])[:, None, None]
         return tables + facing * body * KPA_PER_MPA / soft.shear_modulus_kpa
 
-    def _solve(self, asked: Field, history: Field) -> None:
+    def _solve(self, prescribed: Field, history: Field) -> None:
         cells, friction = self._influence.cells, self._friction
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
         guess, target = np.empty((2, 3, len(cells)), np.float32)
-        collect_kernel(cells, flat, self._change, asked, history, guess, target)
+        gather_cells_kernel(cells, flat, self._traction_change, prescribed, history, guess, target)
         shear, pressure = guess[:2], guess[2]
         target[2] += product_kernel(xz, shear[0]) + product_kernel(yz, shear[1])
-        pressure_kernel(zz, target[2], pressure, friction.tolerance_mm, MOST_ITERATIONS)
-        spread = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
-        target[:2] -= spread
+        pressure_kernel(zz, target[2], pressure, friction.tolerance_mm, MAX_ITERATIONS)
+        pressure_shift = np.stack((product_kernel(xz, pressure), product_kernel(yz, pressure)))
+        target[:2] -= pressure_shift
         coefficient = np.where(self._slipping[cells], friction.kinetic_ratio, 1.0)
         bound = (friction.static * coefficient * pressure).astype(np.float32)
-        shear_kernel(xx, xy, yy, target[:2], bound, shear, friction.tolerance_mm, MOST_SWEEPS)
-        self._bound, self._spread = bound, spread
-        deposit_kernel(cells, shear, pressure, flat, self._change)
+        shear_kernel(xx, xy, yy, target[:2], bound, shear, friction.tolerance_mm, MAX_SWEEPS)
+        self._bound, self._pressure_shift = bound, pressure_shift
+        scatter_cells_kernel(cells, shear, pressure, flat, self._traction_change)
 
-    def _attach(self, relative: Field, asked: Field, history: Field) -> None:
-        """Remember where on the body each touching cell now is."""
+    def _update_anchors(self, relative: Field, prescribed: Field, history: Field) -> None:
+        """Store the place on the body to which each touching cell sticks."""
         cells = self._influence.cells
         tau_x, tau_y, pressure = self.traction.reshape(3, -1)[:, cells]
         touching = pressure > 0.0
-        slipping = touching & (np.hypot(tau_x, tau_y) >= ON_RIM * self._bound)
-        held = self.sticking.reshape(-1)
-        fresh = cells[touching & (slipping | ~held[cells])]
+        slipping = touching & (np.hypot(tau_x, tau_y) >= SLIP_FRACTION * self._bound)
+        sticking = self.sticking.reshape(-1)
+        fresh = cells[touching & (slipping | ~sticking[cells])]
         if self._indenter is not None and self._indenter.soft is not None:
-            relative[:, cells] = self._against_soft() + history[:2, cells]
-        attach_kernel(fresh, self._rest, relative, asked[2], self._pose, self._body)
-        held[:] = False
-        held[cells] = touching
+            relative[:, cells] = self._relative_displacement() + history[:2, cells]
+        set_anchors_kernel(fresh, self._rest, relative, prescribed[2], self._pose, self._anchor_mm)
+        sticking[:] = False
+        sticking[cells] = touching
         self._slipping[:] = False
         self._slipping[cells] = slipping
         self._relative = relative
 
-    def _against_soft(self) -> Field:
-        """Return what the tractions do to the cells, gel and body together, ``(2, c)``, mm."""
+    def _relative_displacement(self) -> Field:
+        """Return the displacement of the cells by the tractions, gel plus body, ``(2, c)``, mm."""
         shear = self.traction.reshape(3, -1)[:2, self._influence.cells]
         xx, xy, yy = self._influence.matrices[:3]
-        sheared = sheared_kernel(xx, xy, yy, np.ascontiguousarray(shear, np.float32))
-        return (sheared + self._spread).astype(np.float64)
+        sheared = lateral_displacement_kernel(xx, xy, yy, np.ascontiguousarray(shear, np.float32))
+        return (sheared + self._pressure_shift).astype(np.float64)

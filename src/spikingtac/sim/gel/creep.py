@@ -1,8 +1,8 @@
-"""The memory of the gel: a creep chain driven by the history of the traction.
+"""Creep of the gel: a Kelvin chain that is driven by the history of the traction.
 
-A linear gel whose surface is held by a body shows no memory of its own while nothing slips (its
-modulus cancels); memory appears as a residual displacement after unloading. So the chain takes
-the traction, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
+A linear gel whose surface sticks to a body shows no creep, because its modulus cancels. Creep
+appears as a residual displacement after unloading. The chain therefore takes the traction as its
+input, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class SpectrumConfig:
     """Retarded compliances of the gel (a Kelvin chain).
 
     Attributes:
-        fractions: J_i / J0, the retarded over the instantaneous compliance. The usual ones are a
-            declared fit: no spectrum of the paper's gel is published.
+        fractions: J_i / J0, the retarded compliances divided by the instantaneous one. The default
+            values are a declared fit: no spectrum of the paper's gel is published.
         times_s: Retardation times tau_i, s.
     """
 
@@ -40,26 +40,30 @@ class SpectrumConfig:
 
 
 @njit(cache=True, nogil=True)
-def history_kernel(kept: Field, retarded: Field, out: Field) -> None:
-    """Fill ``out[c] = sum_i kept[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
+def creep_displacement_kernel(decay: Field, retarded: Field, out: Field) -> None:
+    """Fill ``out[c] = sum_i decay[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
     out[:] = 0.0
-    for i in range(len(kept)):
+    for i in range(len(decay)):
         for cell in range(len(out)):
-            out[cell] += kept[i] * retarded[i, cell]
+            out[cell] += decay[i] * retarded[i, cell]
 
 
 @njit(cache=True, nogil=True)
-def advance_kernel(kept: Field, gained: Field, elastic: Field, retarded: Field) -> None:
-    """Set ``retarded[i, c]`` to ``kept[i] retarded[i, c] + gained[i] elastic[c]``, in place."""
-    for i in range(len(kept)):
+def advance_creep_kernel(decay: Field, gain: Field, elastic: Field, retarded: Field) -> None:
+    """Set ``retarded[i, c]`` to ``decay[i] retarded[i, c] + gain[i] elastic[c]``, in place."""
+    for i in range(len(decay)):
         for cell in range(len(elastic)):
-            retarded[i, cell] = kept[i] * retarded[i, cell] + gained[i] * elastic[cell]
+            retarded[i, cell] = decay[i] * retarded[i, cell] + gain[i] * elastic[cell]
 
 
 class CreepChain:
-    """Retarded displacement fields, stepped exactly for a traction that is constant in a step.
+    """Retarded displacement fields. A step is exact if the traction is constant in it.
 
-    All displacements given and returned are per instantaneous compliance: ``elastic`` is J0 G q.
+    All displacements are given per instantaneous compliance: ``elastic`` is J0 G q.
+
+    Args:
+        config: Spectrum of the gel.
+        shape: Shape of a displacement field.
     """
 
     def __init__(self, config: SpectrumConfig, shape: tuple[int, ...]) -> None:
@@ -69,33 +73,34 @@ class CreepChain:
         self._flat = self._retarded.reshape(len(self._times_s), math.prod(shape))
 
     def compliance(self, dt_s: float) -> float:
-        """Return the compliance that a traction meets over the coming step, over J0."""
+        """Return the compliance over the coming step, divided by J0."""
         return 1.0 + float(self._fractions @ -np.expm1(-dt_s / self._times_s))
 
     def history(self, dt_s: float) -> Field:
-        """Return what remains, after the coming step, of all former tractions, mm."""
+        """Return the displacement that former tractions leave at the end of the coming step, mm."""
         out = np.empty(self._retarded.shape[1:])
-        history_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
+        creep_displacement_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
         return out
 
     def advance(self, dt_s: float, elastic: Field | None) -> None:
-        """Take a step under a constant traction.
+        """Advance by one step under a constant traction.
 
         Args:
             dt_s: Length of the step, s.
-            elastic: Instantaneous displacement under that traction, mm; None where it is zero.
+            elastic: Instantaneous displacement under that traction, mm; None if the traction is
+                zero.
         """
-        kept = np.exp(-dt_s / self._times_s)
+        decay = np.exp(-dt_s / self._times_s)
         if elastic is None:
-            self._flat *= kept[:, None]
+            self._flat *= decay[:, None]
         else:
-            gained = (1.0 - kept) * self._fractions
-            advance_kernel(kept, gained, elastic.reshape(-1), self._flat)
+            gain = (1.0 - decay) * self._fractions
+            advance_creep_kernel(decay, gain, elastic.reshape(-1), self._flat)
 
     def largest_mm(self) -> float:
-        """Return a bound of the displacement that is still stored, mm."""
+        """Return an upper bound of the stored displacement, mm."""
         return float(sum(np.abs(part).max() for part in self._retarded))
 
     def reset(self) -> None:
-        """Forget every traction."""
+        """Set all stored displacements to zero."""
         self._retarded[:] = 0.0

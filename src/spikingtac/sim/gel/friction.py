@@ -1,10 +1,10 @@
-"""Which cells stick and which slip: Coulomb friction by projected Gauss-Seidel sweeps.
+"""Stick and slip: Coulomb friction by projected Gauss-Seidel sweeps.
 
 Over one step the friction problem with known pressure is convex: the shear tractions minimise the
 elastic energy less their work on the stick displacements, each within its own disc of radius
 friction times pressure (Kalker's principle; J. J. Kalker, "Three-Dimensional Elastic Bodies in
-Rolling Contact", 1990, section 4.3). A cell inside its disc sticks; on the rim it slips along its
-own traction.
+Rolling Contact", 1990, section 4.3). A cell inside its disc sticks; a cell on the rim slips along
+its own traction.
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 RELAXATION = np.float32(0.75)
-"""Share of the way to its own solution that each cell goes in a sweep: neighbours respond alike, so
-all the way overshoots (0.75 needs a tenth to a fifth fewer sweeps than 1; 1.5 twice as many)."""
+"""Fraction of the way to its own solution that each cell moves in a sweep.
+
+Neighbours respond alike, so that a full step overshoots: 0.75 needs a tenth to a fifth fewer sweeps
+than 1; 1.5 needs twice as many.
+"""
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -27,25 +30,25 @@ def shear_kernel(
     bound: NDArray[np.float32],
     shear: NDArray[np.float32],
     tolerance: float,
-    most_sweeps: int,
+    max_sweeps: int,
 ) -> int:
-    """Find the shear tractions that carry each cell to its target, as far as friction allows.
+    """Find the shear tractions that move each cell to its target, as far as friction allows.
 
     Args:
-        xx: ``(room, room)`` displacement along x per shear along x, mm per N/mm².
-        xy: ``(room, room)`` along x per shear along y (and the other way round).
-        yy: ``(room, room)`` along y per shear along y.
+        xx: ``(capacity, capacity)`` displacement along x per shear along x, mm per N/mm².
+        xy: ``(capacity, capacity)`` along x per shear along y (and along y per shear along x).
+        yy: ``(capacity, capacity)`` along y per shear along y.
         target: ``(2, c)`` displacement of each cell if it sticks, mm.
         bound: ``(c,)`` largest shear, N/mm²; zero where nothing presses.
         shear: ``(2, c)`` first guess, overwritten by the solution, N/mm².
         tolerance: Largest change of a cell's displacement by its own shear in a sweep, mm.
-        most_sweeps: Where to stop at the latest.
+        max_sweeps: Largest number of sweeps.
 
     Returns:
-        Number of sweeps done.
+        Number of sweeps.
     """
     count = len(bound)
-    for sweep in range(most_sweeps):
+    for sweep in range(max_sweeps):
         worst = np.float32(0.0)
         for i in range(count):
             if bound[i] <= 0.0:
@@ -69,4 +72,4 @@ def shear_kernel(
             shear[1, i] = wanted_y
         if worst <= RELAXATION * tolerance:
             return sweep + 1
-    return most_sweeps
+    return max_sweeps

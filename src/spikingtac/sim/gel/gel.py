@@ -1,7 +1,7 @@
-"""The gel: what an indenter's motion does to the markers, with creep, friction and memory.
+"""The gel: displacement of the markers under an indenter's motion, with friction and creep.
 
-A layer of shear modulus mu and thickness h, bonded to the window that the camera looks through;
-the markers are taken to move with its free surface (the black skin is part of the layer).
+The model is a layer of shear modulus mu and thickness h, bonded to the window of the camera. The
+markers move with its free surface (the black skin is part of the layer).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, Touch
+from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, GelContact
 from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.indenters import Indenter
@@ -22,14 +22,14 @@ from spikingtac.types import Pose
 
 Field = NDArray[np.float64]
 
-FORGOTTEN_MM = 1e-5
-"""Stored creep below this counts as none (1.6e-4 px, a thousandth of any tracker's error)."""
+NEGLIGIBLE_CREEP_MM = 1e-5
+"""Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error)."""
 US_PER_S = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelConfig:
-    """The gel, as pinned in the contract.
+    """The gel. The default values are pinned in the contract.
 
     Attributes:
         shear_modulus_kpa: Instantaneous shear modulus mu, kPa (tactile gels: 20 to 60).
@@ -37,7 +37,7 @@ class GelConfig:
         spectrum: Retarded compliances.
         friction: Friction between skin and indenter.
         grid: Cells of the mechanics.
-        inertia: Ringing after a sudden release.
+        inertia: Oscillation after a sudden release.
     """
 
     shear_modulus_kpa: float = 30.0
@@ -66,14 +66,14 @@ class Gel:
         """Build the gel at rest.
 
         Args:
-            config: Its properties.
+            config: Properties of the gel.
             marker_rest_mm: ``(m, 2)`` markers at rest (x right, y down), mm.
         """
         grid = config.grid
         self._config = config
         self._compliance = KPA_PER_MPA / config.shear_modulus_kpa
         self._layer = LayerOperator(grid, config.thickness_mm)
-        self._touch = Touch(grid, self._layer, config.friction)
+        self._contact = GelContact(grid, self._layer, config.friction)
         self._creep = CreepChain(config.spectrum, (3, grid.cells, grid.cells))
         self._markers = MarkerInterpolation(grid, marker_rest_mm)
         self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
@@ -83,23 +83,23 @@ class Gel:
         self.reset()
 
     def reset(self) -> None:
-        """Return to a gel at rest that nothing has touched, at time zero."""
+        """Return to a gel at rest without any history, at time zero."""
         self._t_s = 0.0
         self._resting = True
         self._displacement[:] = 0.0
-        self._touch.release()
+        self._contact.release()
         self._creep.reset()
         self._ringing.reset()
 
     @property
     def pressure_mpa(self) -> Field:
         """``(n, n)`` contact pressure on the cells, N/mm²."""
-        return self._touch.traction[2]
+        return self._contact.traction[2]
 
     @property
     def shear_mpa(self) -> Field:
         """``(2, n, n)`` shear along x and y of the body on the skin, N/mm²."""
-        return self._touch.traction[:2]
+        return self._contact.traction[:2]
 
     @property
     def displacement_mm(self) -> Field:
@@ -109,11 +109,11 @@ class Gel:
     @property
     def in_contact(self) -> bool:
         """True where any pressure acts."""
-        return bool(self._touch.traction[2].any())
+        return bool(self._contact.traction[2].any())
 
     @property
     def resting(self) -> bool:
-        """True while nothing touches and what creep has left is negligible."""
+        """True while nothing touches and the stored creep is negligible."""
         return self._resting
 
     def step(self, dt_s: float, indenter: Indenter | None, pose: Pose | None) -> SkinState:
@@ -143,7 +143,7 @@ class Gel:
     def _advance(self, dt_s: float, indenter: Indenter, pose: Pose) -> None:
         history = self._creep.history(dt_s)
         compliance = self._compliance * self._creep.compliance(dt_s)
-        moved = self._touch.press(indenter, pose, history, self._displacement, compliance)
+        moved = self._contact.press(indenter, pose, history, self._displacement, compliance)
         if moved is None:
             self._recover(dt_s)
             return
@@ -152,13 +152,13 @@ class Gel:
         self._displacement = compliance * moved + history
 
     def _recover(self, dt_s: float) -> None:
-        """Let the gel creep back with nothing touching it."""
-        self._touch.release()
+        """Let the gel creep back while nothing touches it."""
+        self._contact.release()
         if self._resting:
             return
         self._displacement = self._creep.history(dt_s)
         self._creep.advance(dt_s, None)
-        if self._creep.largest_mm() < FORGOTTEN_MM:
+        if self._creep.largest_mm() < NEGLIGIBLE_CREEP_MM:
             self._creep.reset()
             self._displacement[:] = 0.0
             self._resting = True
@@ -166,7 +166,7 @@ class Gel:
     def _state(self, dt_s: float, pose: Pose | None) -> SkinState:
         moved, gradient = self._markers.at_markers(self._displacement)
         if self._config.inertia.enabled:
-            moved = self._ringing.follow(dt_s, moved)
+            moved = self._ringing.step(dt_s, moved)
         force, torque = self._load()
         return SkinState(
             t_us=round(self._t_s * US_PER_S),
@@ -179,12 +179,12 @@ class Gel:
         )
 
     def _load(self) -> tuple[Field, Field]:
-        """Return the force and the moment of the body on the skin, N and N mm."""
+        """Return the force (N) and the moment (N mm) of the body on the skin."""
         if not self.in_contact:
             return np.zeros(3), np.zeros(3)
         grid = self._config.grid
-        cells = self._touch.cells
-        force = self._touch.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
+        cells = self._contact.cells
+        force = self._contact.traction.reshape(3, -1)[:, cells] * grid.pitch_mm**2
         place = self._displacement.reshape(3, -1)[:, cells].copy()
         rows, columns = np.divmod(cells, grid.cells)
         place[0] += grid.axis_mm[columns]

@@ -1,8 +1,8 @@
-"""How the surface of a bonded elastic layer moves under traction: four closed forms and a grid.
+"""Surface displacement of a bonded elastic layer under traction: four closed forms and a grid.
 
-The layer is incompressible, linear and isotropic, bonded to a rigid base, of thickness h. Frame:
-x right, y down, z into the layer (towards the camera), so that pressure and indentation are
-positive. All responses are for unit shear modulus; multiply by the compliance 1/mu.
+The layer is incompressible, linear and isotropic, bonded to a rigid base, of thickness h. Frame: x
+right, y down, z into the layer (towards the camera), so that pressure and indentation are positive.
+All responses are for unit shear modulus; multiply by the compliance 1/mu.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
 
-LARGEST_ARGUMENT = 300.0
-"""Where kh is cut before cosh overflows; 1/cosh² is zero in double precision long before."""
+MAX_ARGUMENT = 300.0
+"""Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def layer_response(wavenumber_per_mm: Field, thickness_mm: float) -> LayerRespon
     """
     flat = wavenumber_per_mm <= 0.0
     k = np.where(flat, 1.0, wavenumber_per_mm)
-    x = np.minimum(k * thickness_mm, LARGEST_ARGUMENT)
+    x = np.minimum(k * thickness_mm, MAX_ARGUMENT)
     tanh, sech2 = np.tanh(x), 1.0 / np.cosh(x) ** 2
     scale = 0.5 / (k * (1.0 + x**2 * sech2))
     return LayerResponse(
@@ -92,7 +92,7 @@ class GridConfig:
 
 
 @njit(cache=True, nogil=True)
-def response_kernel(
+def layer_response_kernel(
     even: Field, odd: Field, traction: NDArray[np.complex128], out: NDArray[np.complex128]
 ) -> None:
     """Multiply a traction's spectrum by the layer's response.
@@ -149,7 +149,7 @@ class LayerOperator:
         n = self._grid.cells
         traction_k = np.asarray(scipy.fft.rfft2(traction, workers=1), np.complex128)
         out = np.empty_like(traction_k)
-        response_kernel(self._even, self._odd, traction_k, out)
+        layer_response_kernel(self._even, self._odd, traction_k, out)
         moved = scipy.fft.irfft2(out, s=(n, n), workers=1, overwrite_x=True)
         return np.asarray(moved, np.float64)
 

@@ -1,6 +1,7 @@
-"""Between the grid and the cells in contact: what a step takes from it and writes back.
+"""Exchange between the grid and the cells in contact.
 
-Plain loops over a few hundred cells; as array expressions they would cost more than the solvers.
+The kernels are plain loops over a few hundred cells. As array expressions they would take longer
+than the solvers.
 """
 
 from __future__ import annotations
@@ -16,70 +17,71 @@ Single = NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def carry_kernel(
-    held: Flags, body: Field, rotation: Field, center: Field, rest: Field, relative: Field
+def attached_displacement_kernel(
+    sticking: Flags, anchor_mm: Field, rotation: Field, center: Field, rest: Field, relative: Field
 ) -> None:
-    """Overwrite the displacement of held cells by that of the places they are attached to.
+    """Overwrite the displacement of sticking cells by that of their anchors on the body.
 
     Args:
-        held: ``(n²,)`` cells that are attached.
-        body: ``(n², 3)`` where, in the body's own frame, mm.
+        sticking: ``(n²,)`` True for cells that stick.
+        anchor_mm: ``(n², 3)`` anchors in the body's own frame, mm.
         rotation: ``(3, 3)`` orientation of the body.
-        center: ``(3,)`` its centre, mm.
+        center: ``(3,)`` centre of the body, mm.
         rest: ``(2, n²)`` cells at rest, mm.
-        relative: ``(2, n²)`` displacement against the body's undeformed shape, mm.
+        relative: ``(2, n²)`` displacement against the body's undeformed shape, mm; overwritten
+            where a cell sticks.
     """
-    for cell in range(len(held)):
-        if held[cell]:
+    for cell in range(len(sticking)):
+        if sticking[cell]:
             for axis in range(2):
                 place = center[axis]
                 for own in range(3):
-                    place += rotation[axis, own] * body[cell, own]
+                    place += rotation[axis, own] * anchor_mm[cell, own]
                 relative[axis, cell] = place - rest[axis, cell]
 
 
 @njit(cache=True, nogil=True)
-def collect_kernel(
+def gather_cells_kernel(
     cells: Cells,
     traction: Field,
     change: Field,
-    asked: Field,
+    prescribed: Field,
     history: Field,
     guess: Single,
     target: Single,
 ) -> None:
-    """Take from the grid what the solvers need; guesses go on as in the last step.
+    """Read from the grid what the solvers need. The first guesses extrapolate the last step.
 
     Args:
         cells: ``(c,)`` flat index of each cell.
-        traction: ``(3, n²)`` of the last step, N/mm².
-        change: ``(3, n²)`` of the traction in the last step, N/mm².
-        asked: ``(3, n²)`` displacement if a cell sticks (x, y) or is pressed (z), mm.
-        history: ``(3, n²)`` displacement left by former tractions, mm.
-        guess: ``(3, c)`` tractions to begin with, to fill.
-        target: ``(3, c)`` displacement that the tractions have to bring about, to fill.
+        traction: ``(3, n²)`` traction of the last step, N/mm².
+        change: ``(3, n²)`` change of the traction in the last step, N/mm².
+        prescribed: ``(3, n²)`` displacement if a cell sticks (x, y) or is pressed (z), mm.
+        history: ``(3, n²)`` displacement that former tractions leave, mm.
+        guess: ``(3, c)`` initial tractions, N/mm², overwritten.
+        target: ``(3, c)`` displacement that the tractions must cause, mm, overwritten.
     """
     for i in range(len(cells)):
         cell = cells[i]
         for axis in range(3):
             guess[axis, i] = traction[axis, cell] + change[axis, cell]
-            target[axis, i] = asked[axis, cell] - history[axis, cell]
+            target[axis, i] = prescribed[axis, cell] - history[axis, cell]
         if traction[2, cell] == 0.0:
             guess[2, i] = 0.0
 
 
 @njit(cache=True, nogil=True)
-def deposit_kernel(
+def scatter_cells_kernel(
     cells: Cells, shear: Single, pressure: Single, traction: Field, change: Field
 ) -> None:
-    """Write the solution to the grid, zero elsewhere, and how much it changed.
+    """Write the solution and its change to the grid, and zero elsewhere.
 
     Args:
         cells: ``(c,)`` flat index of each cell.
         shear: ``(2, c)``, N/mm².
         pressure: ``(c,)``, N/mm².
-        traction: ``(3, n²)``, overwritten.
-        change: ``(3, n²)``, overwritten.
+        traction: ``(3, n²)``, N/mm², overwritten.
+        change: ``(3, n²)``, N/mm², overwritten.
     """
     change[:] = 0.0
     for i in range(len(cells)):
@@ -96,22 +98,22 @@ def deposit_kernel(
 
 
 @njit(cache=True, nogil=True)
-def attach_kernel(
-    fresh: Cells, rest: Field, relative: Field, reach: Field, pose: Field, body: Field
+def set_anchors_kernel(
+    fresh: Cells, rest: Field, relative: Field, reach: Field, pose: Field, anchor_mm: Field
 ) -> None:
-    """Remember where on the body each freshly touching cell is.
+    """Store the place on the body of each cell that has begun to stick.
 
     Args:
         fresh: ``(f,)`` flat index of those cells.
         rest: ``(2, n²)`` cells at rest, mm.
         relative: ``(2, n²)`` displacement against the body's undeformed shape, mm.
         reach: ``(n²,)`` height of the body's surface there, mm.
-        pose: ``(3, 4)`` the body's rotation, then its centre, mm.
-        body: ``(n², 3)`` places in the body's own frame, to write.
+        pose: ``(3, 4)`` rotation of the body, then its centre, mm.
+        anchor_mm: ``(n², 3)`` anchors in the body's own frame, mm, overwritten for those cells.
     """
     for cell in fresh:
         x = rest[0, cell] + relative[0, cell] - pose[0, 3]
         y = rest[1, cell] + relative[1, cell] - pose[1, 3]
         z = reach[cell] - pose[2, 3]
         for own in range(3):
-            body[cell, own] = pose[0, own] * x + pose[1, own] * y + pose[2, own] * z
+            anchor_mm[cell, own] = pose[0, own] * x + pose[1, own] * y + pose[2, own] * z

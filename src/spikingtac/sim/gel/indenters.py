@@ -1,8 +1,8 @@
 """The bodies that touch the skin, as height fields below their deepest point.
 
 Coordinates are mm in the skin's frame, from the indenter's reference point (its pose). Heights are
-zero at the deepest point and negative elsewhere. A soft body has a compliance of its own in series
-with the gel's: that of an incompressible layer on a rigid core, like the gel itself.
+zero at the deepest point and negative elsewhere. A soft body has a compliance in series with that
+of the gel: an incompressible layer on a rigid core.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from spikingtac.schema import build
 
 Heights = NDArray[np.float64]
 
-CLEAR_MM = -1e3
-"""Height given to places where the body has no surface: far clear of any skin."""
+NO_SURFACE_MM = -1e3
+"""Height where the body has no surface, far away from any skin, mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ class Ellipsoid:
         rest = m[0, 0] * x_mm**2 + 2.0 * m[0, 1] * x_mm * y_mm + m[1, 1] * y_mm**2 - 1.0
         root = linear**2 - m[2, 2] * rest
         top = (np.sqrt(np.maximum(root, 0.0)) - linear) / m[2, 2]
-        return np.where(root > 0.0, top + self.center_mm(rotation), CLEAR_MM)
+        return np.where(root > 0.0, top + self.center_mm(rotation), NO_SURFACE_MM)
 
     def center_mm(self, rotation: NDArray[np.float64]) -> float:
         """Return the centre's height below the deepest point; see :class:`Indenter`."""
@@ -112,8 +112,8 @@ class PunchConfig:
 
     Attributes:
         radius_mm: Outer radius, mm.
-        rim_mm: Radius of the rounded rim, mm (ours: a machined punch is broken at the edge).
-        soft: Compliance of the body, or None.
+        rim_mm: Radius of the rounded rim, mm (ours: the broken edge of a machined punch).
+        soft: Compliance of the body, or None if it is rigid.
     """
 
     radius_mm: float = 3.0
@@ -122,7 +122,7 @@ class PunchConfig:
 
 
 class Punch:
-    """A flat punch; a tilt makes its face a plane on edge."""
+    """A flat punch. A tilt turns its face into an inclined plane."""
 
     def __init__(self, config: PunchConfig) -> None:
         self._config = config
@@ -162,7 +162,7 @@ class RodsConfig:
 
 
 class Rods:
-    """Rods with round ends; a tilt makes them lean (heights to second order in the lean)."""
+    """Parallel rods with round ends. Heights are of second order in a tilt."""
 
     def __init__(self, config: RodsConfig) -> None:
         self._config = config
@@ -195,7 +195,7 @@ def _plane_mm(x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> He
 def _arc_mm(distance_mm: Heights, radius_mm: float) -> Heights:
     """Return how far a circular arc has fallen at a distance from its top."""
     root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0)) - radius_mm
-    return np.where(distance_mm < radius_mm, root, CLEAR_MM)
+    return np.where(distance_mm < radius_mm, root, NO_SURFACE_MM)
 
 
 FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
@@ -203,7 +203,7 @@ FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FingerConfig(EllipsoidConfig):
+class FingertipConfig(EllipsoidConfig):
     """A finger tip: soft, 7 mm in radius (ours: adult index, 6 to 8 mm)."""
 
     radius_x_mm: float = 7.0
@@ -221,7 +221,7 @@ class SpoonConfig(EllipsoidConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProbeConfig(RodsConfig):
+class LyingProbeConfig(RodsConfig):
     """A probe that lies in the gel, as when it is grasped (patch of 7 by 18 mm)."""
 
     count: int = 1
@@ -231,7 +231,7 @@ class ProbeConfig(RodsConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterConfig:
-    """Which body, and its own settings where they differ from the usual ones.
+    """Name of a body, and those of its settings that differ from the defaults.
 
     Attributes:
         kind: Name in :data:`INDENTERS`.
@@ -244,20 +244,20 @@ class IndenterConfig:
 
 INDENTERS: dict[str, tuple[type, type]] = {
     "ball": (Ellipsoid, EllipsoidConfig),
-    "finger": (Ellipsoid, FingerConfig),
+    "finger": (Ellipsoid, FingertipConfig),
     "spoon": (Ellipsoid, SpoonConfig),
     "comb": (Rods, RodsConfig),
     "punch": (Punch, PunchConfig),
-    "probe": (Rods, ProbeConfig),
+    "probe": (Rods, LyingProbeConfig),
 }
 """Name -> (class, config class)."""
 
 
 def make_indenter(config: IndenterConfig) -> Indenter:
-    """Build an indenter by name.
+    """Return an indenter by name.
 
     Raises:
-        ConfigError: The name or a setting is unknown; names the nearest valid one.
+        ConfigError: The name or a setting is unknown. The message names the nearest valid one.
     """
     if config.kind not in INDENTERS:
         names = ", ".join(INDENTERS)

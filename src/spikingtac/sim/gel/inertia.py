@@ -1,7 +1,7 @@
-"""Ringing after a sudden release: the layer's first shear resonance, as an add-on.
+"""Oscillation after a sudden release: the first shear resonance of the layer.
 
-The gel is quasi-static otherwise. Each marker follows its quasi-static place as a damped mass on a
-spring; the step is exact for a place that moves evenly within it.
+The gel is quasi-static otherwise. Each marker follows its quasi-static place like a damped mass on
+a spring. The step is exact for a place that moves evenly within it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ DENSITY_G_CM3 = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class InertiaConfig:
-    """The resonance, and whether it is modelled.
+    """The shear resonance.
 
     Attributes:
-        enabled: True adds it. It shows only where the gel is stepped several times per period.
+        enabled: True adds the oscillation. It shows only if the gel is stepped several times per
+            period.
         damping: Damping ratio (ours: the middle of 0.1 to 0.2).
     """
 
@@ -42,7 +43,13 @@ def shear_resonance_hz(shear_modulus_kpa: float, thickness_mm: float) -> float:
 
 
 class Ringing:
-    """Damped followers of moving places; see the module."""
+    """Damped oscillators that follow moving places.
+
+    Args:
+        resonance_hz: Natural frequency, Hz.
+        damping: Damping ratio.
+        shape: Shape of the array of coordinates.
+    """
 
     def __init__(self, resonance_hz: float, damping: float, shape: tuple[int, ...]) -> None:
         self._rate = 2.0 * math.pi * resonance_hz
@@ -51,12 +58,12 @@ class Ringing:
         self._position = np.zeros(shape)
         self._velocity = np.zeros(shape)
 
-    def follow(self, dt_s: float, place_mm: Field) -> Field:
-        """Return where the followers are after a step that ends with their places given.
+    def step(self, dt_s: float, place_mm: Field) -> Field:
+        """Advance by one step and return the positions of the oscillators, mm.
 
         Args:
             dt_s: Length of the step, s.
-            place_mm: Quasi-static places at its end, mm.
+            place_mm: Quasi-static places at the end of the step, mm.
         """
         drift = (place_mm - self._place) / dt_s
         lag = 2.0 * self._damping / self._rate * drift

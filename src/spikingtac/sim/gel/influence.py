@@ -1,11 +1,10 @@
-"""Dense influence matrices between the few cells that touch.
+"""Dense influence matrices between the few cells in contact.
 
-A contact covers 2 to 10 % of the grid, so the contact problem is solved on its own cells, where a
-dense product costs less than a Fourier transform of the whole grid; results are equal. Single
-precision halves the memory that each product reads, which is what limits it; its rounding (1e-7 of
-a displacement) is far below the tolerance of the iterations. Products are written out, since BLAS
-would wake its threads for them, which costs more than the product and lets the last digits depend
-on the machine's cores.
+A contact covers 2 to 10 % of the grid. A dense product over its own cells takes less time than a
+Fourier transform of the whole grid, and the results are equal. Single precision halves the memory
+that each product reads, which limits its speed. Its rounding (1e-7 of a displacement) is far below
+the tolerance of the iterations. Products are written as loops: BLAS would start its threads, which
+takes longer than the product and makes the last digits depend on the number of cores.
 """
 
 from __future__ import annotations
@@ -18,27 +17,27 @@ Matrix = NDArray[np.float32]
 Vector = NDArray[np.float32]
 Cells = NDArray[np.int64]
 
-SPARE_SLOTS = 64
-"""Rows that are added beyond need when the memory grows, so that it seldom grows."""
+SPARE_CAPACITY = 64
+"""Rows that are added beyond need when the matrices grow, so that they grow seldom."""
 
 
 @njit(cache=True, nogil=True)
-def refill_kernel(
-    unrolled: Matrix, places: Cells, slots: Cells, center: int, out: NDArray[np.float32]
+def fill_influence_kernel(
+    unrolled: Matrix, cell_index: Cells, slots: Cells, center: int, out: NDArray[np.float32]
 ) -> None:
     """Write the rows and columns of some slots: ``out[t, i, j]`` is the response at i to j.
 
     Args:
         unrolled: ``(tables, (2n - 1)²)`` response by offset, without wrap-around.
-        places: ``(c,)`` place of each slot's cell in rows of 2n - 1.
+        cell_index: ``(c,)`` index of each slot's cell in rows of 2n - 1.
         slots: Slots whose cell is new.
         center: Index of the offset zero.
-        out: ``(tables, room, room)`` matrices, room >= c.
+        out: ``(tables, capacity, capacity)`` matrices, with capacity >= c.
     """
     for table in range(out.shape[0]):
         for slot in slots:
-            for other in range(len(places)):
-                offset = places[slot] - places[other]
+            for other in range(len(cell_index)):
+                offset = cell_index[slot] - cell_index[other]
                 out[table, slot, other] = unrolled[table, center + offset]
                 out[table, other, slot] = unrolled[table, center - offset]
 
@@ -48,8 +47,8 @@ def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
     """Return the product of a matrix's leading square with a vector.
 
     Args:
-        matrix: ``(room, room)``.
-        vector: ``(c,)`` with c <= room.
+        matrix: ``(capacity, capacity)``.
+        vector: ``(c,)`` with c <= capacity.
     """
     count = len(vector)
     out = np.empty(count, np.float32)
@@ -62,13 +61,15 @@ def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def sheared_kernel(xx: Matrix, xy: Matrix, yy: Matrix, shear: NDArray[np.float32]) -> Matrix:
+def lateral_displacement_kernel(
+    xx: Matrix, xy: Matrix, yy: Matrix, shear: NDArray[np.float32]
+) -> Matrix:
     """Return the ``(2, c)`` lateral displacement under ``(2, c)`` shear.
 
     Args:
-        xx: ``(room, room)`` displacement along x per shear along x.
-        xy: ``(room, room)`` along x per shear along y, and the other way round.
-        yy: ``(room, room)`` along y per shear along y.
+        xx: ``(capacity, capacity)`` displacement along x per shear along x.
+        xy: ``(capacity, capacity)`` along x per shear along y, and the other way round.
+        yy: ``(capacity, capacity)`` along y per shear along y.
         shear: ``(2, c)``.
     """
     count = shear.shape[1]
@@ -89,8 +90,8 @@ class Influence:
 
     Attributes:
         cells: ``(c,)`` flat index of the cell in each slot.
-        matrices: ``(tables, room, room)`` response at each slot to unit traction on each other;
-            only the leading c by c parts hold values.
+        matrices: ``(tables, capacity, capacity)`` response at each slot to unit traction at each
+            other. Only the leading c by c parts hold values.
     """
 
     def __init__(self, tables: NDArray[np.float64]) -> None:
@@ -104,11 +105,11 @@ class Influence:
         self.matrices = np.empty((len(tables), 0, 0), np.float32)
 
     def clear(self) -> None:
-        """Empty the set; the memory stays."""
+        """Empty the set. The memory is kept."""
         self.cells = np.empty(0, np.int64)
 
-    def choose(self, wanted: NDArray[np.bool_]) -> None:
-        """Change the set of cells; those that stay keep their slots where they can.
+    def set_cells(self, wanted: NDArray[np.bool_]) -> None:
+        """Change the set of cells. Cells that remain keep their slots where possible.
 
         Args:
             wanted: ``(n²,)`` True for the cells of the set.
@@ -127,15 +128,15 @@ class Influence:
         empty = np.flatnonzero(slots < 0)
         slots[empty] = np.concatenate((moved, incoming))
         self.cells = slots
-        self._refill(empty)
+        self._fill(empty)
 
-    def _refill(self, slots: Cells) -> None:
-        room = self.matrices.shape[1]
-        if len(self.cells) > room:
-            room = len(self.cells) + SPARE_SLOTS
-            self.matrices = np.empty((len(self._unrolled), room, room), np.float32)
+    def _fill(self, slots: Cells) -> None:
+        capacity = self.matrices.shape[1]
+        if len(self.cells) > capacity:
+            capacity = len(self.cells) + SPARE_CAPACITY
+            self.matrices = np.empty((len(self._unrolled), capacity, capacity), np.float32)
             slots = np.arange(len(self.cells))
         rows, columns = np.divmod(self.cells, self._side)
         center = (self._stride // 2) * (self._stride + 1)
-        places = rows * self._stride + columns
-        refill_kernel(self._unrolled, places, slots, center, self.matrices)
+        cell_index = rows * self._stride + columns
+        fill_influence_kernel(self._unrolled, cell_index, slots, center, self.matrices)

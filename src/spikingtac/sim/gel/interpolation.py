@@ -14,7 +14,9 @@ _STENCIL = np.arange(-2, 4)
 
 
 @njit(cache=True, nogil=True)
-def gather_kernel(fields: Field, cells: NDArray[np.int64], weights: Field, found: Field) -> None:
+def interpolate_kernel(
+    fields: Field, cells: NDArray[np.int64], weights: Field, found: Field
+) -> None:
     """Add up weighted cells: ``found[f, w, m] += sum_s weights[w, m, s] fields[f, cells[m, s]]``.
 
     Args:
@@ -33,11 +35,11 @@ def gather_kernel(fields: Field, cells: NDArray[np.int64], weights: Field, found
 
 
 class MarkerInterpolation:
-    """Quintic Lagrange interpolation on 6 by 6 cells, with weights made once.
+    """Quintic Lagrange interpolation on 6 by 6 cells. The weights are computed once.
 
     Args:
         grid: The grid.
-        points_mm: ``(m, 2)`` where to interpolate (x, y), mm; the grid repeats beyond its span.
+        points_mm: ``(m, 2)`` points (x, y), mm. The grid repeats beyond its span.
     """
 
     def __init__(self, grid: GridConfig, points_mm: Field) -> None:
@@ -65,7 +67,7 @@ class MarkerInterpolation:
             ``(m, 3)`` displacement, mm, and ``(m, 2, 2)`` derivatives d(u_x, u_y) / d(x, y).
         """
         found = np.zeros((3, 3, len(self._cells)))
-        gather_kernel(displacement_mm.reshape(3, -1), self._cells, self._weights, found)
+        interpolate_kernel(displacement_mm.reshape(3, -1), self._cells, self._weights, found)
         moved = np.ascontiguousarray(found[:, 0].T)
         return moved, np.ascontiguousarray(found[:2, 1:].transpose(2, 0, 1))
 

@@ -1,8 +1,8 @@
-"""Where a body presses, and how hard: unilateral contact by constrained conjugate gradients.
+"""Contact pressure: unilateral contact by constrained conjugate gradients.
 
 Source: Polonsky & Keer, Wear 231 (1999) 206-219, doi:10.1016/S0043-1648(99)00113-1, with the
-indentation prescribed instead of the force, and with the product of the compliance and the
-pressure taken over the cells in question only.
+indentation prescribed instead of the force, and with the product of compliance and pressure over
+the cells in question only.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from numba import njit
 from spikingtac.sim.gel.influence import Matrix, Vector, product_kernel
 
 SMALLEST_SQUARE = np.float32(1e-30)
-"""Keeps the first quotient of squared errors finite."""
+"""Lower limit of the squared error, which keeps the first quotient finite."""
 
 
 @njit(cache=True, nogil=True)
-def error_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
+def residual_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
     """Return the largest violation of the contact conditions, and the squared error inside.
 
     Args:
@@ -45,32 +45,32 @@ def dot_kernel(one: Vector, other: Vector) -> np.float32:
 
 
 @njit(cache=True, nogil=True)
-def move_kernel(
+def update_pressure_kernel(
     compliance: Matrix, error: Vector, direction: Vector, step: np.float32, pressure: Vector
 ) -> tuple[bool, bool]:
-    """Go one step, keep pressures positive, and load empty cells that overlap.
+    """Take one step along a direction, keep pressures positive, and load empty cells that overlap.
 
     Args:
-        compliance: ``(room, room)``, mm per N/mm².
+        compliance: ``(capacity, capacity)``, mm per N/mm².
         error: ``(c,)`` displacement less indentation, mm.
-        direction: ``(c,)`` in which to go, zero for empty cells.
-        step: How far to go.
-        pressure: ``(c,)``, changed in place, N/mm².
+        direction: ``(c,)`` search direction, zero for empty cells.
+        step: Length of the step along it.
+        pressure: ``(c,)``, N/mm², changed in place.
 
     Returns:
-        Whether a cell was added, and whether a pressure was cut at zero.
+        Whether a cell was added, and whether a pressure was clipped at zero.
     """
     zero = np.float32(0.0)
     added = False
-    bent = False
+    clipped = False
     for i in range(len(pressure)):
         wanted = pressure[i] - step * direction[i]
         if wanted <= zero and error[i] < zero:
             wanted = -error[i] / compliance[i, i]
             added = True
-        bent = bent or wanted < zero
+        clipped = clipped or wanted < zero
         pressure[i] = max(wanted, zero)
-    return added, bent
+    return added, clipped
 
 
 @njit(cache=True, nogil=True)
@@ -79,20 +79,20 @@ def pressure_kernel(
     indentation: Vector,
     pressure: Vector,
     tolerance: float,
-    most_iterations: int,
+    max_iterations: int,
 ) -> int:
     """Find p >= 0 with compliance @ p >= indentation, equal where p > 0.
 
     Args:
-        compliance: ``(room, room)`` matrix whose leading c by c part is symmetric and positive
-            definite, mm per N/mm².
-        indentation: ``(c,)`` how far the body reaches into each cell's unloaded surface, mm.
+        compliance: ``(capacity, capacity)`` matrix whose leading c by c part is symmetric and
+            positive definite, mm per N/mm².
+        indentation: ``(c,)`` depth of the body below each cell's unloaded surface, mm.
         pressure: ``(c,)`` first guess, overwritten by the solution, N/mm².
         tolerance: Largest error of the indentation, mm.
-        most_iterations: Where to stop at the latest.
+        max_iterations: Largest number of iterations.
 
     Returns:
-        Number of iterations done.
+        Number of iterations.
     """
     zero = np.float32(0.0)
     for i in range(len(pressure)):  # a slice assignment would compile for seconds
@@ -101,8 +101,8 @@ def pressure_kernel(
     error = product_kernel(compliance, pressure) - indentation
     previous = np.float32(1.0)
     conjugate = zero
-    for iteration in range(most_iterations):
-        worst, square = error_kernel(error, pressure)
+    for iteration in range(max_iterations):
+        worst, square = residual_kernel(error, pressure)
         if worst <= tolerance:
             return iteration
         conjugate *= square / previous
@@ -113,11 +113,11 @@ def pressure_kernel(
         response = product_kernel(compliance, direction)
         curvature = dot_kernel(response, direction)
         step = dot_kernel(error, direction) / curvature if curvature > zero else zero
-        added, bent = move_kernel(compliance, error, direction, step, pressure)
-        # New cells end the old conjugacy; a cell that was let go does not (Polonsky & Keer).
+        added, clipped = update_pressure_kernel(compliance, error, direction, step, pressure)
+        # New cells end the conjugacy; released cells do not (Polonsky & Keer).
         conjugate = zero if added else np.float32(1.0)
-        if added or bent:
+        if added or clipped:
             error = product_kernel(compliance, pressure) - indentation
         else:
             error -= step * response
-    return most_iterations
+    return max_iterations

@@ -25,7 +25,7 @@ def test_following_an_uneven_path_equals_an_ode_solver() -> None:
 
     ringing = Ringing(460.0, damping, (1,))
     for step in range(1, len(times)):
-        got = ringing.follow(times[step] - times[step - 1], places[step : step + 1])[0]
+        got = ringing.step(times[step] - times[step - 1], places[step : step + 1])[0]
         exact = solve_ivp(motion, (0.0, times[step]), [0.0, 0.0], max_step=1e-6, rtol=1e-8)
         assert got == pytest.approx(exact.y[0, -1], abs=1e-5)
 
@@ -33,13 +33,13 @@ def test_following_an_uneven_path_equals_an_ode_solver() -> None:
 def test_a_sudden_release_rings_and_settles() -> None:
     ringing = Ringing(460.0, 0.15, (1,))
     for _ in range(2000):
-        ringing.follow(1e-4, np.ones(1))
-    path = [float(ringing.follow(1e-4, np.zeros(1))[0]) for _ in range(400)]
+        ringing.step(1e-4, np.ones(1))
+    path = [float(ringing.step(1e-4, np.zeros(1))[0]) for _ in range(400)]
     overshoot = np.exp(-np.pi * 0.15 / np.sqrt(1.0 - 0.15**2))
     assert min(path) == pytest.approx(-overshoot, rel=0.05)
     assert abs(path[-1]) < 1e-4
     ringing.reset()
-    assert ringing.follow(1e-4, np.zeros(1))[0] == 0.0
+    assert ringing.step(1e-4, np.zeros(1))[0] == 0.0
 
 
 def test_damping_must_be_weak() -> None:
