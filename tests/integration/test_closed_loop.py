@@ -12,10 +12,10 @@ from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.fingers import pinned_rig
-from spikingtac.sim.rig.rig import HistoryTouch, Rig
+from spikingtac.sim.rig.rig import PriorContact, Rig
 from spikingtac.sim.rig.walls import PlaneWall
 from spikingtac.types import EventPacket
+from stand_ins.rigs import pinned_rig, press_and_release
 
 FREE_MM = 45.0
 WALL = PlaneWall(point_mm=(FREE_MM + 0.375, 0.0, 0.0))
@@ -60,9 +60,9 @@ def run(
     preset: str, speed_mm_s: float, seed: int, build: Callable[[Rig, float], ContactDetector]
 ) -> tuple[Approach, Rig]:
     rig = pinned_rig(preset, WALL, (FREE_MM - 0.5, 0.0, 0.0), seed)
-    rig.press_and_release(np.array([0.5, 0.0, 0.0]), HistoryTouch(wait_s=0.0))
+    press_and_release(rig, np.array([0.5, 0.0, 0.0]), PriorContact(wait_s=0.0))
     detector = build(rig, speed_mm_s)
-    rig.forget_touch()
+    rig.reset_first_contact()
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE)
     approacher = Approacher(rig.arm, rig.paired_windows(), detector, config)
     return approacher.approach(np.array([FREE_MM + 40.0, 0.0, 0.0])), rig
@@ -71,10 +71,10 @@ def run(
 def test_the_published_detector_stops_the_arm_at_full_speed() -> None:
     found, rig = run("typical", 180.0, seed=1, build=published)
     assert found.contact is not None
-    assert rig.touch is not None
-    deviation = found.deviation_mm(rig.touch.arm_mm)
+    assert rig.first_contact is not None
+    deviation = found.deviation_mm(rig.first_contact.arm_mm)
     assert 0.05 < deviation < 0.8
-    assert 4.5 < found.overshoot_mm(rig.touch.arm_mm) - deviation < 7.7
+    assert 4.5 < found.overshoot_mm(rig.first_contact.arm_mm) - deviation < 7.7
     assert rig.arm.state() is ArmState.IDLE
     assert rig.state.in_contact
     assert abs(rig.state.force_n[0]) < 0.4
@@ -83,6 +83,6 @@ def test_the_published_detector_stops_the_arm_at_full_speed() -> None:
 def test_the_default_detector_stops_it_sooner_than_the_budgeted_deviation() -> None:
     found, rig = run("typical", 180.0, seed=1, build=default)
     assert found.contact is not None
-    assert rig.touch is not None
-    assert 0.05 < found.deviation_mm(rig.touch.arm_mm) < 0.45
-    assert 0.0 < found.contact.t_us - rig.touch.t_us < 2_500.0
+    assert rig.first_contact is not None
+    assert 0.05 < found.deviation_mm(rig.first_contact.arm_mm) < 0.45
+    assert 0.0 < found.contact.t_us - rig.first_contact.t_us < 2_500.0

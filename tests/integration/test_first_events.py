@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
-from spikingtac.sim.rig.fingers import EDGE, STEPS, FingerConfig, SensingFinger, pinned_rig
+from spikingtac.sim.rig.fingers import EDGE_SETTINGS, STEP_SETTINGS, FingerConfig, SensingFinger
 from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.vibration import VibrationConfig
 from spikingtac.sim.rig.walls import NoWall, PlaneWall
+from stand_ins.rigs import press_and_release
 
 FREE_MM = 0.2
 SPEED_MM_S = 10.0
-SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE, **STEPS}
+SILENT = {"background": {"rate_hz": 0.0, "hot_fraction": 0.0}, **EDGE_SETTINGS, **STEP_SETTINGS}
 LATERAL, AXIAL = (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
 
 
@@ -48,15 +48,15 @@ def travel_mm(
     if history == "rested":
         rig = make_rig(direction, stickout_mm, True, "rested", seed)
     if history == "released":
-        rig.press_and_release(FREE_MM * way, HistoryTouch())
+        press_and_release(rig, FREE_MM * way, PriorContact())
     rig.arm.move_linear(2.0 * way, SPEED_MM_S)
     times: list[int] = []
     while len(times) < 100:
         (packet,), _ = rig.advance(1000)
-        if rig.touch is not None:
-            times += packet.t[packet.t >= rig.touch.t_us].tolist()
-    assert rig.touch is not None
-    touched = rig.touch.arm_mm
+        if rig.first_contact is not None:
+            times += packet.t[packet.t >= rig.first_contact.t_us].tolist()
+    assert rig.first_contact is not None
+    touched = rig.first_contact.arm_mm
     first, second = (float((rig.arm.position_at_mm(times[n]) - touched) @ way) for n in (19, 99))
     return first, second
 
@@ -103,14 +103,3 @@ def test_vibration_makes_bursty_events() -> None:
     count = np.array([len(next(windows)) for _ in range(1500)])[200:]
     assert count.mean() > 0.2
     assert count.var() > 2.0 * count.mean()
-
-
-def test_the_pinned_rig_follows_its_preset() -> None:
-    for preset, rms_mm in (("clean", 0.0), ("typical", 0.01), ("noisy", 0.03)):
-        rig = pinned_rig(preset, NoWall(), (0.0, 0.0, 0.0), seed=1)
-        offsets = [rig.vibration.advance(0.02) for _ in range(2000)]
-        assert np.std(offsets) == pytest.approx(rms_mm, rel=0.1, abs=1e-12)
-        (first, second), _ = rig.advance(2000)
-        assert first.t_end_us == second.t_end_us == 2000
-    with pytest.raises(ConfigError, match=r"'tpical'; did you mean 'typical'"):
-        pinned_rig("tpical", NoWall(), (0.0, 0.0, 0.0), seed=1)

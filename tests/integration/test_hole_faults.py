@@ -33,7 +33,7 @@ def run(
     detector = make_detector(
         "event_count", DetectionConfig(), [site.calibration], [next(windows) for _ in range(150)]
     )
-    site.face(wall, np.array(start))
+    site.set_wall(wall, np.array(start))
     heard = stream(windows, site) if stream else windows
     prober = ArmProber(site.rig.arm, heard, detector, SHORT, free_travel=site.free_travel)
     try:
@@ -100,7 +100,7 @@ def test_a_detector_that_hears_nothing_ends_below_the_force_limit() -> None:
     """The wall is there, the sensor lives, the threshold is out of reach."""
     site = HoleSite(Grasp.of(1000), 1)
     deaf = EventCountDetector(EventCountConfig(threshold=1e9))
-    site.face(HOLE, np.zeros(2))
+    site.set_wall(HOLE, np.zeros(2))
     prober = ArmProber(site.rig.arm, site.windows(), deaf, SHORT, free_travel=site.free_travel)
     with pytest.raises(SearchError, match="the touch was not felt"):
         cross_search(prober, np.zeros(2))

@@ -174,7 +174,7 @@ def test_a_fault_of_an_arm(
         yield from fault(stream, watched.site)
 
     def connect(args: Args) -> Arm:
-        watched.site.face(HoleWall(radius_mm=0.7), np.zeros(2))
+        watched.site.set_wall(HoleWall(radius_mm=0.7), np.zeros(2))
         return watched.site.rig.arm
 
     monkeypatch.setattr(probe_places, "QUIET_WINDOWS", QUIET)

@@ -84,7 +84,7 @@ def on_twin(args: Args) -> ProbedHole:
     with progress("calibrate on a flat wall, then probe") as advance:
         detector, travel = calibrated(args, site)
         advance(0.6)
-        site.face(trial.wall, trial.start_mm)
+        site.set_wall(trial.wall, trial.start_mm)
         prober = ArmProber(
             site.rig.arm, site.windows(), detector, _style(args), free_travel=site.free_travel
         )

@@ -27,7 +27,7 @@ from spikingtac.experiments.collision.scene import (
 )
 from spikingtac.robot.approach import ApproachConfig
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.rig import WAIT_S, HistoryTouch, Rig, Touch
+from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig
 from spikingtac.sim.rig.ur3 import UR3Twin
 
 Vector = NDArray[np.float64]
@@ -69,7 +69,7 @@ class ApproachRun:
         first_us: Beginning of the first of those windows.
     """
 
-    touch: Touch
+    touch: FirstContact
     arm: UR3Twin
     decided_us: dict[str, float] = field(default_factory=dict)
     costs_us: dict[str, Counter[int]] = field(default_factory=dict)
@@ -85,20 +85,20 @@ def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.G
     """
     released_us = float(rig.t_us)
     if scene.past == "released":
-        rig.arm.move_linear(HistoryTouch().press_mm * scene.direction, HistoryTouch().speed_mm_s)
+        rig.arm.move_linear(PriorContact().press_mm * scene.direction, PriorContact().speed_mm_s)
         _until_at_rest(rig)
-        rig.rest(HistoryTouch().hold_s)
-        rig.arm.move_linear(-NEAR_MM * scene.direction, HistoryTouch().speed_mm_s)
+        rig.wait(PriorContact().hold_s)
+        rig.arm.move_linear(-NEAR_MM * scene.direction, PriorContact().speed_mm_s)
         while rig.state.in_contact:
-            rig.rest(WAIT_S)
+            rig.wait(WAIT_S)
         released_us = float(rig.t_us)
         _until_at_rest(rig)
     way_mm = run_up_mm(scene, speed_mm_s) + rng.uniform() * speed_mm_s * scene.rig.arm.cycle_s
     rig.arm.move_linear(-way_mm * scene.direction, RETREAT_MM_S)
     _until_at_rest(rig)
     due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(scene, speed_mm_s, way_mm))
-    rig.rest(max((due_us - rig.t_us) * 1e-6, WAIT_S))
-    rig.forget_touch()
+    rig.wait(max((due_us - rig.t_us) * 1e-6, WAIT_S))
+    rig.reset_first_contact()
 
 
 def approach(rig: Rig, scene: CollisionScene, speed_mm_s: float, watchers: Watchers) -> ApproachRun:
@@ -111,10 +111,10 @@ def approach(rig: Rig, scene: CollisionScene, speed_mm_s: float, watchers: Watch
         watchers: Who watches.
     """
     rig.arm.move_linear(BEYOND_MM * scene.direction, speed_mm_s)
-    arm = rig.arm.forked()
+    arm = rig.arm.copy()
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
     before = _cruise(rig, scene, config)
-    passage = ApproachRun(Touch(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
+    passage = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
     passage.costs_us = {name: Counter() for name in watchers.detectors}
     if watchers.frames is not None:
         watchers.frames.start(np.mean(before, axis=0))
@@ -132,8 +132,8 @@ def approach(rig: Rig, scene: CollisionScene, speed_mm_s: float, watchers: Watch
         before_us, centers = known
         known = float(rig.t_us), rig.markers_px[0]
         _look(watchers, passage, (np.array([before_us, known[0]]), np.array([centers, known[1]])))
-    if rig.touch is not None:
-        passage.touch = rig.touch
+    if rig.first_contact is not None:
+        passage.touch = rig.first_contact
     return passage
 
 
@@ -165,18 +165,18 @@ def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vec
 
 
 def _over(rig: Rig, watchers: Watchers, passage: ApproachRun) -> bool:
-    if rig.touch is None:
+    if rig.first_contact is None:
         return rig.arm.state() is not ArmState.MOVING
     asked = watchers.enough | ({FRAMES} if watchers.frames is not None else set())
     if asked <= set(passage.decided_us):
         return True
-    travel = rig.arm.true_position_mm() - rig.touch.arm_mm
+    travel = rig.arm.true_position_mm() - rig.first_contact.arm_mm
     return float(np.linalg.norm(travel)) > watchers.patience_mm
 
 
 def _until_at_rest(rig: Rig) -> None:
     while rig.arm.state() is ArmState.MOVING:
-        rig.rest(WAIT_S)
+        rig.wait(WAIT_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class Stopped:
 
 def stop_at(passage: ApproachRun, decided_us: float, direction: Vector) -> Stopped:
     """Return what happens when a method decides at a time, on the passage's own arm."""
-    arm, real = passage.arm.forked(), passage.touch.arm_mm
+    arm, real = passage.arm.copy(), passage.touch.arm_mm
     now_us = round(decided_us)
     arm.advance_to(now_us)
     deviation = float((arm.true_position_mm() - real) @ direction)

@@ -13,9 +13,15 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim.free_motion.free_rig import FreeRig
-from spikingtac.sim.rig.fingers import EDGE, STEPS, VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.rig.fingers import (
+    EDGE_SETTINGS,
+    STEP_SETTINGS,
+    VIBRATION_MM,
+    FingerConfig,
+    SensingFinger,
+)
 from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.walls import PlaneWall, RoundBit
 from spikingtac.sim.scene.scene import CameraChoice
 
@@ -71,7 +77,9 @@ class CollisionScene:
 
     def finger(self) -> FingerConfig:
         """Return the sensing finger."""
-        settings: dict[str, Any] = {key: dict(value) for key, value in (EDGE | STEPS).items()}
+        settings: dict[str, Any] = {
+            key: dict(value) for key, value in (EDGE_SETTINGS | STEP_SETTINGS).items()
+        }
         if self.contrast is not None:
             settings["light"]["contrast"] = self.contrast
         if self.threshold is not None:
@@ -119,7 +127,7 @@ class CollisionScene:
             "rig": to_mapping(self.rig_config()),
             "camera": to_mapping(choice.resolve(finger.optics.size)),
             "optics": to_mapping(finger.optics),
-            "past": {"touch": to_mapping(HistoryTouch()), "released_s": RELEASED_S},
+            "past": {"touch": to_mapping(PriorContact()), "released_s": RELEASED_S},
         }
 
     def digest(self) -> str:

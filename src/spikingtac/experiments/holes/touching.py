@@ -161,7 +161,7 @@ def touch_flat_walls(
             past()
         for angle in angles:
             direction = np.array([np.cos(angle), np.sin(angle)])
-            site.face(flat_wall(direction, WALL_MM), np.zeros(2))
+            site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
             with contextlib.suppress(SearchError):  # a touch that failed teaches nothing
                 prober.touch(np.zeros(2), direction)
 
@@ -180,7 +180,7 @@ def search_work(work: HoleWork) -> dict[str, Any]:
     _inherit(site, detector, np.random.default_rng([work.seed, PAST_STREAM, work.hole]))
     record: dict[str, Any] = {"key": key, "seed": work.seed, "hole": work.hole}
     for style in STYLES:
-        site.face(trial.wall, trial.start_mm)
+        site.set_wall(trial.wall, trial.start_mm)
         prober = prober_for(site, detector, style)
         recording = RecordingProber(prober, [work.seed, 5, work.hole])
         travel = travel_of(calibration[style], PLANNING_MM)
@@ -223,16 +223,16 @@ def _inherit(site: HoleSite, detector: ContactDetector, rng: np.random.Generator
     """Touch another wall and let a second pass: the contact whose traces the pixels inherit."""
     angle = 2.0 * np.pi * rng.uniform()
     direction = np.array([np.cos(angle), np.sin(angle)])
-    site.face(flat_wall(direction, WALL_MM), np.zeros(2))
+    site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
     with contextlib.suppress(SearchError):
         prober_for(site, detector, DEFAULT).touch(np.zeros(2), direction)
-    site.rig.rest(1.0)
+    site.rig.wait(1.0)
 
 
 def _let_go(site: HoleSite) -> None:
     """Wait until the arm rests and the rod hangs free, so that it can be put elsewhere."""
     while site.rig.arm.state() is ArmState.MOVING:
-        site.rig.rest(0.01)
+        site.rig.wait(0.01)
 
 
 def quiet_windows(site: HoleSite, count: int = QUIET_WINDOWS) -> list[tuple[EventPacket, ...]]:

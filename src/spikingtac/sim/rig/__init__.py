@@ -1,1 +1,1 @@
-"""The robot rig: arm, grasped probe, gel pads and walls."""
+"""The simulated robot rig: arm, grasped probe, gel pads and walls."""

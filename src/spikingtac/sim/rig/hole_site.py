@@ -1,4 +1,4 @@
-"""A place to probe: the rig with a bit in its grip, and the wall that it stands at now."""
+"""A place to probe: the rig with a bit in its grip, in front of a wall or a hole."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.rig.pad_modes import PadConfig
+from spikingtac.sim.rig.pad import PadConfig
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import Rig, RigConfig
 from spikingtac.sim.rig.ur3 import UR3Config
@@ -19,31 +19,32 @@ from spikingtac.types import EventPacket
 
 Vector = NDArray[np.float64]
 
-LISTENED_MM = 0.5
-"""Free way before the wall that is simulated in full, mm; what lies before it is skipped. The
-longest run-up of the searches' touches takes 0.2 mm of it."""
-SHORT_MM = 1e-4
-"""Steps towards a wall end when they are as short as this, mm."""
-FAR_MM = 30.0
-"""Farther walls are none, mm."""
+SIMULATED_APPROACH_MM = 0.5
+"""Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
+longest run-up of the searches' touches takes 0.2 mm of it.
+"""
+MARCH_TOLERANCE_MM = 1e-4
+"""Distance from the wall at which ray marching ends, mm."""
+MAX_DISTANCE_MM = 30.0
+"""Largest distance of a wall, mm. A wall farther away is ignored."""
 TILT_RAD = np.radians(1.0)
-"""Largest tilt of the plate (ours: a part that lies on a table)."""
-OFFSET_SHARE = 0.9
-"""Largest distance of the start from the centre, as a share of the bit's free travel."""
+"""Largest tilt of the plate (ours: a part that lies on a table), rad."""
+OFFSET_FRACTION = 0.9
+"""Largest distance of the start from the centre, as a fraction of the bit's free travel."""
 WARM_UP_US = 200_000
-"""The rod forgets within this that it began at rest, us."""
+"""Time after which the effect of the rod's start from rest has decayed, us."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Grasp:
-    """How the bit is held this time; drawn anew for each seed.
+    """Properties of one grasp of the bit, drawn anew for each seed.
 
     Attributes:
         heading_rad: Direction of one of the bit's corners, rad.
-        normal_ratio: Stiffness across the pads over that along them.
+        normal_ratio: Stiffness across the pads divided by that along them.
         tilt_ratio: The same for rotation out of the pads' plane.
-        friction: Between bit and wall.
-        serial: Of the sensor.
+        friction: Coefficient of friction between bit and wall.
+        serial: Number of the individual sensor.
     """
 
     heading_rad: float
@@ -67,12 +68,12 @@ class Grasp:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoleTrial:
-    """One hole of the plate and where the search begins.
+    """One hole of the plate and the start of the search.
 
     Attributes:
         wall: The hole.
         center_mm: ``(2,)`` true centre at the tip's height, mm.
-        start_mm: ``(2,)`` where the probe stands at first, mm.
+        start_mm: ``(2,)`` first position of the probe, mm.
     """
 
     wall: HoleWall
@@ -84,17 +85,17 @@ def hole_trial(radius_mm: float, center_mm: Vector, reach_mm: float, seed: int) 
     """Draw the tilt of the plate and a start within 0.9 of the bit's free travel.
 
     Args:
-        radius_mm: Of the hole, mm.
-        center_mm: ``(2,)`` on the plate, mm.
+        radius_mm: Radius of the hole, mm.
+        center_mm: ``(2,)`` centre on the plate, mm.
         reach_mm: Largest radius of the bit, mm.
-        seed: Of tilt (the plate's) and start.
+        seed: Seed of the tilt (the same for all holes of a plate) and of the start.
     """
     plate = np.random.default_rng([seed, 2])
-    tilt, towards = TILT_RAD * np.sqrt(plate.uniform()), plate.uniform(0.0, 2.0 * np.pi)
+    tilt, heading = TILT_RAD * np.sqrt(plate.uniform()), plate.uniform(0.0, 2.0 * np.pi)
     slope = np.tan(tilt)
-    axis = (float(slope * np.cos(towards)), float(slope * np.sin(towards)), 1.0)
+    axis = (float(slope * np.cos(heading)), float(slope * np.sin(heading)), 1.0)
     rng = np.random.default_rng([seed, 3, round(1000 * radius_mm)])
-    away = OFFSET_SHARE * (radius_mm - reach_mm) * np.sqrt(rng.uniform())
+    away = OFFSET_FRACTION * (radius_mm - reach_mm) * np.sqrt(rng.uniform())
     angle = rng.uniform(0.0, 2.0 * np.pi)
     center = np.asarray(center_mm, np.float64)
     wall = HoleWall(
@@ -105,19 +106,20 @@ def hole_trial(radius_mm: float, center_mm: Vector, reach_mm: float, seed: int) 
 
 
 class HoleSite:
-    """The rig of the hole experiment: one listening finger, a hexagonal bit, and walls.
+    """The rig of the hole experiment: one sensing finger, a hexagonal bit, and walls.
 
-    The second pad holds the bit as the first does, but nobody looks at it: half the computing time.
-    The arm reports without its repeatability error, which is added to the readings by whoever takes
-    them, so that arms of different repeatability share the touches.
+    The second pad holds the bit as the first does, but it has no camera, which halves the computing
+    time. The arm reports its pose without repeatability error. The caller adds that error to the
+    readings, so that arms of different repeatability use the same touches.
 
     Args:
-        grasp: How the bit is held.
-        seed: Of noise, vibration and the arm's phase.
-        preset: Of camera and vibration.
+        grasp: Properties of the grasp.
+        seed: Seed of noise, vibration and the phase of the arm's controller.
+        preset: Preset of camera and vibration.
 
     Attributes:
         rig: Arm, probe, pad and camera.
+        calibration: Calibration of the finger with the bit in the grip.
     """
 
     def __init__(self, grasp: Grasp, seed: int, preset: str = "typical") -> None:
@@ -132,46 +134,56 @@ class HoleSite:
         finger = SensingFinger(FingerConfig(camera=preset, serial=grasp.serial), seed)
         rng = np.random.default_rng(seed)
         self.rig = Rig(config, NoWall(), [finger], np.zeros(3), rng)
-        self.calibration = _calibration(finger, self.rig)
+        self.calibration = _known_calibration(finger, self.rig)
         self.rig.advance(WARM_UP_US)
 
     def windows(self) -> Iterator[tuple[EventPacket, ...]]:
-        """Yield the windows of the listening finger, for ever."""
+        """Yield the windows of the finger without end."""
         return self.rig.paired_windows()
 
-    def face(self, wall: Wall, place_mm: Vector) -> None:
-        """Stand at a place ``(2,)`` in front of another wall, in free air.
+    def set_wall(self, wall: Wall, place_mm: Vector) -> None:
+        """Place the probe at ``(2,)`` in front of another wall, in free air.
 
-        A bit that still leans on the wall before is lifted off it, and swings.
+        If the bit still touches the previous wall it is released first and swings.
+
+        Args:
+            wall: The new wall.
+            place_mm: ``(2,)`` position of the probe, mm.
         """
         self.rig.probe.contact.wall = NoWall()
         if self.rig.state.in_contact:
             self.rig.advance(WARM_UP_US)
-        self.rig.carry(np.array([*place_mm, 0.0]))
+        self.rig.relocate(np.array([*place_mm, 0.0]))
         self.rig.probe.contact.wall = wall
-        self.rig.carry(np.array([*place_mm, 0.0]))
+        self.rig.relocate(np.array([*place_mm, 0.0]))
 
     def free_travel(self, start_mm: Vector, direction: Vector) -> bool:
-        """Skip what lies before the last stretch; see :data:`~spikingtac.robot.prober.FreeTravel`.
+        """Skip the travel before the last stretch; see :data:`~spikingtac.robot.prober.FreeTravel`.
 
-        Nothing is skipped where the probe does not hang free, or the start is not in free air.
+        Args:
+            start_mm: ``(2,)`` start of the travel, mm.
+            direction: ``(2,)`` unit vector of the travel.
+
+        Returns:
+            False if nothing is skipped, because the probe touches the wall or the start is not in
+            free air.
         """
         start = np.array([*start_mm, 0.0])
         if self.rig.state.in_contact or self.rig.probe.contact.gap_mm(start) <= 0.0:
             return False
-        ahead = max(self._free_way_mm(start_mm, direction) - LISTENED_MM, 0.0)
-        self.rig.carry(np.array([*(start_mm + ahead * direction), 0.0]))
+        skipped_mm = max(self._free_distance_mm(start_mm, direction) - SIMULATED_APPROACH_MM, 0.0)
+        self.rig.relocate(np.array([*(start_mm + skipped_mm * direction), 0.0]))
         return True
 
-    def _free_way_mm(self, start_mm: Vector, direction: Vector) -> float:
-        """Return the way from a place to the wall, by steps as long as the distance to it."""
-        way, towards = 0.0, np.array([*direction, 0.0])
+    def _free_distance_mm(self, start_mm: Vector, direction: Vector) -> float:
+        """Return the distance from a place to the wall by ray marching, mm; 0 if there is none."""
+        distance, heading = 0.0, np.array([*direction, 0.0])
         start = np.array([*start_mm, 0.0])
-        while way < FAR_MM:
-            gap = self.rig.probe.contact.gap_mm(start + way * towards)
-            if gap < SHORT_MM:
-                return way
-            way += min(gap, FAR_MM)
+        while distance < MAX_DISTANCE_MM:
+            gap = self.rig.probe.contact.gap_mm(start + distance * heading)
+            if gap < MARCH_TOLERANCE_MM:
+                return distance
+            distance += min(gap, MAX_DISTANCE_MM)
         return 0.0
 
 
@@ -184,9 +196,9 @@ def flat_wall(direction: Vector, distance_mm: float) -> PlaneWall:
     )
 
 
-def _calibration(finger: SensingFinger, rig: Rig) -> Calibration:
-    """Return where the markers rest with the bit in the grip (known here; learnt by a user)."""
-    image = finger.look(rig.skin())
+def _known_calibration(finger: SensingFinger, rig: Rig) -> Calibration:
+    """Return the true calibration with the bit in the grip (a user has to learn it)."""
+    image = finger.project(rig.skin())
     return Calibration(
         reference_px=np.asarray(image.center_px, np.float64),
         radius_px=np.asarray(image.radius_px, np.float64),

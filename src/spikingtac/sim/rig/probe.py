@@ -1,8 +1,8 @@
 """The grasped probe: a rigid rod between gel pads, whose tip meets a wall.
 
-The pads hold it like a bushing with six degrees of freedom: elastic, creeping, lightly damped. The
-rod's inertia moves it when the arm shakes or accelerates. Each step is implicit (backward Euler),
-so that a rigid contact at the tip is one small problem in the tip's compliance.
+The pads are a bushing with six degrees of freedom: elastic, creeping, lightly damped. The inertia
+of the rod moves it when the arm vibrates or accelerates. Each step is implicit (backward Euler), so
+that a rigid contact at the tip is one small problem in the compliance of the tip.
 
 Frames: the gripper's (x along pad A's image x, y along the rod towards the tip, z = x cross y, from
 pad A to pad B) for the bushing; the robot's base for arm, tip, wall and force. Units N, mm, s.
@@ -29,24 +29,25 @@ TONNE_PER_GRAM = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class ProbeConfig:
-    """The probe and how it is held (contract.md, "Pinned physics").
+    """The probe and its bushing (contract.md, "Pinned physics").
 
     Attributes:
-        stickout_mm: From the patch's centre to the tip, mm.
+        stickout_mm: Distance from the patch's centre to the tip, mm.
         k_t_n_mm: Translational stiffness, N/mm.
         k_theta_n_mm_rad: Rotational stiffness across the rod, N mm/rad.
-        torsion_n_mm_rad: Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)^2: the
-            patch's width instead of its length).
-        normal_ratio: Stiffness across the pads' planes over that along them; 1 as pinned, about
-            7 for the patch of the layer model.
+        torsion_n_mm_rad: Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: the patch's
+            width instead of its length).
+        normal_ratio: Stiffness across the pads' planes divided by that along them; 1 as pinned,
+            about 7 for the patch of the layer model.
         tilt_ratio: The same for rotation out of the pads' plane; about 4 for the layer model.
         creep: Pairs (J_i / J_0, tau_i in s) of the creep chain.
         grams_per_mm: Line density of the rod, g/mm (steel, 4 mm thick).
         grip_mm: Length of the rod behind the patch's centre, mm.
-        damping_ratio: Of the rod's rocking mode, beyond creep (ours: a range of 0.05 to 0.2).
-        tip_friction: Coulomb coefficient between tip and wall (ours: steel on plastic).
+        damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (ours: a range
+            of 0.05 to 0.2).
+        tip_friction: Coefficient of friction between tip and wall (ours: steel on plastic).
         yaw_rad: Heading of the gripper about the vertical, rad.
-        bit: The shape of the tip.
+        bit: Shape of the tip.
     """
 
     stickout_mm: float = 40.0
@@ -76,15 +77,17 @@ class ProbeState:
 
     Attributes:
         t_us: Time, us.
-        arm_mm: ``(3,)`` where the arm holds the unloaded tip, vibration included, base frame, mm.
-        tip_mm: ``(3,)`` where the tip is, base frame, mm.
-        center_mm: ``(3,)`` the patch's centre, base frame, mm.
+        arm_mm: ``(3,)`` position at which the arm holds the unloaded tip, vibration included, base
+            frame, mm.
+        tip_mm: ``(3,)`` position of the tip, base frame, mm.
+        center_mm: ``(3,)`` centre of the patch, base frame, mm.
         bushing: ``(6,)`` translation (mm) and rotation (rad) of the rod against the pads, gripper
             frame, about the patch's centre.
         force_n: ``(3,)`` force of the wall on the tip, base frame, N.
-        gap_mm: Least distance of the tip to the wall, mm.
-        free_gap_mm: The same if the wall were not there: negative is how far it holds back.
-        in_contact: True where the wall presses.
+        gap_mm: Smallest distance of the tip from the wall, mm.
+        free_gap_mm: The same if the wall exerted no force. A negative value is the penetration that
+            the wall prevents.
+        in_contact: True if the wall exerts a force.
     """
 
     t_us: int
@@ -99,19 +102,22 @@ class ProbeState:
 
 
 class Probe:
-    """Steps the rod, its bushing and the contact at its tip.
+    """Advances the rod, its bushing and the contact at its tip.
 
     Args:
-        config: The rod and its grip.
-        wall: What the tip can touch.
-        arm_mm: ``(3,)`` where the arm holds the tip at first, mm.
+        config: The rod and its bushing.
+        wall: The wall that the tip can touch.
+        arm_mm: ``(3,)`` initial position of the arm, mm.
+
+    Attributes:
+        contact: Contact between tip and wall.
     """
 
     def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: Vector) -> None:
         self.contact = TipContact(config.bit, wall, config.tip_friction)
         self._config = config
         self._rotation = config.rotation()
-        self._lever = _tip_lever(config)
+        self._tip_jacobian = _tip_jacobian(config)
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
         self._creep = np.zeros((len(config.creep), 6))
@@ -119,19 +125,19 @@ class Probe:
         self._arm_dt_s = np.inf
 
     def step(self, t_us: int, dt_s: float, arm_mm: Vector) -> ProbeState:
-        """Advance by ``dt_s`` to ``t_us``, with the arm then at ``arm_mm``."""
-        law = _step_law(self._config, round(dt_s * 1e9))
-        memory = law.fade @ self._creep
-        swing = self._bushing / dt_s**2 + self._rate / dt_s
-        load = law.stiffness * memory + law.damping * self._bushing / dt_s + law.mass @ swing
-        load -= law.mass[:, :3] @ self._shake(dt_s, arm_mm)
-        rest = law.compliance @ load
-        force = self.contact.solve(arm_mm + self._lever @ rest, law.tip_compliance)
-        bushing = rest + law.from_tip @ force
-        elastic = law.stiffness * (bushing - memory)
-        self._creep = law.fade[:, None] * self._creep + law.gain * elastic
+        """Advance by ``dt_s`` to ``t_us``, at which the arm is at ``arm_mm`` ``(3,)``."""
+        step = _step_matrices(self._config, round(dt_s * 1e9))
+        creep = step.decay @ self._creep
+        momentum = self._bushing / dt_s**2 + self._rate / dt_s
+        load = step.stiffness * creep + step.damping * self._bushing / dt_s + step.mass @ momentum
+        load -= step.mass[:, :3] @ self._arm_acceleration(dt_s, arm_mm)
+        free_bushing = step.compliance @ load
+        force = self.contact.solve(arm_mm + self._tip_jacobian @ free_bushing, step.tip_compliance)
+        bushing = free_bushing + step.from_tip @ force
+        elastic = step.stiffness * (bushing - creep)
+        self._creep = step.decay[:, None] * self._creep + step.gain * elastic
         self._rate, self._bushing = (bushing - self._bushing) / dt_s, bushing
-        tip_mm = arm_mm + self._lever @ bushing
+        tip_mm = arm_mm + self._tip_jacobian @ bushing
         pressed, free_gap = bool(force.any()), self.contact.free_gap_mm
         gaps = self.contact.gap_mm(tip_mm) if pressed else free_gap, free_gap
         return ProbeState(
@@ -139,15 +145,15 @@ class Probe:
         )
 
     def at_rest(self, t_us: int) -> ProbeState:
-        """Return the state before the first step: unloaded, free."""
+        """Return the state before the first step: unloaded and without contact."""
         arm_mm = self._arm[-1]
         gap = self.contact.gap_mm(arm_mm)
         return ProbeState(
             t_us, arm_mm, arm_mm, self._center(arm_mm), np.zeros(6), np.zeros(3), gap, gap, False
         )
 
-    def carried(self, state: ProbeState, shift_mm: Vector) -> ProbeState:
-        """Return the state after the arm was put elsewhere, with the rod as it swings."""
+    def relocated(self, state: ProbeState, shift_mm: Vector) -> ProbeState:
+        """Return the state after the arm was moved by ``shift_mm`` at once. The rod swings on."""
         self._arm = [place + shift_mm for place in self._arm]
         arm, tip = state.arm_mm + shift_mm, state.tip_mm + shift_mm
         gap = self.contact.gap_mm(tip)
@@ -157,7 +163,7 @@ class Probe:
     def _center(self, arm_mm: Vector) -> Vector:
         return arm_mm - self._rotation[:, 1] * self._config.stickout_mm
 
-    def _shake(self, dt_s: float, arm_mm: Vector) -> Vector:
+    def _arm_acceleration(self, dt_s: float, arm_mm: Vector) -> Vector:
         """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
         before, last = self._arm
         previous_s = self._arm_dt_s
@@ -167,41 +173,41 @@ class Probe:
 
 
 @dataclass(frozen=True)
-class _StepLaw:
-    """What a step of one length needs; ``(6,)`` are diagonals over the degrees of freedom.
+class _StepMatrices:
+    """Matrices of a step of one length; ``(6,)`` are diagonals over the degrees of freedom.
 
-    ``gain`` ``(c, 6)`` is what the elastic force adds to each element of the creep chain;
-    ``from_tip`` ``(6, 3)`` and ``tip_compliance`` ``(3, 3)`` are the motions of bushing and tip
-    per force at the tip.
+    ``gain`` ``(c, 6)`` is the contribution of the elastic force to each element of the creep chain.
+    ``from_tip`` ``(6, 3)`` and ``tip_compliance`` ``(3, 3)`` are the motions of bushing and tip per
+    force at the tip.
     """
 
     stiffness: Vector
     damping: Vector
     mass: Vector
     compliance: Vector
-    fade: Vector
+    decay: Vector
     gain: Vector
     from_tip: Vector
     tip_compliance: Vector
 
 
 @functools.lru_cache(maxsize=64)
-def _step_law(config: ProbeConfig, dt_ns: int) -> _StepLaw:
+def _step_matrices(config: ProbeConfig, dt_ns: int) -> _StepMatrices:
     dt_s = dt_ns * 1e-9
-    share, tau_s = np.array(config.creep, np.float64).reshape(-1, 2).T
-    fade = np.exp(-dt_s / tau_s)
+    fraction, tau_s = np.array(config.creep, np.float64).reshape(-1, 2).T
+    decay = np.exp(-dt_s / tau_s)
     stiffness0 = bushing_stiffness(config)
-    stiffness = stiffness0 / (1.0 + share @ (1.0 - fade))
+    stiffness = stiffness0 / (1.0 + fraction @ (1.0 - decay))
     mass = rod_inertia(config)
     omega = np.sqrt(config.k_theta_n_mm_rad / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
     damping = stiffness0 * 2.0 * config.damping_ratio / omega
     whole = np.diag(stiffness + damping / dt_s) + mass / dt_s**2
     compliance = np.linalg.inv(whole).astype(np.float64)
-    gain = ((1.0 - fade) * share)[:, None] / stiffness0
-    mobility = _tip_lever(config) @ compliance
-    tip_compliance = mobility @ _tip_lever(config).T
-    return _StepLaw(
-        stiffness, damping, mass, compliance, fade, gain, mobility.T.copy(), tip_compliance
+    gain = ((1.0 - decay) * fraction)[:, None] / stiffness0
+    mobility = _tip_jacobian(config) @ compliance
+    tip_compliance = mobility @ _tip_jacobian(config).T
+    return _StepMatrices(
+        stiffness, damping, mass, compliance, decay, gain, mobility.T.copy(), tip_compliance
     )
 
 
@@ -214,19 +220,19 @@ def bushing_stiffness(config: ProbeConfig) -> Vector:
 
 def rod_inertia(config: ProbeConfig) -> Vector:
     """Return the mass matrix ``(6, 6)`` of the rod about the patch's centre (tonne, mm)."""
-    ahead, behind = config.stickout_mm, config.grip_mm
-    mass = config.grams_per_mm * (ahead + behind) * TONNE_PER_GRAM
-    center = (ahead - behind) / 2.0
-    moment = mass * (ahead**2 - ahead * behind + behind**2) / 3.0
+    front, back = config.stickout_mm, config.grip_mm
+    mass = config.grams_per_mm * (front + back) * TONNE_PER_GRAM
+    center = (front - back) / 2.0
+    moment = mass * (front**2 - front * back + back**2) / 3.0
     out = np.diag([mass, mass, mass, moment, moment * 1e-3, moment])
     out[0, 5] = out[5, 0] = -mass * center
     out[2, 3] = out[3, 2] = mass * center
     return out
 
 
-def _tip_lever(config: ProbeConfig) -> Vector:
+def _tip_jacobian(config: ProbeConfig) -> Vector:
     """Return ``(3, 6)``: displacement of the tip per bushing motion, base frame."""
-    lever = np.zeros((3, 6))
-    lever[:, :3] = np.eye(3)
-    lever[0, 5], lever[2, 3] = -config.stickout_mm, config.stickout_mm
-    return config.rotation() @ lever
+    jacobian = np.zeros((3, 6))
+    jacobian[:, :3] = np.eye(3)
+    jacobian[0, 5], jacobian[2, 3] = -config.stickout_mm, config.stickout_mm
+    return config.rotation() @ jacobian

@@ -1,9 +1,10 @@
-"""A kinematic UR3 behind the :class:`~spikingtac.robot.arm.Arm` protocol.
+"""A kinematic UR3 with the :class:`~spikingtac.robot.arm.Arm` protocol.
 
-It models what decides how far the tool overshoots: the network, the controller's cycle with a
-phase of its own, the servo's lag, a stop with limited deceleration and jerk, and a reported pose
-that is up to one cycle old and repeats only within the arm's repeatability. Values: contract.md
-"Pinned physics"; at 180 mm/s a perfect sensor overshoots 6.2 mm on average, 7.6 mm at most.
+It models what determines the overshoot of the tool: the delay of the network, the cycle of the
+controller with a random phase, the lag of the servos, a stop with limited deceleration and jerk,
+and a reported pose that is up to one cycle old and that repeats only within the arm's
+repeatability. Values: contract.md "Pinned physics"; at 180 mm/s a perfect sensor overshoots 6.2 mm
+on average, 7.6 mm at most.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.braking import Segment, plan_move, plan_stop
+from spikingtac.sim.rig.line_trajectory import Segment, plan_move, plan_stop
 from spikingtac.types import Pose
 
 Vector = NDArray[np.float64]
@@ -25,17 +26,17 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class UR3Config:
-    """How the twin of the UR3 moves (twin.md, section 4).
+    """Dynamics of the simulated UR3 (twin.md, section 4).
 
     Attributes:
         cycle_s: Period of the controller, s (125 Hz for CB3, 0.002 for e-Series).
         network_s: Delay from the computer to the controller, s.
-        servo_lag_s: Least and greatest lag of the axes behind their set points, s (uniform).
-        acceleration_mm_s2: Acceleration of ``movel``, mm/s2 (URScript's default, 1.2 m/s2).
-        deceleration_mm_s2: Deceleration of a stop, mm/s2.
-        jerk_mm_s3: Jerk limit of every motion, mm/s3.
+        servo_lag_s: Smallest and largest lag of the axes behind their set points, s (uniform).
+        acceleration_mm_s2: Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
+        deceleration_mm_s2: Deceleration of a stop, mm/s².
+        jerk_mm_s3: Jerk limit of every motion, mm/s³.
         repeatability_mm: Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
-        speed_limit_mm_s: Fastest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
+        speed_limit_mm_s: Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
     """
 
     cycle_s: float = 0.008
@@ -49,11 +50,11 @@ class UR3Config:
 
 
 class UR3Twin:
-    """The arm whose clock is the twin's: time passes only through :meth:`advance_to`.
+    """The simulated arm. Its time advances only through :meth:`advance_to`.
 
     Args:
-        config: Its dynamics.
-        start_mm: Where it stands at first, mm.
+        config: Dynamics.
+        start_mm: ``(3,)`` initial position, mm.
         rng: Source of phase, lag and repeatability.
     """
 
@@ -63,12 +64,12 @@ class UR3Twin:
         self._now_us = 0
         self._phase_s = rng.uniform(0.0, config.cycle_s)
         self._lag_s = rng.uniform(*config.servo_lag_s)
-        self._reading_mm = self._new_reading()
+        self._pose_error_mm = self._draw_pose_error()
         self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
-        self._trouble: ArmState | None = None
+        self._fault: ArmState | None = None
 
-    def forked(self) -> UR3Twin:
-        """Return an arm that goes on from here by itself: what if it were told to stop then?"""
+    def copy(self) -> UR3Twin:
+        """Return an independent copy that continues from the present state."""
         other = copy.copy(self)
         other._segments = list(self._segments)
         return other
@@ -94,12 +95,12 @@ class UR3Twin:
         The error is drawn once per motion, so that reading twice gains nothing.
         """
         self._require_connection()
-        return Pose(position_mm=self.position_at_mm(self._last_tick_us()) + self._reading_mm)
+        return Pose(position_mm=self.position_at_mm(self._last_cycle_us()) + self._pose_error_mm)
 
     def speed_mm_s(self) -> Vector:
         """Return the tool's velocity ``(3,)`` at the last controller cycle, mm/s."""
         self._require_connection()
-        setpoint_s = self._last_tick_us() * 1e-6 - self._lag_s
+        setpoint_s = self._last_cycle_us() * 1e-6 - self._lag_s
         return self._segment(setpoint_s).velocity_mm_s(setpoint_s)
 
     def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
@@ -112,8 +113,8 @@ class UR3Twin:
                 "stop it, or clear its fault, and wait until it is idle"
             )
         self._lag_s = self._rng.uniform(*self._config.servo_lag_s)
-        self._reading_mm = self._new_reading()
-        start_s = self._pickup_s()
+        self._pose_error_mm = self._draw_pose_error()
+        start_s = self._command_time_s()
         limits = (speed_mm_s, self._config.acceleration_mm_s2, self._config.jerk_mm_s3)
         here = self._segments[-1].position_mm(start_s)
         self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
@@ -121,23 +122,23 @@ class UR3Twin:
     def stop(self) -> None:
         """Brake from the next cycle on; see :class:`~spikingtac.robot.arm.Arm`."""
         self._require_connection()
-        self._brake(self._pickup_s())
+        self._brake(self._command_time_s())
 
     def state(self) -> ArmState:
         """Return what the arm did at the last controller cycle."""
-        if self._trouble is not None:
-            return self._trouble
-        at_rest = self._last_tick_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
+        if self._fault is not None:
+            return self._fault
+        at_rest = self._last_cycle_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
         return ArmState.IDLE if at_rest else ArmState.MOVING
 
     def close(self) -> None:
         """Stop and disconnect."""
-        if self._trouble is not ArmState.DISCONNECTED:
+        if self._fault is not ArmState.DISCONNECTED:
             self.stop()
-            self._trouble = ArmState.DISCONNECTED
+            self._fault = ArmState.DISCONNECTED
 
-    def place(self, position_mm: Vector) -> None:
-        """Stand elsewhere at once; for free travel that is not worth simulating.
+    def relocate(self, position_mm: Vector) -> None:
+        """Move to another place at once, instead of travel that need not be simulated.
 
         Raises:
             DeviceError: The arm is not at rest.
@@ -147,14 +148,14 @@ class UR3Twin:
         self._segments = [Segment(-1.0, np.array(position_mm, np.float64), np.zeros(3))]
 
     def protective_stop(self) -> None:
-        """Let the controller stop by itself, as on a limit of force; :meth:`recover` clears it."""
-        self._brake(self._pickup_s() - self._config.network_s)
-        self._trouble = ArmState.PROTECTIVE_STOP
+        """Stop as the controller does at a force limit. :meth:`recover` clears the state."""
+        self._brake(self._command_time_s() - self._config.network_s)
+        self._fault = ArmState.PROTECTIVE_STOP
 
     def recover(self) -> None:
         """Clear a protective stop."""
-        if self._trouble is ArmState.PROTECTIVE_STOP:
-            self._trouble = None
+        if self._fault is ArmState.PROTECTIVE_STOP:
+            self._fault = None
 
     def _brake(self, start_s: float) -> None:
         last = self._segments[-1]
@@ -172,22 +173,22 @@ class UR3Twin:
                 return segment
         return self._segments[0]
 
-    def _pickup_s(self) -> float:
+    def _command_time_s(self) -> float:
         """Controller time of the first cycle at which a command sent now can act, s."""
         arrival_s = self._now_us * 1e-6 + self._config.network_s
         cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
         return self._phase_s + cycles * self._config.cycle_s
 
-    def _last_tick_us(self) -> float:
+    def _last_cycle_us(self) -> float:
         cycle_s = self._config.cycle_s
         cycles = math.floor((self._now_us * 1e-6 - self._phase_s) / cycle_s)
         return (self._phase_s + cycles * cycle_s) * 1e6
 
-    def _new_reading(self) -> Vector:
+    def _draw_pose_error(self) -> Vector:
         return self._rng.normal(0.0, self._config.repeatability_mm, 3)
 
     def _require_connection(self) -> None:
-        if self._trouble is ArmState.DISCONNECTED:
+        if self._fault is ArmState.DISCONNECTED:
             raise DeviceError("the arm is not connected any more; make a new one")
 
 

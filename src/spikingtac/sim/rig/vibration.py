@@ -1,4 +1,4 @@
-"""Vibration of the arm: a resonance driven by noise, exact for any step."""
+"""Vibration of the arm: a resonance driven by noise, with an exact step of any length."""
 
 from __future__ import annotations
 
@@ -29,7 +29,11 @@ class VibrationConfig:
 class Vibration:
     """Three independent axes of x'' + (w/Q) x' + w^2 x = white noise, in their stationary state.
 
-    The exact transition over a step makes the statistics independent of the step's length.
+    The transition over a step is exact, so that the statistics do not depend on its length.
+
+    Args:
+        config: Amplitude and resonance.
+        rng: Source of the noise.
     """
 
     def __init__(self, config: VibrationConfig, rng: np.random.Generator) -> None:
@@ -52,7 +56,8 @@ class Vibration:
     def path(self, steps: int, dt_s: float) -> NDArray[np.float64]:
         """Return the displacements ``(steps, 3)`` of as many calls of :meth:`advance`, mm.
 
-        The recursion is solved along the resonance's two complex modes, many times as fast.
+        The recursion is solved along the two complex modes of the resonance, which is many times as
+        fast.
         """
         if self._config.rms_mm == 0.0:
             return np.zeros((steps, 3))
@@ -79,7 +84,7 @@ def _system(config: VibrationConfig) -> NDArray[np.float64]:
 
 
 def _stationary(config: VibrationConfig) -> NDArray[np.float64]:
-    """Covariance of (x, x') for unit variance of x."""
+    """Return the covariance of (x, x') for unit variance of x."""
     return np.diag([1.0, (2.0 * np.pi * config.frequency_hz) ** 2])
 
 

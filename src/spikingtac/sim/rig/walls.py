@@ -1,7 +1,7 @@
-"""What the tip of the probe can touch: a wall, the wall of a round hole; and the bit that touches.
+"""Rigid bodies at the tip of the probe: walls, the wall of a round hole, and the bit that touches.
 
-Everything is rigid: contact is a distance that must not become negative. The frame is the robot's
-base (mm), in which the probe stands vertically and z points up.
+Contact means that a distance must not become negative. The frame is the robot's base (mm), in which
+the probe stands vertically and z points up.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Vector = NDArray[np.float64]
 
 HEXAGON_CORNERS = 6
 _TINY = float(np.finfo(np.float64).tiny)
-"""Least distance from an axis, so that a point on it has a direction."""
+"""Smallest distance from an axis, so that a point on it has a direction."""
 
 
 class Wall(Protocol):
-    """A rigid surface that points must stay on the free side of."""
+    """A rigid surface. All points must stay on its free side."""
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return the distance ``(n,)`` to the surface and its outward normal ``(n, 3)``.
@@ -33,8 +33,8 @@ class Wall(Protocol):
         """
         ...
 
-    def bend(self, point_mm: Vector) -> Vector:
-        """Return ``(n, 3, 3)`` how the normal turns per displacement, with the sign reversed, 1/mm.
+    def curvature(self, point_mm: Vector) -> Vector:
+        """Return the curvature tensors ``(n, 3, 3)``, 1/mm: minus the derivative of the normal.
 
         Args:
             point_mm: ``(n, 3)`` points in the base frame, mm.
@@ -44,13 +44,13 @@ class Wall(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class NoWall:
-    """Free air."""
+    """Free air: no wall."""
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return infinite gaps; see :class:`Wall`."""
         return np.full(len(point_mm), np.inf), np.zeros((len(point_mm), 3))
 
-    def bend(self, point_mm: Vector) -> Vector:
+    def curvature(self, point_mm: Vector) -> Vector:
         """Return zeros; see :class:`Wall`."""
         return np.zeros((len(point_mm), 3, 3))
 
@@ -69,29 +69,29 @@ class PlaneWall:
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return distance and normal; see :class:`Wall`."""
-        place_mm, away = self._facts
+        place_mm, away = self._geometry
         normal = np.empty(point_mm.shape)
         normal[:] = away
         return (point_mm - place_mm) @ away, normal
 
-    def bend(self, point_mm: Vector) -> Vector:
-        """Return zeros: the wall is flat; see :class:`Wall`."""
+    def curvature(self, point_mm: Vector) -> Vector:
+        """Return zeros, because the wall is flat; see :class:`Wall`."""
         return np.zeros((len(point_mm), 3, 3))
 
     @functools.cached_property
-    def _facts(self) -> tuple[Vector, Vector]:
+    def _geometry(self) -> tuple[Vector, Vector]:
         """A point of the wall and its unit normal, as arrays."""
         return np.array(self.point_mm, np.float64), _unit(self.normal)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoleWall:
-    """The inner wall of a round hole, deep enough that only its side is met.
+    """The inner wall of a round hole, so deep that the bit meets only its side.
 
     Attributes:
         center_mm: A point on the hole's axis, mm.
         radius_mm: Radius of the hole, mm.
-        axis: Direction of the axis; tilt the plate by tilting it.
+        axis: Direction of the axis. A tilted axis is a tilted plate.
     """
 
     center_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -104,21 +104,21 @@ class HoleWall:
 
     def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
         """Return distance and normal (towards the axis); see :class:`Wall`."""
-        inward, distance = from_axis_kernel(point_mm, *self._facts)
+        inward, distance = radial_kernel(point_mm, *self._geometry)
         return self.radius_mm - distance, inward
 
-    def bend(self, point_mm: Vector) -> Vector:
-        """Return the turn around the hole, 1 / distance from the axis; see :class:`Wall`."""
-        return around_axis_kernel(point_mm, *self._facts)
+    def curvature(self, point_mm: Vector) -> Vector:
+        """Return the curvature around the hole, 1 / distance from the axis; see :class:`Wall`."""
+        return axis_curvature_kernel(point_mm, *self._geometry)
 
     @functools.cached_property
-    def _facts(self) -> tuple[Vector, Vector]:
+    def _geometry(self) -> tuple[Vector, Vector]:
         """A point of the axis and its unit direction, as arrays."""
         return np.array(self.center_mm, np.float64), _unit(self.axis)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def from_axis_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple[Vector, Vector]:
+def radial_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple[Vector, Vector]:
     """Return the unit directions ``(n, 3)`` to an axis and the distances ``(n,)`` from it, mm."""
     inward, distance = np.empty((len(point_mm), 3)), np.empty(len(point_mm))
     for k in range(len(point_mm)):
@@ -130,14 +130,14 @@ def from_axis_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def around_axis_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> Vector:
-    """Return ``(n, 3, 3)``: how the direction to an axis turns around it, 1/mm."""
-    inward, distance = from_axis_kernel(point_mm, center_mm, axis)
-    bend = np.empty((len(point_mm), 3, 3))
+def axis_curvature_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> Vector:
+    """Return the curvature tensors ``(n, 3, 3)`` of cylinders around an axis, 1/mm."""
+    inward, distance = radial_kernel(point_mm, center_mm, axis)
+    curvature = np.empty((len(point_mm), 3, 3))
     for k in range(len(point_mm)):
         around = np.cross(axis, inward[k])
-        bend[k] = np.outer(around, around) / distance[k]
-    return bend
+        curvature[k] = np.outer(around, around) / distance[k]
+    return curvature
 
 
 class Bit(Protocol):
@@ -172,11 +172,12 @@ class RoundBit:
 
 @dataclass(frozen=True, kw_only=True)
 class HexBit:
-    """A hexagonal bit; it meets a concave wall with its corners, a flat one with corner or side.
+    """A hexagonal bit. Its corners meet a concave wall; a corner or a side meets a flat one.
 
     Attributes:
         across_flats_mm: Distance of opposite sides, mm (0.75 in the paper, Section V-C).
         heading_rad: Direction of one corner in the base's xy-plane, rad.
+        radius_mm: Radius around each corner, mm; always 0.
     """
 
     across_flats_mm: float = 0.75

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from spikingtac.robot.arm import ArmState
 from spikingtac.sim.optics.states import MarkerImage, SkinState
-from spikingtac.sim.rig.rig import HistoryTouch, Rig, RigConfig
+from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.vibration import VibrationConfig
 from spikingtac.sim.rig.walls import PlaneWall
 from spikingtac.types import EventPacket
+from stand_ins.rigs import press_and_release
 
 WALL = PlaneWall(point_mm=(1.375, 0.0, 0.0), normal=(-1.0, 0.0, 0.0))
 PX_PER_MM = 15.5
@@ -22,7 +22,7 @@ class PlainFinger:
     def __init__(self) -> None:
         self.images: list[MarkerImage] = []
 
-    def look(self, state: SkinState) -> MarkerImage:
+    def project(self, state: SkinState) -> MarkerImage:
         count = len(state.marker_mm)
         center = PX_PER_MM * state.marker_mm[:, :2]
         return MarkerImage(state.t_us, center, np.tile(np.eye(2), (count, 1, 1)), np.ones(count))
@@ -56,18 +56,18 @@ def test_windows_follow_each_other_on_one_clock() -> None:
 def test_the_first_touch_is_where_the_tip_meets_the_wall() -> None:
     rig, _ = make_rig()
     rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 5.0)
-    while rig.touch is None:
+    while rig.first_contact is None:
         rig.advance(1000)
-    assert rig.touch.arm_mm[0] == pytest.approx(1.0, abs=0.002)
-    assert rig.t_us - 1000 <= rig.touch.t_us <= rig.t_us
-    at_touch = rig.arm.position_at_mm(rig.touch.t_us)
-    np.testing.assert_allclose(at_touch, rig.touch.arm_mm, atol=0.002)
+    assert rig.first_contact.arm_mm[0] == pytest.approx(1.0, abs=0.002)
+    assert rig.t_us - 1000 <= rig.first_contact.t_us <= rig.t_us
+    at_touch = rig.arm.position_at_mm(rig.first_contact.t_us)
+    np.testing.assert_allclose(at_touch, rig.first_contact.arm_mm, atol=0.002)
 
 
 def test_steps_are_short_at_the_wall_and_long_in_free_air() -> None:
     rig, fingers = make_rig(fingers=1)
     rig.arm.move_linear(np.array([3.0, 0.0, 0.0]), 50.0)
-    while rig.touch is None:
+    while rig.first_contact is None:
         rig.advance(1000)
     rig.advance(5000)
     gaps = np.diff([image.t_us for image in fingers[0].images])
@@ -90,7 +90,7 @@ def test_markers_see_a_tenth_of_the_tips_travel() -> None:
 
 def test_vibration_moves_the_markers_of_a_free_probe_through_its_inertia() -> None:
     rig, fingers = make_rig(rms_mm=0.03)
-    rig.rest(4.0)
+    rig.wait(4.0)
     path = np.array([image.center_px for image in fingers[0].images])
     rms_px = path.std(axis=0).max()
     assert 0.02 < rms_px < 0.15
@@ -99,21 +99,12 @@ def test_vibration_moves_the_markers_of_a_free_probe_through_its_inertia() -> No
 def test_a_previous_contact_leaves_its_creep() -> None:
     rig, _ = make_rig()
     before = rig.markers_px[0]
-    rig.press_and_release(np.array([1.0, 0.0, 0.0]), HistoryTouch())
+    press_and_release(rig, np.array([1.0, 0.0, 0.0]), PriorContact())
     left = np.linalg.norm(rig.markers_px[0] - before, axis=1).max()
     assert 0.01 < left < 0.3
-    assert rig.touch is None
+    assert rig.first_contact is None
     assert not rig.state.in_contact
     np.testing.assert_allclose(rig.arm.true_position_mm(), 0.0, atol=1e-6)
-
-
-def test_a_limit_of_force_makes_a_protective_stop() -> None:
-    config = RigConfig(vibration=VibrationConfig(rms_mm=0.0), force_limit_n=0.05)
-    rig = Rig(config, WALL, [PlainFinger()], np.zeros(3), np.random.default_rng(1))
-    rig.arm.move_linear(np.array([20.0, 0.0, 0.0]), 20.0)
-    rig.rest(1.0)
-    assert rig.arm.state() is ArmState.PROTECTIVE_STOP
-    assert 2.0 < rig.arm.true_position_mm()[0] < 4.0
 
 
 def test_equal_seeds_and_any_pull_of_whole_steps_give_equal_states() -> None:

@@ -20,7 +20,7 @@ class Ramp:
         length = np.linalg.norm(normal, axis=1)
         return (0.3 - x - 0.1 * y**2) / length, normal / length[:, None]
 
-    def bend(self, point_mm: np.ndarray) -> np.ndarray:
+    def curvature(self, point_mm: np.ndarray) -> np.ndarray:
         return np.zeros((len(point_mm), 3, 3))
 
 

@@ -41,7 +41,7 @@ def test_gap_gradient_is_the_normal() -> None:
             slope = (wall.gap(point + step)[0] - wall.gap(point - step)[0]) / 2e-6
             assert slope[0] == pytest.approx(normal[0, axis], abs=1e-6)
             turn = (wall.gap(point + step)[1] - wall.gap(point - step)[1]) / 2e-6
-            np.testing.assert_allclose(-turn[0], wall.bend(point)[0, :, axis], atol=1e-6)
+            np.testing.assert_allclose(-turn[0], wall.curvature(point)[0, :, axis], atol=1e-6)
 
 
 def test_a_hexagon_touches_with_a_mean_radius_of_041() -> None:

@@ -1,9 +1,9 @@
-"""How the markers of a gel pad move with the probe that it holds.
+"""Motion of the markers of a gel pad with the probe that it holds.
 
-The pad is the bonded incompressible layer of the gel; the grasped probe sticks to a rectangular
-patch of it. A patch that moves rigidly has six degrees of freedom, so six unit responses describe
-the skin: rigid inside the patch, decaying outside as the layer demands. Since the layer is linear,
-homogeneous and stuck, the responses do not depend on the modulus, nor on creep.
+The pad is the bonded incompressible layer of the gel. The grasped probe sticks to a rectangular
+patch of it. A patch that moves rigidly has six degrees of freedom, so that six unit responses
+describe the skin: rigid inside the patch, decaying outside according to the layer. The layer is
+linear, homogeneous and sticking, so that the responses depend neither on the modulus nor on creep.
 
 Frame: the pad's image (x right, y down and along the probe, z towards the camera), origin at the
 centre of the patch. Modes: translation along x, y, z; rotation in the plane, ``(-y, x, 0)``; and
@@ -25,9 +25,9 @@ Vector = NDArray[np.float64]
 
 MODES = 6
 GRID = GridConfig(cells=128, span_mm=51.2)
-"""Cells of 0.4 mm (twin.md, section 2), so wide that the periodic images are 8 depths away."""
+"""Cells of 0.4 mm (twin.md, section 2), with the periodic images 8 layer depths away."""
 RELATIVE_TOLERANCE = 1e-5
-"""Where the conjugate gradient stops: 0.0003 px for the largest motion."""
+"""Tolerance of the conjugate gradients: 0.0003 px for the largest motion."""
 
 
 @dataclass(frozen=True, kw_only=True)

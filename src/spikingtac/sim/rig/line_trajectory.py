@@ -1,4 +1,4 @@
-"""Jerk-limited motion along a line (ruckig): how the controller starts, cruises and brakes."""
+"""Jerk-limited motion of the arm along a line, computed with ruckig."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Segment:
-    """One planned motion along a line; before its start and after its end the arm stands.
+    """One planned motion along a line. Before its start and after its end the arm stands still.
 
     Attributes:
-        start_s: Controller time at which it begins, s.
-        origin_mm: ``(3,)`` where the path coordinate is zero, mm.
+        start_s: Controller time at which the motion begins, s.
+        origin_mm: ``(3,)`` position at path coordinate zero, mm.
         direction: ``(3,)`` unit vector of the path.
-        plan: The trajectory of the path coordinate, or None for standing still.
+        plan: Trajectory of the path coordinate, or None if the arm stands still.
     """
 
     start_s: float
@@ -53,13 +53,16 @@ class Segment:
 def plan_move(
     start_s: float, origin_mm: Vector, target_mm: Vector, limits: tuple[float, float, float]
 ) -> Segment:
-    """Plan from rest at ``origin_mm`` to rest at ``target_mm``.
+    """Plan a motion from rest at ``origin_mm`` to rest at ``target_mm``.
 
     Args:
         start_s: Controller time of the start, s.
         origin_mm: ``(3,)`` start, mm.
-        target_mm: ``(3,)`` goal, mm.
-        limits: Speed (mm/s), acceleration (mm/s2) and jerk (mm/s3).
+        target_mm: ``(3,)`` target, mm.
+        limits: Speed (mm/s), acceleration (mm/s²) and jerk (mm/s³).
+
+    Raises:
+        DeviceError: No trajectory meets the limits.
     """
     path = target_mm - origin_mm
     length = float(np.linalg.norm(path))
@@ -68,11 +71,21 @@ def plan_move(
     request = InputParameter(1)
     request.target_position = [length]
     request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
-    return Segment(start_s, origin_mm, path / length, _planned(request))
+    return Segment(start_s, origin_mm, path / length, _solve(request))
 
 
 def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: float) -> Segment:
-    """Plan to come to rest along the path of ``moving``, from its state at ``start_s``."""
+    """Plan a stop along the path of ``moving``, from its state at ``start_s``.
+
+    Args:
+        start_s: Controller time of the start, s.
+        moving: Present motion.
+        deceleration_mm_s2: Largest deceleration, mm/s².
+        jerk: Largest jerk, mm/s³.
+
+    Raises:
+        DeviceError: No trajectory meets the limits.
+    """
     distance, speed, acceleration = moving.along(start_s)
     if speed == 0.0 and acceleration == 0.0:
         return Segment(start_s, moving.position_mm(start_s), moving.direction)
@@ -84,10 +97,10 @@ def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: 
     request.target_velocity = [0.0]
     request.max_acceleration = [deceleration_mm_s2]
     request.max_jerk = [jerk]
-    return Segment(start_s, moving.origin_mm, moving.direction, _planned(request))
+    return Segment(start_s, moving.origin_mm, moving.direction, _solve(request))
 
 
-def _planned(request: InputParameter) -> Trajectory:
+def _solve(request: InputParameter) -> Trajectory:
     plan = Trajectory(1)
     result = Ruckig(1).calculate(request, plan)
     if result not in (Result.Working, Result.Finished):

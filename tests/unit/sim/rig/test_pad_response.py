@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.pad_modes import Pad, PadConfig, mode_amplitudes
-from spikingtac.sim.rig.pads import PatchConfig, pad_response, rigid_modes
+from spikingtac.sim.rig.pad import Pad, PadConfig, mode_amplitudes
+from spikingtac.sim.rig.pad_response import PatchConfig, pad_response, rigid_modes
 from spikingtac.sim.rig.probe import ProbeConfig, ProbeState
 
 PATCH = PatchConfig()

@@ -1,4 +1,4 @@
-"""How the rod's motion reaches the skin of each pad: the six unit responses, superposed."""
+"""Skin of a gel pad under the motion of the rod, as a sum of the six unit responses."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.optics.states import SkinState
-from spikingtac.sim.rig.pads import MODES, PatchConfig, pad_response
+from spikingtac.sim.rig.pad_response import MODES, PatchConfig, pad_response
 from spikingtac.sim.rig.probe import ProbeState
 from spikingtac.sim.scene.scene import SkinConfig
 
 Vector = NDArray[np.float64]
 
 NORMAL_MODE = 2
-"""Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pads`."""
+"""Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad_response`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PadConfig:
-    """How a pad sits on the rod.
+    """Position of a pad on the rod.
 
     Attributes:
-        skin: The markers; the second finger carries the next serial number.
-        grip_mm: How deep the grip presses the rod into the pad, mm (ours: 10 % of the layer).
-        half_thickness_mm: From the rod's axis to the skin, mm (a 4 mm rod).
+        skin: The markers. The second finger carries the next serial number.
+        grip_mm: Depth by which the grip presses the rod into the pad, mm (ours: 10 % of the layer).
+        half_thickness_mm: Distance from the rod's axis to the skin, mm (a 4 mm rod).
     """
 
     skin: SkinConfig = field(default_factory=SkinConfig)
@@ -34,16 +34,16 @@ class PadConfig:
 
 
 PADS = 2
-"""Pads that share the rod's load; the second may be blind."""
+"""Number of pads that share the load of the rod, with or without a camera."""
 
 
 class Pad:
-    """One pad; the rod's patch lies at the middle of its markers.
+    """One pad. The patch that sticks to the rod lies in the middle of its markers.
 
     Args:
-        config: How it sits on the rod.
-        patch: What of it sticks to the rod.
-        faces_back: False for pad A; True for pad B, whose camera looks the other way.
+        config: Position of the pad on the rod.
+        patch: The patch that sticks to the rod.
+        faces_back: False for pad A; True for pad B, whose camera looks in the opposite direction.
     """
 
     def __init__(self, config: PadConfig, patch: PatchConfig, faces_back: bool = False) -> None:
@@ -64,8 +64,8 @@ class Pad:
         """Return the skin under the rod.
 
         Args:
-            state: The probe.
-            rotation: ``(3, 3)`` the gripper's axes as columns in the base frame.
+            state: State of the probe.
+            rotation: ``(3, 3)`` axes of the gripper as columns in the base frame.
         """
         amplitude = self._grip + self._from_bushing @ state.bushing
         fields = self._rest + amplitude @ self._fields
@@ -87,8 +87,8 @@ class Pad:
 def mode_amplitudes(half_thickness_mm: float, faces_back: bool) -> Vector:
     """Return ``(6, 6)``: amplitudes of the pad's modes per bushing motion (gripper frame).
 
-    Pad A sees the gripper's x and y as its own and z reversed; pad B sees x reversed. Rotating the
-    rod also carries its surface along, which lies half a thickness away from its axis.
+    Pad A sees the gripper's x and y as its own and z reversed; pad B sees x reversed. A rotation of
+    the rod also moves its surface, which lies half a thickness away from its axis.
     """
     side = 1.0 if faces_back else -1.0
     out = np.zeros((MODES, MODES))
