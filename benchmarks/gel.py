@@ -17,7 +17,7 @@ import scipy.fft
 
 from spikingtac.sim.gel.gel import Gel, GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.scene.motions import Motion, MotionConfig, SegmentConfig
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 
 RATE_HZ = 250.0
 PITCH_MM = 2.5
@@ -55,7 +55,7 @@ def steps_ms(
 ) -> np.ndarray:
     """Return the cost of every step in contact, ms."""
     press = SegmentConfig(kind="press", depth_mm=depth_mm, duration_s=PRESS_S)
-    motion = Motion(MotionConfig(height_mm=0.1, segments=(press, segment, LIFT)))
+    motion = IndenterMotion(MotionConfig(height_mm=0.1, segments=(press, segment, LIFT)))
     indenter = make_indenter(IndenterConfig(kind=kind))
     costs = []
     gel.reset()

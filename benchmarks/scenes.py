@@ -54,7 +54,7 @@ def measure(name: str, seed: int) -> Timing:
     images = [image for _, image in apart.frames()]
     gel_cpu_s = time.thread_time() - start
     start = time.thread_time()
-    for _ in apart.film(images):
+    for _ in apart.render_images(images):
         pass
     camera_cpu_s = time.thread_time() - start
     return Timing((source.t_end_us or 0) * 1e-6, events, wall_s, gel_cpu_s, camera_cpu_s)

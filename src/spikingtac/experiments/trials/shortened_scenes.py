@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from spikingtac.sim.scene.motions import Motion
+from spikingtac.sim.scene.motions import IndenterMotion
 from spikingtac.sim.scene.scene import ContactConfig, Scene
 
 
@@ -26,7 +26,7 @@ def _first(contacts: tuple[ContactConfig, ...], motion_s: float) -> Iterator[Con
     for contact in contacts:
         if begun_s >= motion_s:
             return
-        motion = Motion(contact.motion)
+        motion = IndenterMotion(contact.motion)
         *before, release = contact.motion.segments
         starts_s = motion.segment_starts_s[: len(before)]
         kept = [one for one, at in zip(before, starts_s, strict=True) if begun_s + at < motion_s]

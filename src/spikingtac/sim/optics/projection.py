@@ -1,4 +1,4 @@
-"""The lens of the twin: from markers in mm on the skin to ellipses in px on the sensor."""
+"""The lens: from markers on the skin (mm) to ellipses on the sensor (px)."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from spikingtac.sim.optics.states import MarkerImage, SkinState
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OpticsConfig:
-    """Where the camera stands and how its lens bends.
+    """Distance and distortion of the lens.
 
-    The paper gives neither lens nor distance; 20.6 mm imaged on 320 px of 6.3 um inside a 19 mm
-    housing leave a distance of about 13 mm and a half-angle of 38 degrees at the edge.
+    The paper gives neither lens nor distance. An image of 20.6 mm on 320 px of 6.3 um inside a 19
+    mm housing gives a distance of about 13 mm and a half-angle of 38 degrees at the edge.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px (GenX320).
         px_per_mm: Image scale on the optical axis at rest (320 px over the paper's 20.6 mm).
-        center_px: Where the optical axis meets the sensor; None is the sensor's centre.
-        distance_mm: From the lens's centre of projection to the skin at rest.
-        k1: Brown's first radial coefficient, in units of the tangent of the view angle (assumed:
-            a mild barrel, 2 % at the middle of an edge of the marker grid).
+        center_px: Place of the optical axis on the sensor, px; None is the sensor's centre.
+        distance_mm: Distance from the lens's centre of projection to the skin at rest, mm.
+        k1: Brown's first radial coefficient, in units of the tangent of the view angle (assumed: a
+            mild barrel, 2 % at the middle of an edge of the marker grid).
         k2: Brown's second radial coefficient.
         p1: Brown's first tangential coefficient.
         p2: Brown's second tangential coefficient.
-        discs: The markers' discs and their defects.
+        discs: The discs of the markers and their defects.
     """
 
     size: tuple[int, int] = (320, 320)
@@ -58,7 +58,7 @@ class OpticsConfig:
 
 
 class Lens(NamedTuple):
-    """What :func:`bend_kernel` needs; see :class:`OpticsConfig`."""
+    """Parameters of :func:`distort_kernel`; see :class:`OpticsConfig`."""
 
     center_x_px: float
     center_y_px: float
@@ -71,14 +71,14 @@ class Lens(NamedTuple):
 
 
 class Optics:
-    """Pinhole with Brown distortion; an indentation magnifies, a strain makes ellipses.
+    """Pinhole camera with Brown distortion. Indentation magnifies; strain makes ellipses of discs.
 
-    The perspective of a tilted skin across one marker is left out: its in-plane gradient is all
-    that the gel reports.
+    The perspective of a tilted skin across one marker is neglected, because the gel gives its
+    in-plane gradient only.
 
     Args:
         config: Lens, distance and discs.
-        seed: Of the discs' fabrication tolerances: equal seeds are one and the same sensor.
+        seed: Seed of the discs' fabrication tolerances. Equal seeds give the same sensor.
     """
 
     def __init__(self, config: OpticsConfig, seed: int = 0) -> None:
@@ -96,7 +96,7 @@ class Optics:
         Args:
             state: Skin with m markers.
         """
-        discs = self._discs_of(len(state.marker_mm))
+        discs = self._discs_for(len(state.marker_mm))
         center_px, shape = project_kernel(
             state.marker_mm, state.gradient, discs.offset_mm, self._lens
         )
@@ -109,37 +109,37 @@ class Optics:
         )
 
     def project_points(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where ``(n, 3)`` points of the skin's frame (mm) fall on the sensor, (n, 2) px."""
+        """Return the image ``(n, 2)`` (px) of points ``(n, 3)`` of the skin's frame (mm)."""
         points = np.asarray(points_mm, np.float64)
         undeformed = np.tile(np.eye(2), (len(points), 1, 1))
         return project_kernel(points, undeformed, np.zeros((len(points), 2)), self._lens)[0]
 
-    def _discs_of(self, markers: int) -> Discs:
+    def _discs_for(self, markers: int) -> Discs:
         if self._discs is None or len(self._discs.radius_mm) != markers:
             self._discs = draw_discs(self._config.discs, markers, self._seed)
         return self._discs
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bend_kernel(
+def distort_kernel(
     lens: Lens, x_mm: float, y_mm: float, z_mm: float
 ) -> tuple[float, float, float, float, float]:
-    """Return where a point falls, px, and d px / d mm there: along x, along y, across."""
+    """Return the image of a point, px, and d px / d mm there: along x, along y, across."""
     scale = 1.0 / (lens.distance_mm - z_mm)
     x, y = x_mm * scale, y_mm * scale
     square = x * x + y * y
     radial = 1 + lens.k1 * square + lens.k2 * square**2
     slope = 2 * (lens.k1 + 2 * lens.k2 * square)
-    bent_x = x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x * x)
-    bent_y = y * radial + lens.p1 * (square + 2 * y * y) + 2 * lens.p2 * x * y
+    distorted_x = x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x * x)
+    distorted_y = y * radial + lens.p1 * (square + 2 * y * y) + 2 * lens.p2 * x * y
     along_x = radial + slope * x * x + 2 * lens.p1 * y + 6 * lens.p2 * x
     along_y = radial + slope * y * y + 6 * lens.p1 * y + 2 * lens.p2 * x
     across = slope * x * y + 2 * (lens.p1 * x + lens.p2 * y)
     focal_px = lens.px_per_mm * lens.distance_mm
     steep = focal_px * scale
     return (
-        lens.center_x_px + focal_px * bent_x,
-        lens.center_y_px + focal_px * bent_y,
+        lens.center_x_px + focal_px * distorted_x,
+        lens.center_y_px + focal_px * distorted_y,
         steep * along_x,
         steep * along_y,
         steep * across,
@@ -150,20 +150,20 @@ def bend_kernel(
 def project_kernel(
     marker_mm: NDArray[np.float64], gradient: NDArray[np.float64], offset_mm: Any, lens: Lens
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centres ``(m, 2)`` px and shapes ``(m, 2, 2)`` of :class:`MarkerImage`.
+    """Return the centres ``(m, 2)`` (px) and shapes ``(m, 2, 2)`` of a :class:`MarkerImage`.
 
     Args:
-        marker_mm: ``(m, 3)`` nominal places on the skin.
-        gradient: ``(m, 2, 2)`` of the skin there.
-        offset_mm: ``(m, 2)`` of the discs from their nominal places, in the rest frame.
-        lens: What bends.
+        marker_mm: ``(m, 3)`` nominal places on the skin, mm.
+        gradient: ``(m, 2, 2)`` deformation gradient of the skin there.
+        offset_mm: ``(m, 2)`` offsets of the discs from their nominal places, in the rest frame, mm.
+        lens: Parameters of the lens.
     """
     center_px, shape = np.empty((len(marker_mm), 2)), np.empty((len(marker_mm), 2, 2))
     for k in range(len(marker_mm)):
         strain, (dx, dy) = gradient[k], (offset_mm[k, 0], offset_mm[k, 1])
         x_mm = marker_mm[k, 0] + strain[0, 0] * dx + strain[0, 1] * dy
         y_mm = marker_mm[k, 1] + strain[1, 0] * dx + strain[1, 1] * dy
-        x_px, y_px, along_x, along_y, across = bend_kernel(lens, x_mm, y_mm, marker_mm[k, 2])
+        x_px, y_px, along_x, along_y, across = distort_kernel(lens, x_mm, y_mm, marker_mm[k, 2])
         center_px[k, 0], center_px[k, 1] = x_px, y_px
         xx = along_x * strain[0, 0] + across * strain[1, 0]
         xy = along_x * strain[0, 1] + across * strain[1, 1]

@@ -1,4 +1,4 @@
-"""The scenes that come with the package, by name."""
+"""The scenes of the package, by name."""
 
 from __future__ import annotations
 
@@ -31,27 +31,30 @@ localised circular finger motions, as in the paper."""
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all scenes: the ten trajectories first, the others in order."""
+    """Return the names of all scenes: the ten trajectories first, then the others sorted."""
     stored = sorted(path.name for path in _folder().iterdir() if path.name.endswith(".toml"))
     rest = (name.removesuffix(".toml") for name in stored)
     return (*TRAJECTORIES, *(name for name in rest if name not in TRAJECTORIES))
 
 
 def descriptions() -> dict[str, str]:
-    """Return name -> what it is, for all scenes, without building any of them."""
+    """Return the description of each scene by name, without building any scene."""
     return {name: str(read_toml(_path(name)).get("about", "")) for name in names()}
 
 
 def load(name: str | Path) -> Scene:
     """Return a scene by name, or from a TOML file.
 
+    Args:
+        name: Name of a scene, or path of a TOML file.
+
     Example:
         >>> load("quiet").duration_s
         3.0
 
     Raises:
-        ConfigError: There is no such name or file, or the file does not fit; names the nearest
-            scene, or the key and its valid values.
+        ConfigError: No such name or file exists, or the file does not fit. The message names the
+            nearest scene, or the key and its valid values.
     """
     from spikingtac.sim.scene.scene import load_scene  # with the gel's kernels behind it
 

@@ -1,8 +1,8 @@
-"""How an indenter moves: timed segments, from approach to release, as a pure function of time.
+"""Motion of an indenter: timed segments from approach to release, as a function of time.
 
-Positions are mm in the skin's frame (x right, y down); the third coordinate is the depth of the
-indenter's deepest point, positive inside the gel and negative clear of it. Every segment starts
-and ends at rest.
+Positions are mm in the skin's frame (x right, y down). The third coordinate is the depth of the
+indenter's deepest point: positive inside the gel, negative above it. Every segment starts and ends
+at rest.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.types import Pose
 
 FRAME = "skin"
-"""Name of the frame in which indenter poses are given."""
+"""Name of the frame of indenter poses."""
 
 CLEARANCE_MM = 1.0
-"""Height above the skin from which a motion starts and to which a lift goes, unless told."""
+"""Default height above the skin at the start of a motion and after a lift, mm."""
 
 RELEASE_S = 0.005
-"""Duration of a sudden release (ours: a snag that lets go within one frame of a fast camera)."""
+"""Duration of a sudden release, s (ours: one frame of a fast camera)."""
 
 RAMP_FRACTION = 0.2
-"""Share of a trapezoid's duration spent on speeding up, and the same again on slowing down."""
+"""Fraction of a trapezoid's duration for the acceleration, and the same for the deceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionConfig:
-    """Where an indenter starts, clear of the skin, and the segments that follow.
+    """Start of an indenter above the skin, and the segments that follow.
 
     Attributes:
         x_mm: Start, to the right of the optical axis, mm.
         y_mm: Start, below the optical axis, mm.
         yaw_deg: Heading of the indenter about the normal, degrees from x towards y.
-        height_mm: Clearance at the start, mm.
-        segments: What happens, in order.
+        height_mm: Height above the skin at the start, mm.
+        segments: The segments in order.
     """
 
     x_mm: float = 0.0
@@ -50,7 +50,7 @@ class MotionConfig:
     segments: tuple[SegmentConfig, ...] = ()
 
 
-class Motion:
+class IndenterMotion:
     """A motion that can be asked for its pose at any time.
 
     Example:
@@ -63,10 +63,10 @@ class Motion:
     def __init__(self, config: MotionConfig) -> None:
         self._starts_s = [0.0]
         pose = _start_pose(config)
-        self._legs: list[tuple[SegmentConfig, Pose, float]] = []
+        self._segments: list[tuple[SegmentConfig, Pose, float]] = []
         for segment in config.segments:
             duration = segment_duration_s(segment, pose)
-            self._legs.append((segment, pose, duration))
+            self._segments.append((segment, pose, duration))
             self._starts_s.append(self._starts_s[-1] + duration)
             pose = segment_pose(segment, pose, 1.0)
         self._end = pose
@@ -82,22 +82,22 @@ class Motion:
         return tuple(self._starts_s)
 
     def pose(self, t_s: float) -> Pose:
-        """Return the pose at ``t_s``; before the start and after the end it stays."""
+        """Return the pose at ``t_s`` (s). It is constant before the start and after the end."""
         index = bisect.bisect_right(self._starts_s, t_s) - 1
-        if index >= len(self._legs):
+        if index >= len(self._segments):
             return self._end
-        segment, start, duration = self._legs[max(index, 0)]
+        segment, start, duration = self._segments[max(index, 0)]
         elapsed = max(t_s - self._starts_s[max(index, 0)], 0.0)
         return segment_pose(segment, start, elapsed / duration if duration > 0 else 1.0)
 
 
 def minimum_jerk(fraction: float) -> float:
-    """Return the covered share of a stroke at a share of its time (Flash & Hogan 1985)."""
+    """Return the completed fraction of a stroke at a fraction of its time (Flash & Hogan 1985)."""
     return fraction**3 * (10.0 + fraction * (6.0 * fraction - 15.0))
 
 
 def trapezoid(fraction: float) -> float:
-    """Return the covered share of a stroke with constant speed between two ramps."""
+    """Return the completed fraction of a stroke with constant speed between two ramps."""
     mirrored = min(fraction, 1.0 - fraction)
     peak = 1.0 / (1.0 - RAMP_FRACTION)
     if mirrored < RAMP_FRACTION:
@@ -114,7 +114,7 @@ _PROFILES: dict[str, tuple[Callable[[float], float], float]] = {
 
 
 def segment_duration_s(segment: SegmentConfig, start: Pose) -> float:
-    """Return how long a segment takes, from its duration or its peak speed, s."""
+    """Return the duration of a segment, given or computed from its peak speed, s."""
     if segment.duration_s is not None:
         return segment.duration_s
     peak_over_mean = _PROFILES[segment.profile][1]
@@ -126,12 +126,12 @@ def segment_duration_s(segment: SegmentConfig, start: Pose) -> float:
 
 
 def segment_pose(segment: SegmentConfig, start: Pose, fraction: float) -> Pose:
-    """Return the pose at a share of a segment's time.
+    """Return the pose at a fraction of a segment's time.
 
     Args:
         segment: The segment.
-        start: Pose where it begins.
-        fraction: Share of its duration that has passed, 0 to 1.
+        start: Pose at its start.
+        fraction: Fraction of its duration that has passed, 0 to 1.
     """
     covered = _covered(segment, min(max(fraction, 0.0), 1.0))
     position = start.position_mm + _offset_mm(segment, start, covered)

@@ -1,4 +1,4 @@
-"""Work ahead: let a thread prepare the next items while the caller uses the present one."""
+"""Prefetch: a thread prepares the next items while the caller uses the present one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from typing import TypeVar, cast
 T = TypeVar("T")
 
 _POLL_S = 0.05
-"""How long a full queue is waited for before looking whether the caller has left."""
+"""Time after which a producer with a full queue checks whether the caller has left, s."""
 
 
 def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
-    """Yield the same items in the same order, up to ``depth`` of them prepared in a thread.
+    """Yield the items in order while a thread prepares up to ``depth`` of them.
 
-    What an item raises is raised here in its place. The thread ends with the iteration, also where
-    the caller leaves early.
+    An exception of the producer is raised here at the place of the item. The thread ends with the
+    iteration, also if the caller ends it early.
+
+    Args:
+        items: Items to prepare.
+        depth: Number of items in the queue.
     """
     ready: queue.Queue[object] = queue.Queue(depth)
     left = threading.Event()
@@ -39,7 +43,7 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
             put(_Failure(error))
         put(end)
 
-    worker = threading.Thread(target=produce, name="spikingtac-ahead", daemon=True)
+    worker = threading.Thread(target=produce, name="spikingtac-prefetch", daemon=True)
     worker.start()
     try:
         while (item := ready.get()) is not end:

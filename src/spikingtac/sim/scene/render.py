@@ -1,4 +1,4 @@
-"""A scene as a recording folder: events, truth and manifest, the same bytes for the same seed."""
+"""Render a scene into a recording folder with events, truth and manifest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAMES = ("events.raw", TRUTH, MANIFEST)
 """Files of the recording folder of one sensor."""
 
 SOURCE = "twin"
-"""What the manifest of a simulation names as its source."""
+"""Entry ``source`` in the manifest of a simulation."""
 
 
 def simulate(
@@ -31,24 +31,23 @@ def simulate(
     overwrite: bool = False,
     advance: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Render a scene into a recording folder.
+    """Render a scene into a recording folder. Equal seeds give equal files.
 
-    Memory does not grow with the scene. A folder that is cut short by an error or an interrupt is
-    left without the files.
+    Memory does not grow with the scene. After an error or an interrupt the files are removed.
 
     Args:
-        scene: What happens.
+        scene: The scene.
         folder: Folder to write: ``events.raw`` (EVT3), ``truth.npz``, ``manifest.json``.
-        seed: Of the variations and of the camera's noise.
-        duration_s: Length; None is the scene's own.
-        overwrite: Write also into a folder that holds something else than a simulation.
-        advance: Is told the share that is done, 0 to 1.
+        seed: Seed of the variations and of the camera's noise.
+        duration_s: Length, s; None is the scene's own length.
+        overwrite: Write also into a folder that holds other files than those of a simulation.
+        advance: Receives the completed fraction, 0 to 1.
 
     Returns:
-        Folder, duration, and numbers of events and markers, for whoever reports them.
+        Folder, duration, numbers of events and markers, and the digest of the scene.
 
     Raises:
-        ConfigError: The seed or the duration is out of range, or the folder holds something else.
+        ConfigError: The seed or the duration is out of range, or the folder holds other files.
         RecordingError: The folder cannot be written.
     """
     if seed < 0:
@@ -85,7 +84,7 @@ def simulate(
 
 
 def description(source: SceneSource, events: int) -> dict[str, Any]:
-    """Return what the manifest says of a simulation; when and where it ran is not in it."""
+    """Return the manifest of a simulation. It holds neither date nor machine."""
     scene = source.scene
     camera = scene.camera.resolve(scene.size)
     return {

@@ -1,4 +1,4 @@
-"""A scene: a small TOML file that says which sensor is touched, by what, and how it moves."""
+"""A scene: a TOML file that gives the sensor, the bodies that touch it and their motions."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.optics.projection import OpticsConfig
 from spikingtac.sim.optics.states import SkinState
-from spikingtac.sim.scene.motions import Motion, MotionConfig
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.scene.variation import VariationConfig
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SkinConfig:
-    """The grid of markers, and which sensor of the series it is.
+    """The grid of markers, and the number of the individual sensor.
 
     Attributes:
         grid: ``(rows, columns)`` of markers (the paper: 8 by 8).
-        pitch_mm: Distance between neighbours, mm (the paper gives none; 37 px at 15.5 px/mm).
-        serial: Which sensor: its disc tolerances and its camera's pixel mismatch and hot pixels.
-            The seed of a recording does not change them, so one calibration fits every seed.
+        pitch_mm: Distance between neighbours, mm (not in the paper; 37 px at 15.5 px/mm).
+        serial: Number of the individual sensor. It fixes the disc tolerances, the mismatch of the
+            pixels and the hot pixels. The seed of a recording does not change them, so that one
+            calibration fits every seed.
     """
 
     grid: tuple[int, int] = (8, 8)
@@ -51,7 +52,7 @@ class SkinConfig:
         return places * self.pitch_mm
 
     def at_rest(self) -> SkinState:
-        """Return the skin that nothing touches, at time zero."""
+        """Return the skin without contact, at time zero."""
         rest_mm = self.rest_mm()
         return SkinState(
             t_us=0,
@@ -64,48 +65,53 @@ class SkinConfig:
         )
 
 
-_RENDERING = {"steps": {"max_us": 4000.0}}
-"""Slow markers need no finer steps than the gel's: the events are the same (within 1e-5 of their
-number in `finger-presses` and `comb-slides`), in half of the time."""
+_STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
+"""Slow markers need no finer steps than those of the gel.
+
+The number of events changes by less than 1e-5 in `finger-presses` and `comb-slides`, and the
+computing time halves.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraChoice:
-    """Which camera preset films the skin, and what differs from it.
+    """The camera preset, and the settings that differ from it.
 
     Attributes:
         preset: ``clean``, ``typical`` or ``noisy``, or the path of a camera's TOML file.
-        settings: Tables like those of a camera file, laid over the preset.
+        settings: Tables as in a camera file, which override parts of the preset.
     """
 
     preset: str = "typical"
     settings: dict[str, Any] = field(default_factory=dict)
 
     def resolve(self, size: tuple[int, int]) -> CameraConfig:
-        """Return the camera with its settings, for a sensor of ``size``.
+        """Return the camera with its settings, for a sensor of ``size`` (px).
 
         Raises:
             ConfigError: The preset or a setting is unknown or out of range.
         """
-        preset = _laid_over(to_mapping(load_camera(self.preset)), _RENDERING)
-        return build(CameraConfig, _laid_over(preset, self.settings) | {"size": size}, "camera")
+        preset = _merged(to_mapping(load_camera(self.preset)), _STEP_SETTINGS)
+        return build(CameraConfig, _merged(preset, self.settings) | {"size": size}, "camera")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HistoryConfig:
-    """What the sensor has been through when the recording starts; it is simulated, not recorded.
+    """What the sensor has seen before the recording. It is simulated but not recorded.
 
-    A pixel's reference is whatever its last event left, so no sensor in use has fresh ones. The
-    history reaches the camera only: the gel starts relaxed, so that the markers start at rest.
+    The reference of a pixel is the level at its last event, so that no sensor in use has fresh
+    references. The history affects the camera only: the gel starts relaxed, and the markers start
+    at rest.
 
     Attributes:
-        references: Before the drag: ``rested`` for minutes, so that the leak has moved each
-            reference by an unknown part of a threshold; ``random``, as arbitrary motions leave
-            them; ``fresh``, each exact, as no real sensor's are (for tests of the camera).
-        slide_mm: How far the whole skin was then dragged, in a direction drawn from the seed, and
-            let go, mm; 0 is not at all.
-        duration_s: How long it took to drag it and let it go, s.
-        wait_s: Time from there to the start of the recording, s; the leak goes on meanwhile.
+        references: Reference levels before the drag. ``rested``: the leak has moved each reference
+            by a random part of a threshold, as after minutes of rest. ``random``: as after
+            arbitrary motions. ``fresh``: exact, as no real sensor's are (for tests of the camera).
+        wait_s: Time from the end of the drag to the start of the recording, s. The leak continues
+            in it.
+        slide_mm: Distance by which the whole skin is dragged and released, in a direction drawn
+            from the seed, mm; 0 is no drag.
+        duration_s: Duration of the drag and the release, s.
     """
 
     references: Literal["rested", "random", "fresh"] = "rested"
@@ -120,13 +126,13 @@ class HistoryConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactConfig:
-    """One body that comes, touches and leaves; once or several times.
+    """One body that approaches, touches and leaves, once or several times.
 
     Attributes:
         indenter: The body.
-        motion: What it does, from clear of the skin to clear of the skin.
-        repeats: How many times.
-        pause_s: Wait after each time, s.
+        motion: Its motion, which starts and ends above the skin.
+        repeats: Number of repetitions.
+        pause_s: Pause after each repetition, s.
     """
 
     indenter: IndenterConfig = field(default_factory=IndenterConfig)
@@ -136,7 +142,7 @@ class ContactConfig:
 
     def __post_init__(self) -> None:
         make_indenter(self.indenter)
-        motion = Motion(self.motion)
+        motion = IndenterMotion(self.motion)
         if self.repeats < 1 or self.pause_s < 0:
             raise ValueError("repeats must be at least 1 and pause_s must not be negative")
         if not self.motion.segments or max(motion.pose(at).position_mm[2] for at in
@@ -149,21 +155,22 @@ class ContactConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scene:
-    """What happens to which sensor, and what the seed varies.
+    """The sensor, the contacts, and the variation by the seed.
 
     Attributes:
-        about: One line for the catalogue.
-        lead_in_s: MissingMarkers before the first contact, s.
-        lead_out_s: Time after the last motion has ended, s (the return metrics are taken there).
+        about: Description in one line, for the catalogue.
+        lead_in_s: Time without contact before the first contact, s.
+        lead_out_s: Time after the end of the last motion, s (the return metrics are measured
+            there).
         duration_s: Length of a scene without contacts, s.
-        mechanics_hz: Lowest rate of the gel's steps; the camera interpolates between them.
+        mechanics_hz: Lowest rate of the gel's steps, Hz. The camera interpolates between them.
         skin: The markers.
-        gel: The gel's mechanics.
-        optics: The lens, the sensor's size and the discs.
+        gel: Mechanics of the gel.
+        optics: Lens, sensor size and discs.
         camera: The event camera.
-        history: What came before.
-        variation: What the seed changes.
-        contacts: What touches the skin, in order.
+        history: What the sensor has seen before the recording.
+        variation: Changes by the seed.
+        contacts: The contacts in order.
     """
 
     about: str = ""
@@ -196,20 +203,20 @@ class Scene:
         return self.optics.size
 
     def with_camera(self, preset: str | None) -> Scene:
-        """Return the scene filmed by another preset; its own settings stay laid over it."""
+        """Return the scene with another camera preset; the scene's camera settings still apply."""
         return self if preset is None else replace(self, camera=replace(self.camera, preset=preset))
 
     def with_serial(self, serial: int | None) -> Scene:
-        """Return the scene on another sensor of the series; None is the same one."""
+        """Return the scene with another individual sensor; None is the same one."""
         return self if serial is None else replace(self, skin=replace(self.skin, serial=serial))
 
     def resolved(self) -> dict[str, Any]:
-        """Return every value behind the scene, the camera's preset spelled out."""
+        """Return all values of the scene, with those of the camera preset."""
         camera = to_mapping(self.camera.resolve(self.size))
         return to_mapping(self) | {"camera": {"preset": self.camera.preset, "settings": camera}}
 
     def digest(self) -> str:
-        """Return the sha256 of :meth:`resolved`, as hexadecimal digits."""
+        """Return the SHA-256 of :meth:`resolved`, as hexadecimal digits."""
         text = json.dumps(self.resolved(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -218,16 +225,16 @@ def load_scene(path: str | Path) -> Scene:
     """Read a scene from a TOML file.
 
     Raises:
-        ConfigError: The file cannot be read, or a key or value does not fit; names the key and
-            what is valid.
+        ConfigError: The file cannot be read, or a key or value does not fit. The message names the
+            key and what is valid.
     """
     return build(Scene, read_toml(path), str(path))
 
 
-def _laid_over(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in top.items():
         below = merged.get(key)
         nested = isinstance(below, Mapping) and isinstance(value, Mapping)
-        merged[key] = _laid_over(below, value) if nested else value  # type: ignore[arg-type]
+        merged[key] = _merged(below, value) if nested else value  # type: ignore[arg-type]
     return merged

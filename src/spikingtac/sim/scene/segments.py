@@ -1,4 +1,4 @@
-"""The segments of a motion: what kinds there are, and which settings each of them takes."""
+"""The segments of a motion: their kinds, and the settings of each kind."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ _ALWAYS = ("kind", "duration_s", "speed_mm_s", "speed_deg_s", "profile")
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentConfig:
-    """One stretch of a motion; give either its duration or its peak speed.
+    """One segment of a motion. Give either its duration or its peak speed.
 
     Attributes:
-        kind: ``hold``; ``press`` to a depth; ``lift`` off; ``release`` suddenly; ``slide`` by
-            (dx, dy); ``rub`` out and back; ``twist`` about the normal; ``circle``; ``roll``.
-        duration_s: Time that the segment takes, s.
+        kind: ``hold``; ``press`` to a depth; ``lift`` off; ``release`` suddenly; ``slide`` by (dx,
+            dy); ``rub`` forwards and back; ``twist`` about the normal; ``circle``; ``roll``.
+        duration_s: Duration, s.
         speed_mm_s: Peak speed of the reference point, mm/s.
         speed_deg_s: Peak rate of a twist, degrees/s.
         profile: Time law of each stroke.
-        depth_mm: Depth at the end, mm (absolute; negative is clear of the skin).
-        height_mm: Clearance after a lift or release, mm.
+        depth_mm: Depth at the end, mm (absolute; negative is above the skin).
+        height_mm: Height above the skin after a lift or release, mm.
         dx_mm: Displacement to the right, mm.
         dy_mm: Displacement downwards in the image, mm.
-        repeats: Out-and-back strokes of a rub.
-        angle_deg: Turn of a twist, degrees from x towards y.
-        radius_mm: Radius of the circle, or of the rolling body.
-        turns: Turns of a circle, negative for the other sense.
+        repeats: Number of forward-and-back strokes of a rub.
+        angle_deg: Angle of a twist, degrees from x towards y.
+        radius_mm: Radius of the circle, or of the rolling body, mm.
+        turns: Number of turns of a circle; negative for the opposite sense.
         heading_deg: Direction from the start to the circle's centre, degrees.
     """
 

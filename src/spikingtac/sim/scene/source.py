@@ -1,4 +1,4 @@
-"""A scene as a stream: gel, optics and camera step together, packets and truth come out."""
+"""A scene as a stream of packets with ground truth: gel, optics and camera advance together."""
 
 from __future__ import annotations
 
@@ -17,26 +17,35 @@ from spikingtac.sim.optics.projection import Optics
 from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.scene.prefetch import prefetch
 from spikingtac.sim.scene.scene import Scene
-from spikingtac.sim.scene.timeline import Timeline, earlier_drag_mm
+from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
 from spikingtac.sim.scene.truth import TruthChunk, image_radius_px
 from spikingtac.types import EventPacket, LossCounters
 
-STEPS_AHEAD = 64
+PREFETCH_STEPS = 64
 """Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz)."""
 
 
 STEP_MM = 0.2
-"""How far a body may move in one step of the gel (ours): 50 mm/s at 250 Hz; a sudden release is
-faster and gets shorter steps."""
+"""Largest motion of a body in one step of the gel, mm (ours): 50 mm/s at 250 Hz.
+
+A sudden release is faster and gets shorter steps.
+"""
 
 STEPS_PER_PERIOD = 8
-"""Most steps in one period: 0.5 ms at 250 Hz, about the time in which a shear wave crosses the gel,
-faster than which no skin snaps back."""
+"""Largest number of steps in one period: 0.5 ms at 250 Hz.
+
+A shear wave crosses the gel in about that time, and no skin moves back faster.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneStep:
-    """One step of a scene: the events of a stretch of time, and the truth over it."""
+    """One step of a scene.
+
+    Attributes:
+        packet: Events of the step.
+        truth: Ground truth over the same span.
+    """
 
     packet: EventPacket
     truth: TruthChunk
@@ -86,7 +95,7 @@ class SceneSource:
 
     @property
     def losses(self) -> LossCounters:
-        """Events that the readout lost so far, by kind."""
+        """Number of events that the readout has lost so far, by kind."""
         return self._camera.losses
 
     def __iter__(self) -> Iterator[EventPacket]:
@@ -98,28 +107,28 @@ class SceneSource:
         return self._steps
 
     def _run(self) -> Generator[SceneStep, None, None]:
-        frames = prefetch(self.frames(), STEPS_AHEAD)
+        frames = prefetch(self.frames(), PREFETCH_STEPS)
         state, image = next(frames)
         with contextlib.closing(frames):
-            self._condition()
+            self._precondition()
             for next_state, next_image in frames:
                 packet = self._camera.advance([next_image])
                 yield SceneStep(packet, TruthChunk.of_step(state, image, next_image))
                 state, image = next_state, next_image
 
-    def film(self, images: Iterable[MarkerImage]) -> Iterator[EventPacket]:
-        """Yield what the camera makes of images that were prepared; see :meth:`frames`."""
-        self._condition()
+    def render_images(self, images: Iterable[MarkerImage]) -> Iterator[EventPacket]:
+        """Yield the packets that the camera makes of prepared images; see :meth:`frames`."""
+        self._precondition()
         for image in itertools.islice(images, 1, None):
             yield self._camera.advance([image])
 
-    def _condition(self) -> None:
-        """Let the camera see what came before the recording, up to time zero."""
+    def _precondition(self) -> None:
+        """Show the camera the history before the recording, up to time zero."""
         history, rest = self.scene.history, self.scene.skin.at_rest()
         span_us = round(1e6 * (history.wait_s + history.duration_s))
         before_us = np.arange(span_us, -1, -self._period_us, dtype=np.int64)
         times_us = np.append(-before_us[before_us > 0], 0)
-        drag_mm = earlier_drag_mm(history, self.seed, (times_us - times_us[0]) * 1e-6)
+        drag_mm = prior_drag_mm(history, self.seed, (times_us - times_us[0]) * 1e-6)
         places_mm = rest.marker_mm + np.pad(drag_mm, ((0, 0), (0, 1)))[:, None]
         states = (
             replace(rest, t_us=int(t_us), marker_mm=marker_mm)
@@ -130,21 +139,21 @@ class SceneSource:
             self._camera.advance([self._optics.project(state)])
 
     def frames(self) -> Iterator[tuple[SkinState, MarkerImage]]:
-        """Yield the skin and its image at each step of the gel, from time zero; no camera yet."""
+        """Yield skin and image at each step of the gel, from time zero, without the camera."""
         state = self.scene.skin.at_rest()
         yield state, self._optics.project(state)
         for number in itertools.count():
             if number == self._count:
                 return
             start_us = number * self._period_us
-            for t_us in self._stops_us(start_us, start_us + self._period_us):
+            for t_us in self._step_ends_us(start_us, start_us + self._period_us):
                 body = self._timeline.at(t_us * 1e-6) or (None, None)
                 state = replace(self._gel.step((t_us - start_us) * 1e-6, *body), t_us=t_us)
                 start_us = t_us
                 yield state, self._optics.project(state)
 
-    def _stops_us(self, start_us: int, end_us: int) -> list[int]:
-        """Return the ends of the gel's steps in a period: several where the body moves fast."""
+    def _step_ends_us(self, start_us: int, end_us: int) -> list[int]:
+        """Return the ends of the gel's steps in a period: several if the body moves fast."""
         moved_mm = self._timeline.moved_mm(start_us * 1e-6, end_us * 1e-6)
         steps = min(math.ceil(moved_mm / STEP_MM), STEPS_PER_PERIOD) or 1
         return [start_us + (end_us - start_us) * (k + 1) // steps for k in range(steps)]

@@ -1,4 +1,4 @@
-"""What was really there: markers, force and pose beside the events, piece by piece."""
+"""Ground truth of a simulation beside the events: markers, force and pose, in chunks."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from spikingtac.sim.optics.states import MarkerImage, SkinState
 
 ROW_US = 1000
-"""Longest distance between two rows, us. The camera interpolates the images linearly between the
-gel's steps, and rows fall on those steps and between them, so that reading the truth by linear
-interpolation is exact."""
+"""Longest time between two rows, us.
+
+The camera interpolates the images linearly between the gel's steps. Rows fall on those steps and
+between them, so that linear interpolation of the truth is exact.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +42,11 @@ class TruthChunk:
     def of_step(cls, state: SkinState, now: MarkerImage, then: MarkerImage) -> TruthChunk:
         """Return the truth of one step of the gel, the next step's instant left out."""
         rows = max(1, -(-(then.t_us - now.t_us) // ROW_US))
-        share = np.arange(rows)[:, None, None] / rows
+        fraction = np.arange(rows)[:, None, None] / rows
         moved = then.center_px - now.center_px
         return cls(
             marker_t_us=now.t_us + (then.t_us - now.t_us) * np.arange(rows, dtype=np.int64) // rows,
-            marker_px=(now.center_px + share * moved).astype(np.float32),
+            marker_px=(now.center_px + fraction * moved).astype(np.float32),
             contact_t_us=np.array([now.t_us], np.int64),
             force_n=np.array(state.force_n, np.float64)[None],
             pose_mm=np.array(state.pose_mm, np.float64)[None],

@@ -1,4 +1,4 @@
-"""What the seed changes from one contact to the next: place, heading, depth, extent, speed."""
+"""Variation of a contact by the seed: place, heading, depth, extent, speed."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ FULL_TURN_DEG = 360.0
 
 @dataclass(frozen=True, kw_only=True)
 class VariationConfig:
-    """How far the seed may move a contact from what the scene file says.
+    """Limits of the variation of a contact by the seed.
 
-    Every value is the half-width of a uniform draw, made anew for each contact; all of them zero
-    gives the same contact for every seed.
+    Every value is the half-width of a uniform distribution, drawn anew for each contact. If all are
+    zero every seed gives the same contact.
 
     Attributes:
-        place_mm: Of the start's x and of its y, mm.
-        heading_deg: Of a turn of the whole path about its start, degrees.
-        yaw_deg: Of the indenter's own heading, degrees.
-        depth_fraction: Of the factor on every depth.
-        extent_fraction: Of the factor on slides, radii of circles and angles of twists.
-        speed_fraction: Of the factor on every speed.
-        pause_s: Of the wait before the contact, s, about its own value (drawn from 0 upwards).
+        place_mm: Change of the start's x and of its y, mm.
+        heading_deg: Turn of the whole path about its start, degrees.
+        yaw_deg: Change of the indenter's own heading, degrees.
+        depth_fraction: Relative change of all depths.
+        extent_fraction: Relative change of slides, radii of circles and angles of twists.
+        speed_fraction: Relative change of all speeds.
+        pause_s: Longest additional pause before the contact, s (drawn from 0 upwards).
     """
 
     place_mm: float = 0.0
@@ -48,12 +48,12 @@ class VariationConfig:
 def vary(
     motion: MotionConfig, variation: VariationConfig, rng: np.random.Generator
 ) -> MotionConfig:
-    """Return a motion as one contact of one seed has it.
+    """Return a motion with the variation of one contact of one seed.
 
     Args:
-        motion: The motion of the scene file.
-        variation: How far to go from it.
-        rng: Of this scene and seed; seven draws are taken whatever the variation.
+        motion: Motion of the scene file.
+        variation: Limits of the variation.
+        rng: Source of the draws; seven are taken in every case.
     """
     draw = rng.uniform(-1.0, 1.0, 7)
     heading_deg = float(variation.heading_deg * draw[2])

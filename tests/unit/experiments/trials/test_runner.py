@@ -27,7 +27,7 @@ from spikingtac.experiments.trials.shortened_scenes import shortened
 from spikingtac.experiments.trials.trials import Trial
 from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import Motion
+from spikingtac.sim.scene.motions import IndenterMotion
 from spikingtac.types import EventPacket, MarkerFrame
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
@@ -188,7 +188,8 @@ def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release
         short = shortened(whole, QUICK_MOTION_S)
         assert len(short.contacts) <= len(whole.contacts)
         seconds = [
-            sum(Motion(one.motion).duration_s for one in scene.contacts) for scene in (short, whole)
+            sum(IndenterMotion(one.motion).duration_s for one in scene.contacts)
+            for scene in (short, whole)
         ]
         assert 1.0 < seconds[0] <= seconds[1], name
         total_s += seconds

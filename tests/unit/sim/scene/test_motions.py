@@ -11,7 +11,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.schema import build
 from spikingtac.sim.scene.motions import (
     RELEASE_S,
-    Motion,
+    IndenterMotion,
     MotionConfig,
     minimum_jerk,
     rotation_about,
@@ -19,8 +19,8 @@ from spikingtac.sim.scene.motions import (
 )
 
 
-def motion(*segments: dict[str, Any], **start: float) -> Motion:
-    return Motion(build(MotionConfig, {**start, "segments": list(segments)}, "motion"))
+def motion(*segments: dict[str, Any], **start: float) -> IndenterMotion:
+    return IndenterMotion(build(MotionConfig, {**start, "segments": list(segments)}, "motion"))
 
 
 PRESS = {"kind": "press", "depth_mm": 0.8, "duration_s": 0.5}

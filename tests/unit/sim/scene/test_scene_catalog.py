@@ -2,7 +2,7 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import Motion
+from spikingtac.sim.scene.motions import IndenterMotion
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.sim.scene.timeline import Timeline
 
@@ -30,7 +30,7 @@ def test_the_ten_last_five_to_ten_seconds_and_end_a_second_after_the_last_motion
 def test_paths_stay_on_the_pad(scenes):
     for name, scene in scenes.items():
         for contact in scene.contacts:
-            motion = Motion(contact.motion)
+            motion = IndenterMotion(contact.motion)
             times = [index * 0.02 for index in range(int(motion.duration_s / 0.02))]
             reach = max(abs(motion.pose(t).position_mm[:2]).max() for t in times)
             assert reach + scene.variation.place_mm <= 8.5, name

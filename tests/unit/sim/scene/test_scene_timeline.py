@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import Motion, MotionConfig, SegmentConfig
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene
-from spikingtac.sim.scene.timeline import Timeline, earlier_drag_mm
+from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
 from spikingtac.sim.scene.variation import VariationConfig, vary
 
 WIDE = VariationConfig(
@@ -45,7 +45,7 @@ def path(timeline: Timeline, until_s: float) -> list[float | None]:
 
 
 def test_a_scene_lasts_lead_in_contacts_pauses_and_lead_out():
-    length = 2 * Motion(MOTION).duration_s
+    length = 2 * IndenterMotion(MOTION).duration_s
     assert Timeline(scene(), seed=3).duration_s == pytest.approx(0.5 + length + 0.4 + 1.0)
     assert Timeline(Scene(duration_s=2.5), seed=3).duration_s == 2.5
 
@@ -121,8 +121,8 @@ def test_a_turn_of_the_path_turns_slides_and_circles_alike():
 
 def test_the_earlier_drag_goes_out_and_comes_back_to_rest():
     history = HistoryConfig(slide_mm=0.4, duration_s=0.2, wait_s=1.0)
-    drag = earlier_drag_mm(history, 3, np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
+    drag = prior_drag_mm(history, 3, np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
     length = np.linalg.norm(drag, axis=1)
     np.testing.assert_allclose(length, [0.0, 0.2, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
-    other = earlier_drag_mm(history, 4, np.array([0.1]))
+    other = prior_drag_mm(history, 4, np.array([0.1]))
     assert not np.allclose(drag[2], other[0])
