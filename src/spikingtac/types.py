@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 
+FloatArray = NDArray[np.float64]
+"""Array of float64; each use states its shape."""
+
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 """Structured dtype at the edges, equal to that of the aedat and faery packages."""
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.cli.robot import probe_places
+from spikingtac.cli.robot import probe_arm
 from spikingtac.events.create import create_events
 from spikingtac.live.arrivals import stream_arrivals
 from spikingtac.live.contact_process import ContactProcess, Maker
@@ -134,8 +134,8 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
     camera = PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=2.0, pieces=500)
     camera.pause_after(0.6)
     notes = tmp_path / "stops"
-    monkeypatch.setattr(probe_places, "QUIET_WINDOWS", 300)
-    monkeypatch.setattr(probe_places, "connect", lambda args: NotingArm(str(notes)))
+    monkeypatch.setattr(probe_arm, "QUIET_WINDOWS", 300)
+    monkeypatch.setattr(probe_arm, "connect", lambda args: NotingArm(str(notes)))
     finger = "--events", tmp_path / "pipe", "--calibration", tmp_path / "calibration.json"
     given = "probe", "--arm", "192.0.2.1", *finger, "--detector", "event_count", "--json"
     assert main([*map(str, given)]) == 3

@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.robot import probe_places
+from spikingtac.cli.robot import probe_arm, probe_twin
 from spikingtac.cli.robot.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
@@ -82,9 +82,9 @@ def twin(monkeypatch: pytest.MonkeyPatch) -> Watched:
         detector = make_detector("event_count", DetectionConfig(), [], quiet)
         return detector, TravelModel.of(Compensation(travel_mm=0.12))
 
-    monkeypatch.setattr("spikingtac.sim.rig.hole_site.HoleSite", lambda *given: watched.site)
+    monkeypatch.setattr("spikingtac.cli.robot.probe_twin.HoleSite", lambda *given: watched.site)
     monkeypatch.setattr(watched.site, "windows", watched.windows)
-    monkeypatch.setattr(probe_places, "calibrated", calibrated)
+    monkeypatch.setattr(probe_twin, "calibrate", calibrated)
     return watched
 
 
@@ -177,11 +177,11 @@ def test_a_fault_of_an_arm(
         watched.site.set_wall(HoleWall(radius_mm=0.7), np.zeros(2))
         return watched.site.rig.arm
 
-    monkeypatch.setattr(probe_places, "QUIET_WINDOWS", QUIET)
-    monkeypatch.setattr(probe_places, "listen", listen)
-    monkeypatch.setattr(probe_places, "connect", connect)
+    monkeypatch.setattr(probe_arm, "QUIET_WINDOWS", QUIET)
+    monkeypatch.setattr(probe_arm, "listen", listen)
+    monkeypatch.setattr(probe_arm, "connect", connect)
     if fault is whole:
-        monkeypatch.setattr("spikingtac.contact.registry.make_detector", deaf)
+        monkeypatch.setattr("spikingtac.cli.robot.probe_arm.make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     given = ["--arm", "192.0.2.1", *finger, "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)

@@ -82,7 +82,7 @@ def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_
     torch = pytest.importorskip("torch")
     from spikingtac.denoise.training import train as training
     from spikingtac.denoise.training.dataset import load_clip, map_after
-    from spikingtac.experiments.denoise.training_session import load_training_config
+    from spikingtac.denoise.training.session import load_training_config
 
     folder, recordings, _ = trained
     config = load_training_config(str(folder / "tiny.toml"))

@@ -5,6 +5,7 @@ import pytest
 
 from spikingtac.denoise.classical import CLASSICAL_DENOISERS
 from spikingtac.experiments.denoise.cases import (
+    FILTER_PRODUCT,
     METHODS,
     DenoiseConfig,
     Sample,
@@ -87,7 +88,7 @@ def test_a_method_that_finds_nothing_has_no_excess():
 
 def test_the_window_follows_the_background():
     config = DenoiseConfig()
-    assert config.window_us(1.0) == round(1e6 * config.filter_share)
-    assert config.window_us(5.0) == round(1e6 * config.filter_share / 5.0)
+    assert config.window_us(1.0) == round(1e6 * FILTER_PRODUCT)
+    assert config.window_us(5.0) == round(1e6 * FILTER_PRODUCT / 5.0)
     assert config.window_us(0.001) == config.longest_us
     assert METHODS[-1] == "supervised"

@@ -1,24 +1,22 @@
-"""What ``spikingtac probe`` found, and the forms in which it is told: summary, file, picture."""
+"""The result of ``spikingtac probe``, as summary, document and picture."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import Touched
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 DOCUMENT, PICTURE = "hole.json", "hole.png"
-"""Names in a folder."""
+"""File names in an output folder."""
 PICTURE_ENDINGS = (".png", ".svg", ".pdf")
 COORDINATES = ("x_mm", "y_mm", "radius_mm")
 DIGITS = 5
@@ -27,30 +25,31 @@ DIGITS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class TrueHole:
-    """The hole as the twin knows it.
+    """The true hole of the twin.
 
     Attributes:
-        center_mm: ``(2,)``, mm.
+        center_mm: ``(2,)`` centre, mm.
         radius_mm: Radius, mm.
     """
 
-    center_mm: Vector
+    center_mm: FloatArray
     radius_mm: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProbedHole:
-    """A hole, how it was found, and what was taken for granted.
+    """The estimate of a hole, with the search that led to it.
 
     Attributes:
         circle: Estimate and uncertainty.
-        touches: The contacts that it rests on, in the order of the circle's residuals.
-        travel: What was taken back from the readings.
-        method: Search and detector by name.
-        config: What was resolved, by stage.
-        assumed: What was taken for granted, in sentences.
+        touches: The contacts of the estimate, in the order of the circle's residuals.
+        travel: The travel by which the readings were corrected.
+        method: Names of search and detector.
+        config: All settings, by stage.
+        assumed: The assumptions, in sentences.
         arm: Address of the arm; None on the twin.
-        truth: On the twin.
+        truth: The true hole; None on an arm.
+        grip: How the gripper holds the probe; None without a gripper.
     """
 
     circle: Circle
@@ -60,29 +59,32 @@ class ProbedHole:
     config: Mapping[str, Any]
     assumed: Sequence[str]
     arm: str | None = None
-    truth: TrueHole | None = field(default=None)
+    truth: TrueHole | None = None
+    grip: Mapping[str, Any] | None = None
 
     @property
-    def error_mm(self) -> Vector | None:
-        """Errors ``(3,)`` of centre x, centre y and radius, mm; None where nobody knows."""
+    def error_mm(self) -> FloatArray | None:
+        """Errors ``(3,)`` of centre x, centre y and radius, mm; None without a truth."""
         if self.truth is None:
             return None
         away = self.circle.center_mm - self.truth.center_mm
         return np.append(away, self.circle.radius_mm - self.truth.radius_mm)
 
     def summary(self) -> dict[str, Any]:
-        """Return the flat form that is printed: each coordinate, its sigma, its error."""
-        told: dict[str, Any] = {"contacts": len(self.touches)}
+        """Return the summary that is printed: each coordinate with its sigma and its error."""
+        out: dict[str, Any] = {"contacts": len(self.touches)}
         values, error = [*self.circle.center_mm, self.circle.radius_mm], self.error_mm
         for number, name in enumerate(COORDINATES):
-            told[name] = round(float(values[number]), 4)
-            told[f"{name}_sigma"] = round(float(self.circle.sigma_mm[number]), 4)
+            out[name] = round(float(values[number]), 4)
+            out[f"{name}_sigma"] = round(float(self.circle.sigma_mm[number]), 4)
             if error is not None:
-                told[f"{name}_error"] = round(float(error[number]), 4)
-        return told | {"source": "robot" if self.arm else "twin", "simulated": self.arm is None}
+                out[f"{name}_error"] = round(float(error[number]), 4)
+        if self.grip is not None:
+            out["grip"] = dict(self.grip)
+        return out | {"source": "robot" if self.arm else "twin", "simulated": self.arm is None}
 
     def document(self) -> dict[str, Any]:
-        """Return the whole form that is written: all that the picture and a reader need."""
+        """Return the document that is written."""
         from spikingtac._version import package_version
         from spikingtac.schema import to_mapping
 
@@ -91,6 +93,7 @@ class ProbedHole:
             "package_version": package_version(),
             "simulated": self.arm is None,
             "arm": self.arm,
+            "grip": None if self.grip is None else dict(self.grip),
             "method": dict(self.method),
             "center_mm": _rounded(circle.center_mm),
             "radius_mm": round(circle.radius_mm, DIGITS),
@@ -118,7 +121,7 @@ class ProbedHole:
 
     @property
     def title(self) -> str:
-        """Two lines for the picture: what was found, and where."""
+        """Title of the picture in two lines: place and estimate."""
         x, y = self.circle.center_mm
         sigma = self.circle.sigma_mm
         place = "simulated" if self.arm is None else f"arm at {self.arm}"
@@ -130,13 +133,13 @@ class ProbedHole:
 
 
 def output_paths(output: Path | None) -> tuple[Path, Path] | None:
-    """Return where document and picture go, and make their folder.
+    """Return the paths of document and picture, and create their folder.
 
     Args:
-        output: A folder, a ``.json`` file, or a picture's file; the other one goes beside it.
+        output: A folder, a ``.json`` file, or a picture file; the other file is written beside it.
 
     Raises:
-        ConfigError: The ending is another, or the folder cannot be made.
+        ConfigError: The ending is not valid, or the folder cannot be created.
     """
     if output is None:
         return None
@@ -162,20 +165,20 @@ def output_paths(output: Path | None) -> tuple[Path, Path] | None:
 
 
 def write(found: ProbedHole, paths: tuple[Path, Path]) -> dict[str, str]:
-    """Write document and picture; return their places for the summary."""
-    from spikingtac.experiments.harness.run_folder import write_json
+    """Write document and picture; return their paths for the summary."""
+    from spikingtac.atomic_files import write_json
     from spikingtac.plots.hole import HolePicture, save_hole_plot
 
     document, picture = paths
     write_json(document, found.document())
     truth = found.truth
-    drawn = HolePicture(
+    drawing = HolePicture(
         circle=found.circle,
         reading_mm=np.array([touch.reading_mm for touch in found.touches]),
         true_center_mm=truth and truth.center_mm,
         true_radius_mm=truth and truth.radius_mm,
     )
-    save_hole_plot(picture, found.title, drawn)
+    save_hole_plot(picture, found.title, drawing)
     return {"output": str(document), "picture": str(picture)}
 
 
@@ -188,5 +191,5 @@ def _contact(touch: Touched, residual_mm: float) -> dict[str, Any]:
     }
 
 
-def _rounded(values: Vector) -> list[float]:
+def _rounded(values: FloatArray) -> list[float]:
     return [round(float(value), DIGITS) for value in values]

@@ -8,29 +8,30 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.studies.experiment import run_and_tell
+from spikingtac.cli.studies.run_study import run_study
+from spikingtac.experiments.registry import BENCHES, choices_text, runner_of
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
     """Measure how fast this machine tracks, beside tuned peers on the same stream."""
 
-    name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")] = "throughput"
-    """throughput."""
+    name: Annotated[
+        tyro.conf.Positional[str],
+        tyro.conf.arg(metavar="NAME", help=f"Name of the bench: {choices_text(BENCHES)}"),
+    ] = "throughput"
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-    """Folder to write; new or empty, or begun with the same settings (--resume)."""
+    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
     quick: bool = False
-    """Shorter streams and 5 s of pacing instead of 30 s."""
+    """Use shorter streams, and paced runs of 5 s instead of 30 s."""
     seed: int = 0
-    """Of the stream."""
+    """Seed of the stream."""
     resume: bool = False
-    """Go on with a bench that was interrupted."""
+    """Continue a bench that was interrupted."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Run it, and say what came out."""
-    from spikingtac.experiments import BENCHES, runner_of
-
-    return run_and_tell(runner_of(BENCHES, args.name, "bench"), args)
+    """Run the bench and print its findings."""
+    return run_study(runner_of(BENCHES, args.name, "bench"), args)

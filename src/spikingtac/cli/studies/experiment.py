@@ -1,72 +1,45 @@
-"""``spikingtac experiment``: re-run one of the paper's experiments and write its report."""
+"""``spikingtac experiment``: run one of the paper's experiments again and write its report."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, progress, remark
-
-if TYPE_CHECKING:
-    from spikingtac.experiments import RunOptions
+from spikingtac.cli.studies.run_study import run_study
+from spikingtac.experiments.registry import EXPERIMENTS, choices_text, runner_of
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Re-run one of the paper's experiments and write report.json, report.html and tables."""
+    """Run one of the paper's experiments again; write report.json, report.html and tables."""
 
-    name: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
-    """point-tracking (more are listed by an unknown name)."""
+    name: Annotated[
+        tyro.conf.Positional[str],
+        tyro.conf.arg(metavar="NAME", help=f"Name of the experiment: {choices_text(EXPERIMENTS)}"),
+    ]
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-    """Folder to write; new or empty, or begun with the same settings (--resume)."""
+    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
     quick: bool = False
-    """One seed, shorter sequences, no fifty contacts: minutes instead of an hour."""
+    """Run fewer seeds and shorter sequences: minutes instead of hours."""
     ablations: bool = False
-    """Variants of the default tracker instead of the main tables."""
+    """Run variants of the default tracker instead of the main tables (point-tracking only)."""
     seed: int = 0
     """First seed."""
     seeds: int | None = None
-    """How many seeds; the experiment's own number unless told."""
+    """Number of seeds; the experiment's own number unless given."""
     methods: tuple[str, ...] = ()
-    """Only these methods; all unless told."""
+    """Names of the methods to run; all unless given."""
     resume: bool = False
-    """Go on with a run that was interrupted."""
+    """Continue a run that was interrupted."""
     workers: int | None = None
-    """Processes; one for each CPU unless told."""
+    """Number of processes; one for each CPU unless given."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Run it, and say what came out."""
-    from spikingtac.experiments import EXPERIMENTS, runner_of
-
-    return run_and_tell(runner_of(EXPERIMENTS, args.name, "experiment"), args)
-
-
-def run_and_tell(function: Callable[[RunOptions], dict[str, Any]], args: Any) -> int:
-    """Run an experiment or a bench with what its verb was given, and say what came out."""
-    from spikingtac.experiments import RunOptions
-
-    known = {field.name for field in fields(RunOptions)}
-    given = {name: value for name, value in vars(args).items() if name in known}
-    with progress(args.name) as advance:
-        summary = function(RunOptions(**given, data=foreign_recordings(), advance=advance))
-    if args.json:
-        emit_json(summary)
-        return 0
-    for text in summary["findings"]:
-        remark(text)
-    remark(f"report: {args.output / 'report.html'}")
-    return 0
-
-
-def foreign_recordings() -> Path | None:
-    """Return the folder that ``SPIKINGTAC_DATA`` names, or None."""
-    folder = os.environ.get("SPIKINGTAC_DATA")
-    return Path(folder) if folder and Path(folder).is_dir() else None
+    """Run the experiment and print its findings."""
+    return run_study(runner_of(EXPERIMENTS, args.name, "experiment"), args)

@@ -1,4 +1,4 @@
-"""``spikingtac train``: teach a denoiser on recordings, without labels."""
+"""``spikingtac train``: train a denoiser on recordings, without labels."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ import tyro
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import MissingExtraError
 
+RECORDINGS = "recordings"
+"""Folder of a run that holds the rendered scenes."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
     """Train the denoising network on recordings, or on scenes of the digital twin.
 
-    No labels are needed: a recording's truth.npz is never opened. The same command goes on with a
+    Training needs no labels: it never opens a recording's truth.npz. The same command continues a
     run that was interrupted.
     """
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Recording folders or event files of one sensor; none trains on the configuration's scenes."""
+    """Recording folders or event files of one sensor; the configuration's scenes unless given."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = Path("training")
     """Folder of the run: log.jsonl, weights.safetensors, lean.onnx, lean-int8.onnx."""
     config: str = "lean"
     """lean (the shipped network) or evflownet (as the paper names it), or a TOML file."""
     bootstrap: Path | None = None
-    """Recording of slides that shows every marker: its last map is where the others begin."""
+    """Recording of slides that shows every marker: its last map is the first map of the others."""
     seed: int | None = None
-    """Of weights, degradations and crops; the configuration's unless given."""
+    """Seed of weights, degradations and crops; the configuration's unless given."""
     rounds: int | None = None
-    """Times that each recording is degraded anew; the configuration's unless given."""
+    """Number of times each recording is degraded anew; the configuration's unless given."""
     device: str | None = None
     """cpu or cuda; the configuration's unless given."""
     json: bool = False
@@ -39,15 +42,20 @@ class Args:
 
 
 def run(args: Args) -> int:
-    """Train, export, and say where the weights are."""
+    """Train, export, and print where the weights are."""
     session = _torch_session()
-    given = {"seed": args.seed, "rounds": args.rounds, "device": args.device}
+    config = session.load_training_config(
+        args.config, seed=args.seed, rounds=args.rounds, device=args.device
+    )
     with progress("preparing recordings") as advance:
-        prepared = session.prepare(
-            args.config, args.output, args.recordings, args.bootstrap, given, advance
-        )
+        if args.recordings:
+            from spikingtac.denoise.training.training_set import from_recordings
+
+            recordings = from_recordings(args.recordings, args.bootstrap)
+        else:
+            recordings = session.training_set_of(config, _recorder(args.output), advance)
     with progress("training") as advance:
-        summary: dict[str, Any] = session.train_and_export(prepared, args.output, advance)
+        summary: dict[str, Any] = session.train_and_export(config, recordings, args.output, advance)
     if args.json:
         emit_json(summary)
     else:
@@ -55,13 +63,28 @@ def run(args: Args) -> int:
     return 0
 
 
+def _recorder(folder: Path) -> Any:
+    """Return a function that renders a scene into the run's folder, if it is not there yet."""
+    from spikingtac.events.recording import MANIFEST
+    from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.render import simulate
+
+    def record(name: str, seed: int) -> Path:
+        target = folder / RECORDINGS / f"{name}-{seed}"
+        if not (target / MANIFEST).is_file():
+            simulate(catalog.load(name), target, seed=seed, overwrite=True)
+        return target
+
+    return record
+
+
 def _torch_session() -> Any:
     try:
-        from spikingtac.experiments.denoise import training_session
+        from spikingtac.denoise.training import session
     except ImportError as error:
         if error.name not in ("torch", "safetensors"):
             raise
         raise MissingExtraError(
             f"training needs {error.name}; install it with: pip install 'spikingtac[train]'"
         ) from error
-    return training_session
+    return session

@@ -1,8 +1,8 @@
-"""One approach through the whole twin that does not stop at contact, watched by every method.
+"""One approach through the whole twin that does not stop at contact; every method observes it.
 
-The arm is position-controlled, so what a method would have made of it follows from when it decides:
-a fork of the arm is told to stop then. ``tests/integration/test_collision_experiment.py`` holds it
-to the closed loop (:class:`~spikingtac.robot.approach.Approacher`): same decision and overshoot.
+The arm is position-controlled. The outcome of a method therefore follows from the time of its
+decision: a copy of the arm is stopped at that time. A test compares this with the closed loop
+(:class:`~spikingtac.robot.approach.Approacher`): decision and overshoot are the same.
 """
 
 from __future__ import annotations
@@ -33,40 +33,43 @@ from spikingtac.sim.rig.ur3 import UR3Twin
 Vector = NDArray[np.float64]
 
 RETREAT_MM_S = 180.0
-"""Speed of the way back to the start, mm/s: the whole way fits into the second after a release."""
+"""Speed of the motion back to the start, mm/s: it ends within the second after a release."""
 BEYOND_MM = 60.0
-"""How far behind the wall the commanded target lies, mm: farther than any method lets it come."""
+"""Distance of the commanded target behind the wall, mm: no method stops that late."""
+FRAMES = "frames"
+"""Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`."""
 WINDOW_US = 1000
+"""Length of a window of the detectors, us (Section V-B)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watchers:
-    """Who watches an approach.
+class Observers:
+    """The methods that observe an approach.
 
     Attributes:
-        detectors: Event detectors by name, fresh.
+        detectors: Event detectors by name, reset.
         frames: The frame sampler, or None.
-        enough: Detectors whose decisions end the passage; the others may go without.
-        patience_mm: The arm's travel after the touch at which it ends all the same.
+        required: Detectors whose decisions end the run; it does not wait for the others.
+        patience_mm: Travel of the arm after the touch at which the run ends in any case, mm.
     """
 
     detectors: Mapping[str, ContactDetector]
     frames: FrameSampler | None
-    enough: frozenset[str]
+    required: frozenset[str]
     patience_mm: float
 
 
 @dataclass
 class ApproachRun:
-    """What happened.
+    """The record of one approach.
 
     Attributes:
         touch: The true first touch.
-        arm: The arm as it began to move: a clone to be stopped at will.
-        decided_us: Method -> time of its first decision.
-        costs_us: Detector -> how many windows took how many microseconds of computing.
-        counts: Events of each window that was listened to.
-        first_us: Beginning of the first of those windows.
+        arm: A copy of the arm at the beginning of its motion; copies of it are stopped later.
+        decided_us: Method -> time of its first decision, us.
+        costs_us: Detector -> histogram of its computing time per window, us.
+        counts: Number of events of each window that the detectors received.
+        first_us: Beginning of the first of these windows, us.
     """
 
     touch: FirstContact
@@ -78,10 +81,17 @@ class ApproachRun:
 
 
 def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.Generator) -> None:
-    """Touch and let go, go to the start, and wait there until it is time to move.
+    """Touch the wall and release it, move to the start, and wait there until the approach is due.
 
-    The arm begins to move with a cycle of its controller. The start lies up to the way of one cycle
-    farther back, at random: from a fixed place every touch would meet the same phase of a cycle.
+    The arm begins each motion with a cycle of its controller. The start is therefore moved back at
+    random by up to the travel of one cycle; from a fixed place, every touch would fall into the
+    same phase of a cycle.
+
+    Args:
+        rig: A new rig of the scene.
+        scene: The scene.
+        speed_mm_s: Speed of the approach, mm/s.
+        rng: Draws the starting place.
     """
     released_us = float(rig.t_us)
     if scene.past == "released":
@@ -101,56 +111,56 @@ def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.G
     rig.reset_first_contact()
 
 
-def approach(rig: Rig, scene: CollisionScene, speed_mm_s: float, watchers: Watchers) -> ApproachRun:
-    """Move through the wall's place while everybody watches.
+def approach(
+    rig: Rig, scene: CollisionScene, speed_mm_s: float, observers: Observers
+) -> ApproachRun:
+    """Move the arm past the wall's place while all methods observe.
 
     Args:
-        rig: Prepared; see :func:`prepare`.
-        scene: Its scene.
-        speed_mm_s: Speed of the arm.
-        watchers: Who watches.
+        rig: The rig after :func:`prepare`.
+        scene: The scene of the rig.
+        speed_mm_s: Speed of the arm, mm/s.
+        observers: The methods that observe.
     """
     rig.arm.move_linear(BEYOND_MM * scene.direction, speed_mm_s)
     arm = rig.arm.copy()
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
     before = _cruise(rig, scene, config)
-    passage = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
-    passage.costs_us = {name: Counter() for name in watchers.detectors}
-    if watchers.frames is not None:
-        watchers.frames.start(np.mean(before, axis=0))
+    run = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
+    run.costs_us = {name: Counter() for name in observers.detectors}
+    if observers.frames is not None:
+        observers.frames.start(np.mean(before, axis=0))
     known = float(rig.t_us), rig.markers_px[0]
-    while not _over(rig, watchers, passage):
+    while not _has_ended(rig, observers, run):
         window = next(rig.windows())
-        passage.counts.append(len(window))
-        for name, detector in watchers.detectors.items():
-            if name not in passage.decided_us:
+        run.counts.append(len(window))
+        for name, detector in observers.detectors.items():
+            if name not in run.decided_us:
                 begun = time.perf_counter()
                 contact = detector.update(window)
-                passage.costs_us[name][round((time.perf_counter() - begun) * 1e6)] += 1
+                run.costs_us[name][round((time.perf_counter() - begun) * 1e6)] += 1
                 if contact is not None:
-                    passage.decided_us[name] = float(rig.t_us)
+                    run.decided_us[name] = float(rig.t_us)
         before_us, centers = known
         known = float(rig.t_us), rig.markers_px[0]
-        _look(watchers, passage, (np.array([before_us, known[0]]), np.array([centers, known[1]])))
+        _show_to_frames(
+            observers, run, (np.array([before_us, known[0]]), np.array([centers, known[1]]))
+        )
     if rig.first_contact is not None:
-        passage.touch = rig.first_contact
-    return passage
+        run.touch = rig.first_contact
+    return run
 
 
-FRAMES = "frames"
-"""Name under which a passage keeps the frame sampler's decision."""
-
-
-def _look(watchers: Watchers, passage: ApproachRun, truth: tuple[Vector, Vector]) -> None:
-    """Show the frame sampler the markers since it last looked."""
-    if watchers.frames is not None and FRAMES not in passage.decided_us:
-        found = watchers.frames.look(truth)
+def _show_to_frames(observers: Observers, run: ApproachRun, truth: tuple[Vector, Vector]) -> None:
+    """Give the frame sampler the true markers since the last window."""
+    if observers.frames is not None and FRAMES not in run.decided_us:
+        found = observers.frames.look(truth)
         if found is not None:
-            passage.decided_us[FRAMES] = found
+            run.decided_us[FRAMES] = found
 
 
 def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vector]:
-    """Go on until the arm has cruised long enough; return the markers meanwhile.
+    """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
 
     The rule is that of :class:`~spikingtac.robot.approach.Approacher`.
     """
@@ -164,14 +174,14 @@ def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vec
     return seen[-config.settle_windows :]
 
 
-def _over(rig: Rig, watchers: Watchers, passage: ApproachRun) -> bool:
+def _has_ended(rig: Rig, observers: Observers, run: ApproachRun) -> bool:
     if rig.first_contact is None:
         return rig.arm.state() is not ArmState.MOVING
-    asked = watchers.enough | ({FRAMES} if watchers.frames is not None else set())
-    if asked <= set(passage.decided_us):
+    required = observers.required | ({FRAMES} if observers.frames is not None else set())
+    if required <= set(run.decided_us):
         return True
     travel = rig.arm.true_position_mm() - rig.first_contact.arm_mm
-    return float(np.linalg.norm(travel)) > watchers.patience_mm
+    return float(np.linalg.norm(travel)) > observers.patience_mm
 
 
 def _until_at_rest(rig: Rig) -> None:
@@ -180,13 +190,13 @@ def _until_at_rest(rig: Rig) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
-    """What a stop at some instant leads to, mm along the approach from the true first touch.
+class StopOutcome:
+    """Positions of the arm along the approach, mm from the true first touch.
 
     Attributes:
-        deviation_mm: Where the arm truly was at the decision.
-        read_mm: Where the controller said that it was.
-        overshoot_mm: Where it truly came to rest.
+        deviation_mm: The true position at the decision.
+        read_mm: The position that the controller reported at the decision.
+        overshoot_mm: The true position at rest.
     """
 
     deviation_mm: float
@@ -194,9 +204,9 @@ class Stopped:
     overshoot_mm: float
 
 
-def stop_at(passage: ApproachRun, decided_us: float, direction: Vector) -> Stopped:
-    """Return what happens when a method decides at a time, on the passage's own arm."""
-    arm, real = passage.arm.copy(), passage.touch.arm_mm
+def stop_at(run: ApproachRun, decided_us: float, direction: Vector) -> StopOutcome:
+    """Return the outcome of a decision at some time, by stopping a copy of the run's arm."""
+    arm, real = run.arm.copy(), run.touch.arm_mm
     now_us = round(decided_us)
     arm.advance_to(now_us)
     deviation = float((arm.true_position_mm() - real) @ direction)
@@ -206,4 +216,4 @@ def stop_at(passage: ApproachRun, decided_us: float, direction: Vector) -> Stopp
         now_us += WINDOW_US
         arm.advance_to(now_us)
     overshoot = float((arm.true_position_mm() - real) @ direction)
-    return Stopped(deviation, read, overshoot)
+    return StopOutcome(deviation, read, overshoot)

@@ -1,7 +1,6 @@
 """Section V-B: stop the arm at contact, beside frame-based baselines (simulated).
 
-The false stops are counted on a fast path for motion without contact; everything else runs through
-the whole twin.
+A fast path for motion without contact counts the false stops; everything else uses the whole twin.
 """
 
 from __future__ import annotations
@@ -11,51 +10,52 @@ from concurrent.futures import as_completed
 from dataclasses import asdict
 from typing import Any
 
-from spikingtac.experiments import RunOptions
 from spikingtac.experiments.collision.figures import figures
 from spikingtac.experiments.collision.findings import findings
-from spikingtac.experiments.collision.methods import chosen_methods, collision_methods
+from spikingtac.experiments.collision.jobs import QUIET_STEPS, CollisionJob, run_job
+from spikingtac.experiments.collision.methods import collision_methods
 from spikingtac.experiments.collision.plan import (
     ALL,
     FASTEST,
     PRESETS,
     SERIES_MM,
     SLOW,
-    Approached,
+    ApproachTask,
     CollisionConfig,
+    FreeMotionTask,
     Plan,
-    Stretch,
     plan,
     series,
 )
 from spikingtac.experiments.collision.scene import CollisionScene
 from spikingtac.experiments.collision.scoring import DEFINITIONS, collision_rows
-from spikingtac.experiments.collision.work import QUIET_STEPS, Work, run_work
 from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.records import Record
 from spikingtac.experiments.harness.report import Report, Table
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.harness.worker_pool import worker_pool
 
 NAME = "collision"
-Record = dict[str, Any]
-Run = Callable[[Sequence[Work]], list[Record]]
+RunJobs = Callable[[Sequence[CollisionJob]], list[Record]]
 
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
-    names = chosen_methods(options.methods)
-    config = sized(options)
+    names = select_methods(collision_methods(), options.methods)
+    config = run_size(options)
     settings = {
         "experiment": NAME,
         "quick": options.quick,
         "methods": names,
         **asdict(config),
     }
-    claim(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume)
     approaches, stretches = run_all(options, config, names)
     report = make_report(approaches, stretches, provenance(options.command(NAME), settings))
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
@@ -68,12 +68,12 @@ def run(options: RunOptions) -> dict[str, Any]:
 def make_report(
     approaches: Sequence[Record], stretches: Sequence[Record], made_by: dict[str, Any]
 ) -> Report:
-    """Return the report of what was done.
+    """Return the report of a run.
 
     Args:
-        approaches: Their records.
-        stretches: The same of the contact-free stretches.
-        made_by: Command, settings, versions, machine.
+        approaches: Records of the approaches.
+        stretches: Records of the motions without contact.
+        made_by: Command, settings, versions and machine, from ``fingerprint.provenance``.
     """
     rows = collision_rows(approaches, stretches)
     known = collision_methods()
@@ -90,8 +90,8 @@ def make_report(
     )
 
 
-def sized(options: RunOptions) -> CollisionConfig:
-    """Return how large a run is; ``seeds`` scales the approaches at each speed."""
+def run_size(options: RunOptions) -> CollisionConfig:
+    """Return the size of a run; ``seeds`` sets the number of approaches at each speed."""
     if options.quick:
         return CollisionConfig.quick(options.seed)
     full = CollisionConfig(first_seed=options.seed)
@@ -103,7 +103,7 @@ def sized(options: RunOptions) -> CollisionConfig:
 def run_all(
     options: RunOptions, config: CollisionConfig, names: Sequence[str]
 ) -> tuple[list[Record], list[Record]]:
-    """Make, or read from disk, every approach and stretch of a run."""
+    """Simulate every task of a run, or read its record from disk."""
     main, later = plan(config), series(config)
     done, total = (
         0,
@@ -112,49 +112,52 @@ def run_all(
     )
     with worker_pool(options.workers, total) as pool:
 
-        def go(works: Sequence[Work]) -> list[Record]:
+        def run_jobs(jobs: Sequence[CollisionJob]) -> list[Record]:
             nonlocal done
-            futures = [pool.submit(run_work, work) for work in works]
+            futures = [pool.submit(run_job, job) for job in jobs]
             for future in as_completed(futures):
                 future.result()
                 done += 1
-                if options.advance:
-                    options.advance(done / total)
+                options.report_progress(done, total)
             return [future.result() for future in futures]
 
-        return _everything(options, names, (main, later), go)
+        return _everything(options, names, (main, later), run_jobs)
 
 
 def _everything(
-    options: RunOptions, names: Sequence[str], plans: tuple[Plan, Plan], go: Run
+    options: RunOptions, names: Sequence[str], plans: tuple[Plan, Plan], run_jobs: RunJobs
 ) -> tuple[list[Record], list[Record]]:
     main, later = plans
 
-    def work(task: CollisionScene | Approached | Stretch, enough: tuple[str, ...] = ()) -> Work:
-        events = isinstance(task, Approached) and task.group in ("sensitivity", "curve")
+    def job(
+        task: CollisionScene | ApproachTask | FreeMotionTask, required: tuple[str, ...] = ()
+    ) -> CollisionJob:
+        events = isinstance(task, ApproachTask) and task.group in ("sensitivity", "curve")
         known = collision_methods()
-        asked = tuple(name for name in names if not events or known[name].sees == "events")
-        if enough:
-            asked = tuple(n for n in asked if n in enough or known[n].sees != "events")
-        return Work(folder=options.output, task=task, methods=asked, enough=enough)
+        selected = tuple(name for name in names if not events or known[name].sees == "events")
+        if required:
+            selected = tuple(n for n in selected if n in required or known[n].sees != "events")
+        return CollisionJob(folder=options.output, task=task, methods=selected, required=required)
 
-    go([work(scene) for scene in main.scenes])
+    run_jobs([job(scene) for scene in main.scenes])
     tasks = [*main.stretches, *main.approaches]
-    records = go([work(task) for task in tasks])
-    stretches = [one for one, task in zip(records, tasks, strict=True) if isinstance(task, Stretch)]
-    approaches = [
-        one for one, task in zip(records, tasks, strict=True) if isinstance(task, Approached)
+    records = run_jobs([job(task) for task in tasks])
+    stretches = [
+        one for one, task in zip(records, tasks, strict=True) if isinstance(task, FreeMotionTask)
     ]
-    prompt = prompt_detectors(approaches)
-    if prompt and later.approaches:
-        approaches += go([work(task, prompt) for task in later.approaches])
+    approaches = [
+        one for one, task in zip(records, tasks, strict=True) if isinstance(task, ApproachTask)
+    ]
+    fast = fast_detectors(approaches)
+    if fast and later.approaches:
+        approaches += run_jobs([job(task, fast) for task in later.approaches])
     return approaches, stretches
 
 
-def prompt_detectors(approaches: Sequence[Record]) -> tuple[str, ...]:
-    """Return the detectors that found every slow approach within half the series' patience.
+def fast_detectors(approaches: Sequence[Record]) -> tuple[str, ...]:
+    """Return the detectors that found every slow approach within half of :data:`SERIES_MM`.
 
-    The others would keep the series waiting without a chance: they have the slow approaches alone.
+    Only these take part in the series; the others would decide after its end.
     """
     slow = [one for one in approaches if one["case"] == f"{PRESETS[0]}/{SLOW}"]
     found = slow[0]["costs_us"] if slow else {}

@@ -17,22 +17,20 @@ from spikingtac.experiments.collision.plan import (
     VARIANTS,
 )
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.svg import svg_text
+from spikingtac.experiments.harness.svg import pyplot, svg_text
 
-Record = Mapping[str, Any]
 STYLES = {
     PUBLISHED: ("-", "#0969da"), "default": ("-", "#1a7f37"),
     SAMPLED: ("--", "#bc4c00"), PAPER_DELAY: ("--", "#cf222e"),
 }  # fmt: skip
 """Method -> line (solid: events, dashed: frames) and colour."""
 TRACE_US = (-30_000, 30_000)
-"""Part of an approach that the trace shows, around the touch, us."""
+"""Beginning and end of the trace, us from the touch."""
 
 
 def speed_figure(rows: Sequence[Row]) -> str:
     """Draw the paper's figure: deviation (left) and overshoot (right) against speed."""
-    pyplot = _pyplot()
-    figure, left = pyplot.subplots(figsize=(8, 4.2))
+    figure, left = pyplot().subplots(figsize=(8, 4.2))
     right = left.twinx()
     speeds = [float(speed) for speed in SPEEDS]
     for method, (line, colour) in STYLES.items():
@@ -60,7 +58,7 @@ def speed_figure(rows: Sequence[Row]) -> str:
     return svg_text(figure)
 
 
-def trace_figure(approaches: Sequence[Record]) -> str:
+def trace_figure(approaches: Sequence[Mapping[str, Any]]) -> str:
     """Draw the events per millisecond around a touch at several speeds."""
     cases = [f"{PRESETS[0]}/{speed}" for speed in ("0.01", "0.1", FASTEST)]
     shown = [
@@ -69,8 +67,7 @@ def trace_figure(approaches: Sequence[Record]) -> str:
     traced = [record for record in shown if record is not None]
     if not traced:
         return ""
-    pyplot = _pyplot()
-    figure, axes = pyplot.subplots(len(traced), 1, figsize=(8, 1.7 * len(traced)), squeeze=False)
+    figure, axes = pyplot().subplots(len(traced), 1, figsize=(8, 1.7 * len(traced)), squeeze=False)
     for axis, record in zip(axes[:, 0], traced, strict=True):
         ends_us = record["first_us"] + 1000.0 * np.arange(1, len(record["counts"]) + 1)
         after_us = ends_us - record["touch_us"]
@@ -90,7 +87,7 @@ def trace_figure(approaches: Sequence[Record]) -> str:
     return svg_text(figure)
 
 
-def curve_figure(approaches: Iterable[Record], rows: Sequence[Row]) -> str:
+def curve_figure(approaches: Iterable[Mapping[str, Any]], rows: Sequence[Row]) -> str:
     """Draw the mean delay against the measured false stops per hour, over several budgets."""
     delays: dict[str, list[float]] = {}
     for record in approaches:
@@ -103,8 +100,7 @@ def curve_figure(approaches: Iterable[Record], rows: Sequence[Row]) -> str:
     hours = next((row.value for row in rows if (row.case, row.metric) == ("budget", "hours")), None)
     if not delays or not rates or not hours:
         return ""
-    pyplot = _pyplot()
-    figure, axis = pyplot.subplots(figsize=(7, 3.6))
+    figure, axis = pyplot().subplots(figsize=(7, 3.6))
     for method in dict.fromkeys(label.split("@")[0] for label in delays):
         labels = [label for label in delays if label.split("@")[0] == method and label in rates]
         # No false stop at all is drawn at half of one: the axis is logarithmic.
@@ -122,8 +118,7 @@ def curve_figure(approaches: Iterable[Record], rows: Sequence[Row]) -> str:
 
 def sensitivity_figure(rows: Sequence[Row]) -> str:
     """Draw the mean deviation under each variant of the scene, at both ends of the speeds."""
-    pyplot = _pyplot()
-    figure, axes = pyplot.subplots(1, len(SENSITIVITY_SPEEDS), figsize=(9, 3.6), sharey=True)
+    figure, axes = pyplot().subplots(1, len(SENSITIVITY_SPEEDS), figsize=(9, 3.6), sharey=True)
     names = list(VARIANTS)
     for axis, speed in zip(axes, SENSITIVITY_SPEEDS, strict=True):
         for number, method in enumerate((PUBLISHED, "default")):
@@ -140,8 +135,8 @@ def sensitivity_figure(rows: Sequence[Row]) -> str:
     return svg_text(figure)
 
 
-def figures(rows: Sequence[Row], approaches: Sequence[Record]) -> list[tuple[str, str]]:
-    """Return (caption, SVG) of every figure that the records can fill."""
+def figures(rows: Sequence[Row], approaches: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return caption and SVG of every figure for which there are records."""
     drawn = [
         (
             "Detection deviation (circles, left) and overshoot (triangles, right) against the "
@@ -165,12 +160,3 @@ def figures(rows: Sequence[Row], approaches: Sequence[Record]) -> list[tuple[str
         ),
     ]
     return [(caption, svg) for caption, svg in drawn if svg]
-
-
-def _pyplot() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot

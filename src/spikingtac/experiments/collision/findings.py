@@ -1,4 +1,4 @@
-"""What the collision rows say in sentences, computed from them and from nothing else."""
+"""The findings of the collision report: sentences that are computed from its rows alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spikingtac.experiments.collision.plan import ALL, FASTEST, PRESETS, SLOW
 from spikingtac.experiments.harness.rows import Row
 
 OURS = "default"
-"""The method that the aims belong to."""
+"""The method to which the aims apply."""
 
 AIMS: tuple[tuple[str, str, float], ...] = (
     (f"{PRESETS[0]}/{ALL}", "deviation_mean_mm", 0.25),
@@ -28,15 +28,15 @@ AIMS: tuple[tuple[str, str, float], ...] = (
     (f"{PRESETS[1]}/{ALL}", "false_stops_per_hour", 1.0),
     (f"{PRESETS[0]}/{ALL}", "decision_p99_us", 100.0),
 )
-"""(case, metric, at most) that the project aims at."""
+"""(case, metric, largest value) at which the project aims."""
 OVERSHOOT_AIM_MM = 0.45
-"""By how much the overshoot at 0.18 m/s may exceed that of a perfect sensor on the same arm."""
+"""Aim: largest excess of the overshoot at 0.18 m/s over that of a perfect sensor, mm."""
 
 Rows = dict[tuple[str, str, str], Row]
 
 
 def findings(rows: Sequence[Row]) -> list[str]:
-    """Return the sentences of a report's first page."""
+    """Return the sentences of the first page of a report."""
     table = {(row.method, row.case, row.metric): row for row in rows}
     return [
         *_ratios(table),
@@ -61,7 +61,7 @@ def _ratios(table: Rows) -> Iterator[str]:
         name: (ratio(name, "overshoot_mean_mm"), ratio(name, "overshoot_max_mm"))
         for name in (SAMPLED, PLUS_ONE, PAPER_DELAY)
     }
-    said = {
+    notes = {
         SAMPLED: "the sensor alone explains this ratio: 32 fps instead of 1 ms, nothing else",
         PLUS_ONE: "this one contains one more frame of latency",
         PAPER_DELAY: "this one contains the paper's 135 ms, of which some 100 ms are undocumented "
@@ -71,7 +71,7 @@ def _ratios(table: Rows) -> Iterator[str]:
         if mean is not None and worst is not None:
             yield (
                 f"Overshoot at 0.18 m/s, {name} over {OURS}: {mean:.2f} (mean), {worst:.2f} "
-                f"(worst); {said[name]} (simulated, {case})."
+                f"(worst); {notes[name]} (simulated, {case})."
             )
 
 
@@ -96,10 +96,10 @@ def _aims(table: Rows) -> Iterator[str]:
     for case, metric, most in AIMS:
         row = table.get((OURS, case, metric))
         if row is not None and row.value is not None:
-            kept = "met" if row.value <= most else "missed"
+            verdict = "met" if row.value <= most else "missed"
             yield (
                 f"{OURS}, {case}, {metric}: {row.value:.3g} {row.unit} (n = {row.n}), aim at most "
-                f"{most:g}: {kept} (simulated)."
+                f"{most:g}: {verdict} (simulated)."
             )
 
 
@@ -110,11 +110,11 @@ def _overshoot(table: Rows) -> Iterator[str]:
             ours, best = table.get((OURS, case, metric)), _value(table, PERFECT, case, metric)
             if ours is not None and ours.value is not None and best is not None:
                 excess = ours.value - best
-                kept = "met" if excess <= OVERSHOOT_AIM_MM else "missed"
+                verdict = "met" if excess <= OVERSHOOT_AIM_MM else "missed"
                 yield (
                     f"{case}: {about} overshoot of {OURS} {ours.value:.2f} mm, of a perfect sensor "
                     f"on the same arm {best:.2f} mm: {excess:+.2f} mm over {ours.n} paired trials, "
-                    f"aim at most {OVERSHOOT_AIM_MM}: {kept} (simulated). The paper's 6.2 mm "
+                    f"aim at most {OVERSHOOT_AIM_MM}: {verdict} (simulated). The paper's 6.2 mm "
                     "belongs to its robot."
                 )
 

@@ -1,4 +1,4 @@
-"""The methods of the collision experiment: every contact detector there is, and the baselines."""
+"""The methods of the collision experiment: all contact detectors, and the baselines."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from typing import Literal
 
 from spikingtac.baselines.frame_sampling import FrameSamplingConfig
 from spikingtac.contact.registry import DETECTORS
-from spikingtac.experiments import chosen
 
 Sees = Literal["events", "frames", "touch"]
 
 PUBLISHED = "event_count"
-"""The detector that the paper describes; its numbers stand beside this one's."""
+"""The detector that the paper describes; the report compares its numbers with this one's."""
 SAMPLED, PLUS_ONE, PAPER_DELAY, PERFECT = (
     "frame_sampling", "frame_plus_one", "frame_paper", "zero_delay",
 )  # fmt: skip
 PAPER_DELAY_US = 135_000.0
-"""24.3 mm at 0.18 m/s, the paper's largest deviation of its frame baseline, is 135 ms."""
+"""The paper's largest deviation of its frame baseline, 24.3 mm at 0.18 m/s, is 135 ms."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,10 +24,10 @@ class CollisionMethod:
     """One way to decide on contact.
 
     Attributes:
-        name: Row of the report.
-        about: One line.
+        name: Name in the report.
+        about: One line about it.
         sees: ``events`` (the detector of that name), ``frames``, or the true first ``touch``.
-        delay_us: Added to what it sees, us.
+        delay_us: Delay that is added to its decision, us.
     """
 
     name: str
@@ -39,7 +38,7 @@ class CollisionMethod:
 
 ABOUT = {
     PUBLISHED: "as published: events of 1 ms above a threshold, taken from the moving arm",
-    "default": "sequential test of the rims' signed votes over nine time scales",
+    "default": "sequential test of the signed rim events over nine time scales",
 }
 
 
@@ -69,12 +68,3 @@ def collision_methods() -> dict[str, CollisionMethod]:
         for name in DETECTORS
     ]
     return {method.name: method for method in (*detectors, *baselines)}
-
-
-def chosen_methods(wanted: tuple[str, ...]) -> list[str]:
-    """Return the names of the methods to run, in the table's order; empty is all.
-
-    Raises:
-        ConfigError: There is no such method.
-    """
-    return chosen(collision_methods(), wanted)

@@ -1,4 +1,4 @@
-"""Which approaches and which contact-free stretches a collision run consists of."""
+"""The plan of a collision run: its approaches and its motions without contact."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ SPEEDS = ("0.01", "0.02", "0.04", "0.06", "0.08", "0.1", "0.12", "0.14", "0.16",
 PRESETS = ("typical", "noisy")
 ALL = "all"
 BUDGETS_PER_HOUR = (1.0, 10.0, 100.0, 1_000.0, 10_000.0)
-"""Of the curve of delay against false stops."""
+"""Budgets of false stops for the curve of delay against false stops."""
 CURVE_SPEED = "0.01"
 QUIET_SEED, STRETCH_SEED = 900_000, 500_000
-"""First seeds of the calibration recordings and of the contact-free stretches: no approach's."""
+"""First seeds of the quiet recordings and of the motions without contact. No approach uses them."""
 STRETCH_STEPS = 100_000
-"""Milliseconds of one contact-free stretch."""
+"""Length of one motion without contact, ms."""
 FORCED_MM, FRAMES_S = 4.0, 0.036
-"""A passage goes on for 4 mm behind the touch, or 36 ms, whichever is farther: a frame at least.
-The pads' linear fields fold beyond 8 mm."""
+"""A run ends 4 mm or 36 ms after the touch, whichever is later: this is one frame at least. The
+pads' linear fields are not valid beyond 8 mm."""
 SERIES_MM = 0.8
-"""Patience of the long series at 0.8 mm/s, mm: twice the worst that is aimed at."""
+"""Travel after the touch at which the long series at 0.8 mm/s ends, mm: twice the largest aim."""
 
 VARIANTS: dict[str, dict[str, object]] = {
     "pinned": {},
@@ -40,26 +40,26 @@ VARIANTS: dict[str, dict[str, object]] = {
     "past-rested": {"past": "rested"},
     "past-fresh": {"past": "fresh"},
 }
-"""What the sensitivity study changes, one at a time."""
+"""Changes of the sensitivity study, one at a time."""
 SENSITIVITY_SPEEDS = (SLOW, FASTEST)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollisionConfig:
-    """How large a run is.
+    """The size of a run.
 
     Attributes:
-        first_seed: Of the approaches.
-        serials: Specimens of the sensor that the seeds take in turn, each with its calibration.
-        seeds: Approaches at each speed.
-        fastest: Approaches at 0.18 m/s.
-        slow: Approaches at 0.8 mm/s in which every method has all the time that it needs.
-        series: Approaches at 0.8 mm/s besides, on the first preset, for the methods that found all
-            of those within half of the series' patience.
-        stretches: Contact-free stretches of 100 s, per preset: ten hours and the lead of each.
-        sensitivity: Approaches per variant and speed.
-        curve: Approaches for the curve of delay against false stops.
-        curve_stretches: Contact-free stretches for the same.
+        first_seed: First seed of the approaches.
+        serials: Number of sensor specimens; the seeds use them in turn, each with its calibration.
+        seeds: Number of approaches at each speed.
+        fastest: Number of approaches at 0.18 m/s.
+        slow: Number of approaches at 0.8 mm/s that give every method all the time it needs.
+        series: Number of further approaches at 0.8 mm/s on the first preset, for the methods that
+            found all of the slow ones within half of :data:`SERIES_MM`.
+        stretches: Number of motions without contact per preset, 100 s each: ten hours in all.
+        sensitivity: Number of approaches per variant and speed.
+        curve: Number of approaches for the curve of delay against false stops.
+        curve_stretches: Number of motions without contact for this curve.
     """
 
     first_seed: int = 0
@@ -75,7 +75,7 @@ class CollisionConfig:
 
     @classmethod
     def quick(cls, first_seed: int = 0) -> CollisionConfig:
-        """Return a run of some minutes with every method, case and metric."""
+        """Return the size of a run of some minutes, with every method, case and metric."""
         return cls(
             first_seed=first_seed,
             serials=1,
@@ -91,16 +91,16 @@ class CollisionConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Approached:
+class ApproachTask:
     """One approach.
 
     Attributes:
-        scene: Where.
-        speed: In m/s, as in the report's cases.
-        seed: Of everything random.
-        group: What it is for.
+        scene: The scene.
+        speed: Speed in m/s, as in the report's cases.
+        seed: Seed of everything random.
+        group: The part of the experiment that uses it.
         case: Case of the report.
-        patience_mm: Travel after the touch at which it ends all the same, mm.
+        patience_mm: Travel of the arm after the touch at which the run ends, mm.
     """
 
     scene: CollisionScene
@@ -117,14 +117,14 @@ class Approached:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Stretch:
-    """One stretch of motion without contact.
+class FreeMotionTask:
+    """One motion without contact.
 
     Attributes:
-        scene: Where; without its wall.
-        seed: Of everything random.
-        steps: Milliseconds.
-        group: What it is for.
+        scene: The scene; its wall is not used.
+        seed: Seed of everything random.
+        steps: Length, ms.
+        group: The part of the experiment that uses it.
         case: Case of the report.
     """
 
@@ -137,24 +137,24 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plan:
-    """Everything that a run does; the series depends on what came out of the rest."""
+    """The tasks of a run; the series is planned after the results of the others."""
 
-    approaches: tuple[Approached, ...] = ()
-    stretches: tuple[Stretch, ...] = field(default=())
+    approaches: tuple[ApproachTask, ...] = ()
+    stretches: tuple[FreeMotionTask, ...] = field(default=())
 
     @property
     def scenes(self) -> list[CollisionScene]:
-        """The scenes that need a calibration, each once."""
+        """The scenes that need a quiet recording, each once."""
         return list(dict.fromkeys(one.scene for one in (*self.approaches, *self.stretches)))
 
 
 def pinned_scene(config: CollisionConfig, preset: str, seed: int) -> CollisionScene:
-    """Return the pinned scene on the specimen that a seed takes."""
+    """Return the scene of contract.md with the sensor specimen of a seed."""
     return CollisionScene(preset=preset, serial=1 + seed % config.serials)
 
 
 def plan(config: CollisionConfig) -> Plan:
-    """Return what a run does, the long pieces first so that no process waits for one."""
+    """Return the tasks of a run, the longest first, so that no process waits for one at the end."""
     slow = [one for preset in PRESETS for one in _approaches(config, preset, SLOW, config.slow)]
     rest = [
         one
@@ -177,7 +177,7 @@ def series(config: CollisionConfig) -> Plan:
     first = config.first_seed + config.slow
     return Plan(
         approaches=tuple(
-            Approached(
+            ApproachTask(
                 scene=pinned_scene(config, PRESETS[0], seed),
                 speed=SLOW,
                 seed=seed,
@@ -195,9 +195,9 @@ def patience_mm(speed: str) -> float:
     return max(FORCED_MM, 1000.0 * float(speed) * FRAMES_S)
 
 
-def _approaches(config: CollisionConfig, preset: str, speed: str, count: int) -> list[Approached]:
+def _approaches(config: CollisionConfig, preset: str, speed: str, count: int) -> list[ApproachTask]:
     return [
-        Approached(
+        ApproachTask(
             scene=pinned_scene(config, preset, seed),
             speed=speed,
             seed=seed,
@@ -209,9 +209,9 @@ def _approaches(config: CollisionConfig, preset: str, speed: str, count: int) ->
     ]
 
 
-def _sensitivity(config: CollisionConfig) -> list[Approached]:
+def _sensitivity(config: CollisionConfig) -> list[ApproachTask]:
     return [
-        Approached(
+        ApproachTask(
             scene=replace(CollisionScene(), **changes),  # type: ignore[arg-type]
             speed=speed,
             seed=config.first_seed + number,
@@ -225,9 +225,9 @@ def _sensitivity(config: CollisionConfig) -> list[Approached]:
     ]
 
 
-def _curve(config: CollisionConfig) -> list[Approached]:
+def _curve(config: CollisionConfig) -> list[ApproachTask]:
     return [
-        Approached(
+        ApproachTask(
             scene=pinned_scene(config, PRESETS[0], 0),
             speed=CURVE_SPEED,
             seed=config.first_seed + number,
@@ -239,11 +239,11 @@ def _curve(config: CollisionConfig) -> list[Approached]:
     ]
 
 
-def _stretches(config: CollisionConfig, preset: str, group: Group) -> list[Stretch]:
+def _stretches(config: CollisionConfig, preset: str, group: Group) -> list[FreeMotionTask]:
     count = config.curve_stretches if group == "curve" else config.stretches
     first = STRETCH_SEED + 1_000 * config.first_seed
     return [
-        Stretch(
+        FreeMotionTask(
             scene=pinned_scene(config, preset, 0 if group == "curve" else number),
             seed=first + number,
             group=group,

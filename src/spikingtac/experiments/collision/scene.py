@@ -1,4 +1,4 @@
-"""The collision experiment's scene: what is pinned, what is varied, how an approach goes."""
+"""The scene of the collision experiment, and the geometry of an approach."""
 
 from __future__ import annotations
 
@@ -37,28 +37,29 @@ DIRECTIONS: dict[str, tuple[float, float, float]] = {
 """Load -> direction of the approach in the base frame: along the pads, along the rod, across."""
 
 NEAR_MM = 0.5
-"""Distance from the wall at which the touch before the experiment begins, mm."""
+"""Distance from the wall at which the arm stands before its first touch, mm."""
 SETTLE_WINDOWS = 100
-"""Windows of cruising before anything listens: the rod has rung down to a fifth."""
+"""Windows at constant speed before the detectors listen: the rod's oscillation has decayed to a
+fifth by then."""
 MARGIN_S = 0.04
-"""Reported speed, cycle, network and servo make the cruise begin so much later at most, s."""
+"""Largest delay of the constant speed by report, cycle, network and servo, s."""
 RELEASED_S = 1.0
-"""From the release of the touch before to the next one, s (contract.md)."""
+"""Time from the release of one touch to the next touch, s (contract.md)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollisionScene:
-    """One set of physics; the defaults are pinned in contract.md.
+    """The physical parameters; contract.md fixes the defaults.
 
     Attributes:
         preset: ``typical`` or ``noisy``: camera and vibration.
-        stickout_mm: Of the probe.
-        contrast: Of marker to ground; None is the preset's.
-        threshold: Of the pixels (log); None is the preset's.
-        load: Where the wall stands.
-        past: What came before: a contact released 1 s ago (pinned), a long rest, or nothing.
-        serial: Which sensor of the series.
-        rig: Pads and arm; probe and vibration are replaced by those above.
+        stickout_mm: Length of the probe beyond the fingers, mm.
+        contrast: Ratio of marker to ground; None takes the preset's.
+        threshold: Contrast threshold of the pixels (log); None takes the preset's.
+        load: Direction of the load on the probe.
+        past: Contact history: released 1 s ago (contract.md), a long rest, or none.
+        serial: Serial number of the sensor specimen.
+        rig: Pads and arm; the fields above replace its probe and vibration.
     """
 
     preset: str = "typical"
@@ -119,7 +120,7 @@ class CollisionScene:
         )
 
     def resolved(self) -> dict[str, Any]:
-        """Return every value behind the scene, the camera's preset spelled out."""
+        """Return every value of the scene, with those of the camera's preset."""
         finger = self.finger()
         choice = CameraChoice(preset=finger.camera, settings=finger.settings)
         return {
@@ -136,7 +137,7 @@ class CollisionScene:
 
 
 def run_up_mm(scene: CollisionScene, speed_mm_s: float) -> float:
-    """Return the distance from the start to the wall that lets the probe ring down, mm."""
+    """Return the distance from start to wall in which the probe's oscillation decays, mm."""
     braking = speed_mm_s**2 / (2.0 * scene.rig.arm.acceleration_mm_s2)
     ramp = speed_mm_s * math.sqrt(speed_mm_s / scene.rig.arm.jerk_mm_s3)
     listening = speed_mm_s * (SETTLE_WINDOWS * 1e-3 + MARGIN_S)
@@ -144,7 +145,7 @@ def run_up_mm(scene: CollisionScene, speed_mm_s: float) -> float:
 
 
 def travel_time_s(scene: CollisionScene, speed_mm_s: float, way_mm: float) -> float:
-    """Return the time from a command to the passing of a place at full speed, s."""
+    """Return the time from a command until the arm has travelled a distance, s."""
     arm = scene.rig.arm
     late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(arm.servo_lag_s))
     ramp_s = min(arm.acceleration_mm_s2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))

@@ -1,4 +1,4 @@
-"""From approaches and stretches to the rows of the collision report."""
+"""From the records of approaches and free motions to the rows of the collision report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from spikingtac.experiments.collision.methods import (
 from spikingtac.experiments.collision.plan import ALL, FASTEST, PRESETS, SPEEDS
 from spikingtac.experiments.harness.rows import CONFIDENCE, Row, interval
 
-Record = Mapping[str, Any]
 Outcome = Mapping[str, float]
 
 SECONDS_PER_HOUR = 3600.0
@@ -64,7 +63,7 @@ PRINTED: dict[tuple[str, str, str], float] = {
     (PUBLISHED, f"{PRESETS[0]}/{FASTEST}", "overshoot_max_mm"): 6.2,
     (PAPER_DELAY, f"{PRESETS[0]}/{FASTEST}", "deviation_max_mm"): 24.3,
 }
-"""(method, case, metric) -> what the paper prints, on its hardware (section V-B)."""
+"""(method, case, metric) -> number that the paper prints, from its hardware (section V-B)."""
 
 
 def garwood(events: int, hours: float) -> tuple[float, float]:
@@ -73,8 +72,8 @@ def garwood(events: int, hours: float) -> tuple[float, float]:
     Garwood 1936, doi:10.1093/biomet/28.3-4.437.
 
     Args:
-        events: How many were counted.
-        hours: In how much time.
+        events: Number of events.
+        hours: Time in which they were counted, h.
     """
     from scipy.stats import chi2
 
@@ -88,10 +87,10 @@ class Sample:
     """The approaches of one method at one speed.
 
     Attributes:
-        found: Outcomes of those that were stopped after the touch.
-        missed: How many were not stopped.
-        premature: How many were stopped before the touch.
-        seeds: How many seeds.
+        found: Outcomes of the approaches that were stopped after the touch.
+        missed: Number of approaches that were not stopped.
+        premature: Number of approaches that were stopped before the touch.
+        seeds: Number of seeds.
     """
 
     found: tuple[Outcome, ...]
@@ -101,16 +100,16 @@ class Sample:
 
     @property
     def approaches(self) -> int:
-        """How many approaches there were."""
+        """Number of approaches."""
         return len(self.found) + self.missed + self.premature
 
     def values(self, name: str) -> np.ndarray:
-        """Return one number of each outcome."""
+        """Return one quantity of every outcome, ``(n,)``."""
         return np.array([outcome[name] for outcome in self.found])
 
 
-def samples_of(records: Iterable[Record]) -> dict[tuple[str, str], Sample]:
-    """Join approaches: (case, method) -> sample."""
+def samples_of(records: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], Sample]:
+    """Group the approaches: (case, method) -> sample."""
     grouped: dict[tuple[str, str], list[tuple[int, Outcome | None]]] = defaultdict(list)
     for record in records:
         for method, outcome in record["methods"].items():
@@ -128,13 +127,15 @@ def samples_of(records: Iterable[Record]) -> dict[tuple[str, str], Sample]:
     return out
 
 
-def collision_rows(approaches: Sequence[Record], stretches: Sequence[Record]) -> list[Row]:
+def collision_rows(
+    approaches: Sequence[Mapping[str, Any]], stretches: Sequence[Mapping[str, Any]]
+) -> list[Row]:
     """Return every row of the report.
 
     Args:
         approaches: Records of the groups ``paired`` and ``series`` (main cases), ``sensitivity``
             and ``curve``.
-        stretches: Records of the contact-free stretches.
+        stretches: Records of the motions without contact.
     """
     samples = samples_of(approaches)
     costs = _costs(approaches)
@@ -178,13 +179,13 @@ def _approach_rows(case: str, method: str, parts: Mapping[str, Sample]) -> Itera
         ("deviation_max_mm", "deviation_mm"),
         ("overshoot_max_mm", "overshoot_mm"),
     ):
-        yield row(metric, _joined([one.values(name) for one in samples], np.max))
+        yield row(metric, _over_all([one.values(name) for one in samples], np.max))
     yield row("missed", float(sum(one.missed for one in samples)))
     yield row("premature", float(sum(one.premature for one in samples)))
 
 
 def _mean(parts: Sequence[np.ndarray]) -> tuple[float | None, tuple[float, float] | None]:
-    """Return the mean over speeds of the means over approaches, with its interval."""
+    """Return the mean over the speeds of the means over approaches, with its interval."""
     if not all(len(part) for part in parts):
         return None, None
     mean = float(np.mean([part.mean() for part in parts]))
@@ -199,12 +200,12 @@ def _mean(parts: Sequence[np.ndarray]) -> tuple[float | None, tuple[float, float
     return mean, (mean - half, mean + half)
 
 
-def _joined(parts: Sequence[np.ndarray], join: Callable[[np.ndarray], Any]) -> float | None:
+def _over_all(parts: Sequence[np.ndarray], join: Callable[[np.ndarray], Any]) -> float | None:
     whole = np.concatenate(parts)
     return float(join(whole)) if len(whole) else None
 
 
-def _costs(approaches: Iterable[Record]) -> dict[tuple[str, str], Counter[int]]:
+def _costs(approaches: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], Counter[int]]:
     out: dict[tuple[str, str], Counter[int]] = defaultdict(Counter)
     for record in approaches:
         for method, cost in record["costs_us"].items():
@@ -225,7 +226,7 @@ def _cost_rows(case: str, method: str, costs: Sequence[Counter[int]]) -> Iterato
     )  # fmt: skip
 
 
-def _false_stop_rows(stretches: Iterable[Record]) -> Iterator[Row]:
+def _false_stop_rows(stretches: Iterable[Mapping[str, Any]]) -> Iterator[Row]:
     stops: dict[tuple[str, str], int] = defaultdict(int)
     hours: dict[str, float] = defaultdict(float)
     count: Counter[str] = Counter()
@@ -250,7 +251,7 @@ def _false_stop_rows(stretches: Iterable[Record]) -> Iterator[Row]:
 
 
 def _unprefixed(rows: Iterable[Row]) -> Iterator[Row]:
-    """Repeat the first preset's rows under the case without a prefix, as in other reports."""
+    """Repeat the rows of the first preset under cases without a prefix, as in other reports."""
     prefix = f"{PRESETS[0]}/"
     for row in rows:
         if row.case.startswith(prefix):

@@ -1,4 +1,4 @@
-"""Cases of the ``denoise`` experiment: noise and drops, both maps, and what becomes a row."""
+"""The cases of the ``denoise`` experiment: noise, event loss and state map; and their rows."""
 
 from __future__ import annotations
 
@@ -26,15 +26,20 @@ from spikingtac.experiments.harness.rows import Row
 from spikingtac.sim.scene.catalog import TRAJECTORIES
 
 METHODS = ("none", "median3", "box7", "network", "network-int8", "supervised")
-"""Rows; ``supervised`` has seen noise-free maps in training and is never a default."""
+"""Methods of the report. ``supervised`` was trained with noise-free maps and is never a default."""
 HELD_OUT = "finger-torsion"
-"""Test recording whose kind of motion no training pair comes from."""
+"""Test recording with a kind of motion that is not in the training recordings."""
+FILTER_PRODUCT = 0.03
+"""Background rate times window of the activity filter (ours); about an eighth of the fraction of
+noise events that pass. The filter is the same for all methods."""
+FAST_PX_S = 20.0
+"""Markers that move faster count as fast, others as slow, px/s (ours)."""
 DEFINITIONS = {
     "centroid_mean_px": "distance of a found blob's centroid to the marker's true centre, mean",
     "excess_mean_px": "distance of a found blob's centroid to that which the same map gives without"
     " noise, drops and activity filter, mean over markers and moments",
-    "recall": "share of the markers and moments that the clean map shows, with a blob within half a"
-    " pitch of the clean centroid",
+    "recall": "fraction of the markers and moments of the clean map that have a blob within half"
+    " a pitch of the clean centroid",
     "step_p50_us": "time from map to blobs, median over the moments",
 }
 UNITS = {"centroid_mean_px": "px", "excess_mean_px": "px", "recall": "1", "step_p50_us": "us"}
@@ -42,21 +47,18 @@ UNITS = {"centroid_mean_px": "px", "excess_mean_px": "px", "recall": "1", "step_
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DenoiseConfig:
-    """What the experiment is told; values are ours where no issue names them.
+    """The settings of the experiment; all values are ours.
 
     Attributes:
         scenes: Scenes of the twin.
-        seeds: Seeds of each; training uses others.
+        seeds: Seeds of each scene; training uses others.
         duration_s: Length of each recording, s.
         noise_hz: Background rates, per pixel and second.
-        drop: Shares of the signal events that are dropped.
+        drop: Fractions of the signal events that are dropped.
         maps: Kinds of state map.
-        filter_share: Background times window of the activity filter; about an eighth of the share
-            of noise events that pass. One filter for all methods.
-        longest_us: Longest window of that filter, us.
+        longest_us: Longest window of the activity filter, us.
         every_us: Time between two scored moments, us.
-        first_us: From a recording's start to its first moment, us.
-        fast_px_s: Markers that move faster count as fast, others as slow, px/s.
+        first_us: Time from the start of a recording to its first moment, us.
     """
 
     scenes: tuple[str, ...] = TRAJECTORIES
@@ -65,33 +67,31 @@ class DenoiseConfig:
     noise_hz: tuple[float, ...] = (0.05, 0.2, 1.0, 5.0)
     drop: tuple[float, ...] = (0.0, 0.1, 0.3, 0.5)
     maps: tuple[MapKind, ...] = field(default_factory=lambda: get_args(MapKind))
-    filter_share: float = 0.03
     longest_us: int = 80_000
     every_us: int = 100_000
     first_us: int = 500_000
-    fast_px_s: float = 20.0
 
     def window_us(self, noise_hz: float) -> int:
         """Return the window of the activity filter for a background rate, us.
 
-        The rate of a sensor is measured where nothing touches it; the shorter the window, the less
-        noise passes, but the more of a slow motion's events have no neighbour in time either.
+        A shorter window passes less noise, but it also removes events of slow motions, which have
+        no neighbour within the window. The rate is measured on an untouched sensor.
         """
-        return round(min(US_PER_S * self.filter_share / noise_hz, self.longest_us))
+        return round(min(US_PER_S * FILTER_PRODUCT / noise_hz, self.longest_us))
 
 
 Samples = dict[tuple[str, str], list["Sample"]]
-"""(case, method) -> what each recording contributes."""
+"""(case, method) -> samples of all recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One method on one recording, reduced to what a row needs.
+    """The scores of one method on one recording.
 
     Attributes:
         excess_px: Distances to the clean centroid, NaN where the marker was not found.
         centroid_px: Distances to the true centre, NaN where the marker was not found.
-        step_us: Times of the steps, us.
+        step_us: Computing times of the steps, us.
         source: ``twin`` or ``v2e``.
     """
 
@@ -123,12 +123,12 @@ def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Sam
 
 def report_rows(parts: Sequence[Samples]) -> list[Row]:
     """Return the rows of the report from the samples of all recordings."""
-    joined: Samples = {}
+    merged: Samples = {}
     for part in parts:
         for key, samples in part.items():
-            joined.setdefault(key, []).extend(samples)
+            merged.setdefault(key, []).extend(samples)
     rows = []
-    for (case, method), samples in joined.items():
+    for (case, method), samples in merged.items():
         if sum(sample.excess_px.size for sample in samples) == 0:
             continue
         for metric, (value, count) in _metrics(samples).items():
@@ -157,21 +157,21 @@ def _warm_up(denoisers: Mapping[str, Denoiser], recording: CleanRecording) -> No
 def _samples(
     recording: TrueRecording, reference: Centroids, score: Score, config: DenoiseConfig
 ) -> list[tuple[str, Sample]]:
-    """Return (prefix of the case, sample) for every row that a score counts towards."""
+    """Return (prefix of the case, sample) for every case to which a score contributes."""
     source = recording.clean.source
     centroid_px = np.hypot(*np.moveaxis(score.center_px - recording.at(reference.at_us), -1, 0))
 
-    def chosen(where: NDArray[np.bool_]) -> Sample:
-        kept = where & reference.found
-        return Sample(score.error_px[kept], centroid_px[kept], score.step_us, source)
+    def sample_of(where: NDArray[np.bool_]) -> Sample:
+        scored = where & reference.found
+        return Sample(score.error_px[scored], centroid_px[scored], score.step_us, source)
 
     every = np.ones_like(reference.found)
     if source != "twin":
-        return [(f"{source}/", chosen(every))]
-    fast = reference.speed_px_s > config.fast_px_s
-    out = [("", chosen(every)), ("fast/", chosen(fast)), ("slow/", chosen(~fast))]
+        return [(f"{source}/", sample_of(every))]
+    fast = reference.speed_px_s > FAST_PX_S
+    out = [("", sample_of(every)), ("fast/", sample_of(fast)), ("slow/", sample_of(~fast))]
     if recording.clean.name == HELD_OUT:
-        out.append(("heldout/", chosen(every)))
+        out.append(("heldout/", sample_of(every)))
     return out
 
 

@@ -1,9 +1,9 @@
-"""The ``denoise`` experiment: which denoiser moves the markers least, under which noise.
+"""The ``denoise`` experiment: the error of marker centroids behind each denoiser.
 
-Rows: none, median3, box7, the shipped network in float32 and int8, and a network that was trained
-with the simulator's noise-free maps as an upper bound (``supervised``); each with and without the
-event-activity filter. The twin's recordings are rendered without noise and degraded afterwards, so
-that the reference is exact.
+The methods are none, median3, box7, the shipped network in float32 and int8, and a network that was
+trained with the simulator's noise-free maps (``supervised``, an upper bound); each with and without
+the event-activity filter. The twin's recordings are rendered without noise and degraded afterwards,
+so the reference is exact.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spikingtac.experiments import RunOptions
 from spikingtac.experiments.denoise.cases import (
     METHODS,
     UNITS,
@@ -27,20 +26,23 @@ from spikingtac.experiments.denoise.figures import before_and_after
 from spikingtac.experiments.denoise.recordings import open_v2e, render
 from spikingtac.experiments.denoise.scoring import ACTIVITY
 from spikingtac.experiments.harness.fingerprint import provenance
-from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.report import Report, Table, find_row
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions
 from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.trials.trials import V2E
 from spikingtac.schema import to_mapping
 
 NAME = "denoise"
 FIRST_SEED = 1001
-"""Added to the run's seed: training uses seeds 1 and 2."""
+"""Is added to the run's seed, since training uses seeds 1 and 2."""
 FULL_SEEDS = 2
 """Seeds of a full run."""
 QUICK = {"duration_s": 5.0, "every_us": 500_000}
-"""What a quick run shortens: moments rather than time, since noise gathers in a binary map."""
+"""Settings of a quick run: fewer moments, but nearly full length, since noise accumulates in a
+binary map."""
 GROUPS = {
     "": "Ten trajectories",
     "heldout/": "Held-out motion (torsion)",
@@ -48,9 +50,9 @@ GROUPS = {
     "fast/": "Fast markers",
     "slow/": "Slow markers",
 }
-"""What the beginning of a case's name says, in the order of the tables."""
-SAID = (("binary", 1.0, 0.5), ("binary", 0.05, 0.1), ("graded", 1.0, 0.5))
-"""Map, background (Hz/px) and share of dropped events of the cases on the first page."""
+"""Prefix of a case -> title, in the order of the tables."""
+FINDING_CASES = (("binary", 1.0, 0.5), ("binary", 0.05, 0.1), ("graded", 1.0, 0.5))
+"""Map, background (Hz/px) and fraction of dropped events of the cases on the first page."""
 ABOUT = {
     "none": "the map as it is",
     "median3": "3x3 median",
@@ -62,7 +64,7 @@ ABOUT = {
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class RecordingJob:
     """One recording for one process: a scene, or the v2e recording of a folder."""
 
     config: DenoiseConfig
@@ -77,7 +79,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     seeds = tuple(FIRST_SEED + options.seed + number for number in range(count))
     config = replace(DenoiseConfig(seeds=seeds), **(QUICK if options.quick else {}))
     settings = {"experiment": NAME, "quick": options.quick, **to_mapping(config)}
-    claim(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume)
     parts = list(_in_processes(_jobs(config, options.data), options))
     rows = report_rows(parts)
     report = Report(
@@ -90,7 +92,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         figures=[before_and_after(config)],
         methods=ABOUT | {f"{ACTIVITY}...": "the same behind the event-activity filter"},
     )
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
@@ -99,7 +101,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     }
 
 
-def score_job(job: Job) -> Samples:
+def score_job(job: RecordingJob) -> Samples:
     """Make one recording and score every method in every case on it."""
     if job.data is not None:
         return score_all(open_v2e(job.data / V2E), job.config, job.seed)
@@ -107,13 +109,13 @@ def score_job(job: Job) -> Samples:
 
 
 def findings(rows: Sequence[Row]) -> list[str]:
-    """Return the sentences that the issue asks for, each with its figures."""
-    said = (
+    """Return the findings: sentences that are computed from the rows alone."""
+    sentences = (
         _compared(rows, prefix, kind, noise_hz, drop)
         for prefix in ("", "heldout/", f"{V2E}/")
-        for kind, noise_hz, drop in SAID
+        for kind, noise_hz, drop in FINDING_CASES
     )
-    return [sentence for sentence in said if sentence]
+    return [sentence for sentence in sentences if sentence]
 
 
 def _compared(
@@ -122,38 +124,38 @@ def _compared(
     case = f"{prefix}{kind}@{noise_hz}-{drop}"
 
     def excess(method: str) -> float | None:
-        row = find(rows, ACTIVITY + method, case, "excess_mean_px")
+        row = find_row(rows, ACTIVITY + method, case, "excess_mean_px")
         return row.value if row else None
 
     classical = {name: value for name in METHODS[:3] if (value := excess(name)) is not None}
     network, int8 = excess("network"), excess("network-int8")
-    recall = find(rows, f"{ACTIVITY}network-int8", case, "recall")
+    recall = find_row(rows, f"{ACTIVITY}network-int8", case, "recall")
     if not classical or network is None or int8 is None or recall is None or recall.value is None:
         return None
     best = min(classical, key=lambda name: classical[name])
-    share = network / classical[best] - 1.0
+    change = network / classical[best] - 1.0
     return (
         f"{GROUPS[prefix]}, {kind} map, {noise_hz:g} Hz/px, {drop:.0%} dropped, the same event "
         f"filter before every method: excess of the network {network:.3f} px (int8 {int8:.3f} px, "
         f"recall {recall.value:.4f}), of the best classical filter, {best}, "
-        f"{classical[best]:.3f} px: {abs(share):.0%} {'less' if share < 0 else 'more'} (simulated)."
+        f"{classical[best]:.3f} px: {abs(change):.0%} {'less' if change < 0 else 'more'} "
+        "(simulated)."
     )
 
 
-def _jobs(config: DenoiseConfig, data: Path | None) -> list[Job]:
-    jobs = [Job(config, scene, seed) for scene in config.scenes for seed in config.seeds]
+def _jobs(config: DenoiseConfig, data: Path | None) -> list[RecordingJob]:
+    jobs = [RecordingJob(config, scene, seed) for scene in config.scenes for seed in config.seeds]
     if data is not None and (data / V2E / "mix.raw").is_file():
-        jobs.insert(0, Job(config, "mix", config.seeds[0], data))
+        jobs.insert(0, RecordingJob(config, "mix", config.seeds[0], data))
     return jobs
 
 
-def _in_processes(jobs: Sequence[Job], options: RunOptions) -> Iterator[Samples]:
+def _in_processes(jobs: Sequence[RecordingJob], options: RunOptions) -> Iterator[Samples]:
     with worker_pool(options.workers, len(jobs)) as pool:
         futures = [pool.submit(score_job, job) for job in jobs]
         for number, future in enumerate(as_completed(futures), 1):
             future.result()
-            if options.advance:
-                options.advance(number / len(jobs))
+            options.report_progress(number, len(jobs))
         yield from (future.result() for future in futures)
 
 

@@ -1,8 +1,6 @@
-"""Pictures of the ``denoise`` experiment: one moment before and after each denoiser."""
+"""The picture of the ``denoise`` experiment: one moment before and after each denoiser."""
 
 from __future__ import annotations
-
-import io
 
 import numpy as np
 
@@ -10,18 +8,17 @@ from spikingtac.denoise.registry import make_denoiser
 from spikingtac.experiments.denoise.cases import METHODS, DenoiseConfig
 from spikingtac.experiments.denoise.recordings import render
 from spikingtac.experiments.denoise.scoring import Degradation, state_maps
+from spikingtac.experiments.harness.svg import pyplot, svg_text
 
 SCENE = "finger-slides"
 NOISE_HZ, DROP = 1.0, 0.5
 DURATION_S, SHOWN_S = 2.0, 1.9
 CORNER_PX = 160
-"""Side of the shown part of the map, from its top left corner, px."""
+"""Side of the part of the map that is shown, from its top left corner, px."""
 
 
 def before_and_after(config: DenoiseConfig) -> tuple[str, str]:
     """Return (caption, SVG): the clean map, the noisy one, and each method's."""
-    from matplotlib import pyplot
-
     recording = render(SCENE, config.seeds[0], DURATION_S).clean
     degradation = Degradation(
         noise_hz=NOISE_HZ, drop=DROP, window_us=config.window_us(NOISE_HZ), seed=config.seeds[0]
@@ -32,7 +29,7 @@ def before_and_after(config: DenoiseConfig) -> tuple[str, str]:
     noisy = next(state_maps(recording, events, "binary", at_us))
     for name in METHODS:
         pictures[name] = make_denoiser(name).clean(noisy).copy()
-    figure, axes = pyplot.subplots(1, len(pictures), figsize=(2.0 * len(pictures), 2.3))
+    figure, axes = pyplot().subplots(1, len(pictures), figsize=(2.0 * len(pictures), 2.3))
     for axis, (name, picture) in zip(axes, pictures.items(), strict=True):
         axis.imshow(picture[:CORNER_PX, :CORNER_PX], cmap="gray", vmin=0, vmax=1)
         axis.set_title(name, fontsize=8)
@@ -42,7 +39,4 @@ def before_and_after(config: DenoiseConfig) -> tuple[str, str]:
         f"A corner of the binary map at {NOISE_HZ:g} Hz/px with {DROP:.0%} of the signal events "
         f"dropped, behind the activity filter ({SCENE}, simulated): before and after."
     )
-    out = io.StringIO()
-    figure.savefig(out, format="svg", metadata={"Date": None})
-    pyplot.close(figure)
-    return caption, out.getvalue()
+    return caption, svg_text(figure)

@@ -1,4 +1,4 @@
-"""Clean recordings for the ``denoise`` experiment, with the truth beside them."""
+"""Clean recordings for the ``denoise`` experiment, with their truth."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ QUIET = CameraChoice(
         "pixel": {"leak_hz": 0.0},
     },
 )
-"""The typical camera without its noise: what the signal is."""
+"""The typical camera without its noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrueRecording:
-    """A clean recording and where its markers really were.
+    """A clean recording with its true marker positions.
 
     Attributes:
         clean: The recording.
@@ -40,13 +40,13 @@ class TrueRecording:
     marker_px: NDArray[np.float32]
 
     def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the true centres at some times, ``(k, m, 2)``, px (the next row's)."""
+        """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
         rows = np.minimum(np.searchsorted(self.t_us, t_us), len(self.t_us) - 1)
         return self.marker_px[rows].astype(np.float64)
 
 
 def noise_free(scene: Scene) -> Scene:
-    """Return the scene as the typical camera sees it without noise of its own."""
+    """Return the scene with the typical camera, without its noise."""
     return replace(scene, camera=QUIET)
 
 
@@ -61,7 +61,7 @@ def render(scene_name: str, seed: int, duration_s: float) -> TrueRecording:
 
 
 def open_v2e(folder: str | Path, name: str = "mix") -> TrueRecording:
-    """Open a v2e recording; its own noise (0.1 Hz/px) stays in what passes as clean."""
+    """Open a v2e recording; its own noise (0.1 Hz/px) remains in it."""
     source = open_events(Path(folder) / f"{name}.raw")
     events = EventPacket.concatenate([packet for packet in source if len(packet)])
     with np.load(Path(folder) / f"{name}.truth.npz", allow_pickle=False) as truth:

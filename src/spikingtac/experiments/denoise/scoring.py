@@ -1,7 +1,7 @@
 """Score denoisers on one recording: excess centroid error, recall, time per step.
 
-The reference is the centroid that the same map gives without noise and drops (and without the
-activity filter): what a state map does to motion is not the denoiser's fault.
+The reference is the centroid in the same map without noise, event loss and activity filter. Errors
+of the state map itself therefore do not count.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from spikingtac.types import EventPacket
 
 MapKind = Literal["binary", "graded"]
 ACTIVITY = "activity+"
-"""Prefix of a method's name: the event-activity filter comes before its map."""
+"""Prefix of the names of methods with the event-activity filter before the map."""
 
 
 @dataclass(frozen=True, slots=True)
 class CleanRecording:
-    """A recording without noise, as good as there is one.
+    """A recording with as little noise as possible.
 
     Attributes:
-        name: Scene or file.
-        events: Its signal.
-        reference_px: ``(m, 2)`` markers at rest, from which the first map is painted, px.
-        radius_px: ``(m,)`` their radii, px.
+        name: Name of the scene or file.
+        events: All its events.
+        reference_px: ``(m, 2)`` rest positions, from which the first map is painted, px.
+        radius_px: ``(m,)`` radii of the markers, px.
         source: ``twin`` or ``v2e``.
     """
 
@@ -52,13 +52,13 @@ class CleanRecording:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Degradation:
-    """What is done to the events.
+    """A degradation of the events.
 
     Attributes:
-        noise_hz: Background added, per pixel and second.
-        drop: Share of the signal events that are dropped.
-        window_us: Window of the activity filter of the methods that have one.
-        seed: Of noise and drops.
+        noise_hz: Background noise that is added, per pixel and second.
+        drop: Fraction of the signal events that is dropped.
+        window_us: Window of the activity filter, us.
+        seed: Seed of noise and drops.
     """
 
     noise_hz: float
@@ -67,7 +67,7 @@ class Degradation:
     seed: int = 0
 
     def filtered(self, events: EventPacket) -> EventPacket:
-        """Return the events that the activity filter lets pass."""
+        """Return the events that pass the activity filter."""
         config = BackgroundActivityConfig(window_us=self.window_us)
         return BackgroundActivityFilter(config, events.size)(events)
 
@@ -79,13 +79,13 @@ class Degradation:
 
 @dataclass(frozen=True, slots=True)
 class Centroids:
-    """Reference positions, and the moments they are for.
+    """The reference positions.
 
     Attributes:
         at_us: ``(n,)`` moments, us.
-        center_px: ``(n, m, 2)`` centroids of the clean map, px; where even that map shows no
-            single marker (two that touch, one at the border), the last one.
-        found: ``(n, m)`` False there: such moments are not scored.
+        center_px: ``(n, m, 2)`` centroids in the clean map, px. Where it does not show a marker as
+            one blob (two markers touch, or one lies at the border), the last centroid.
+        found: ``(n, m)`` False there; such moments are not scored.
         speed_px_s: ``(n, m)`` speed of each centroid, px/s.
     """
 
@@ -97,12 +97,12 @@ class Centroids:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What one method made of one recording.
+    """The result of one method on one recording.
 
     Attributes:
-        center_px: ``(n, m, 2)`` the blobs' centroids; NaN where a marker was not found, px.
-        error_px: ``(n, m)`` distance to the reference; NaN likewise, px.
-        step_us: ``(n,)`` time from map to blobs.
+        center_px: ``(n, m, 2)`` centroids of the blobs, px; NaN where a marker was not found.
+        error_px: ``(n, m)`` distances to the reference, px; NaN likewise.
+        step_us: ``(n,)`` time from map to blobs, us.
     """
 
     center_px: NDArray[np.float64]
@@ -114,15 +114,15 @@ class _Finder:
     """Blobs near the places where the markers should be."""
 
     def __init__(self, recording: CleanRecording) -> None:
-        share = BlobTrackerConfig()
+        tracker = BlobTrackerConfig()
         disc_px = np.pi * recording.radius_px**2
         config = BlobConfig(
-            threshold=share.threshold,
-            min_area_px=share.min_area_share * float(disc_px.min()),
-            max_area_px=share.max_area_share * float(disc_px.max()),
+            threshold=tracker.threshold,
+            min_area_px=tracker.min_area_share * float(disc_px.min()),
+            max_area_px=tracker.max_area_share * float(disc_px.max()),
         )
         self._detector = BlobDetector(recording.events.size, config)
-        self._near_px = share.proximity_share * smallest_spacing_px(recording.reference_px)
+        self._near_px = tracker.proximity_share * smallest_spacing_px(recording.reference_px)
 
     def find(self, state_map: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the blobs' centroids ``(k, 2)``, px."""
@@ -136,8 +136,8 @@ class _Finder:
             return np.full(to_px.shape, np.nan)
         offset = blobs_px[np.newaxis] - to_px[:, np.newaxis]
         distance = np.hypot(offset[..., 0], offset[..., 1])
-        chosen = blobs_px[distance.argmin(axis=1)]
-        return np.where(distance.min(axis=1, keepdims=True) < self._near_px, chosen, np.nan)
+        nearest = blobs_px[distance.argmin(axis=1)]
+        return np.where(distance.min(axis=1, keepdims=True) < self._near_px, nearest, np.nan)
 
 
 def clean_centroids(
@@ -147,9 +147,9 @@ def clean_centroids(
 
     Args:
         recording: The clean recording.
-        kind: Which map.
+        kind: Kind of the state map.
         every_us: Time between two moments, us.
-        first_us: From the start to the first moment, us.
+        first_us: Time from the start to the first moment, us.
     """
     events = recording.events
     at_us = np.arange(events.t_start_us + first_us, events.t_end_us + 1, every_us)
@@ -174,8 +174,15 @@ def score_recording(
 ) -> dict[str, Score]:
     """Score each denoiser, with and without the activity filter before the map.
 
+    Args:
+        recording: The clean recording.
+        kind: Kind of the state map.
+        degradation: The degradation of its events.
+        reference: The reference positions.
+        denoisers: Name -> denoiser.
+
     Returns:
-        Method -> score; the methods with the filter are prefixed ``activity+``.
+        Method -> score; the names with the filter begin with ``activity+``.
     """
     noisy = degradation.apply(recording.events)
     plain = _score(recording, noisy, kind, reference, denoisers)

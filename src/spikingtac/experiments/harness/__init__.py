@@ -1,1 +1,1 @@
-"""What every experiment needs: worker processes, run folders, rows, reports."""
+"""The common parts of all experiments: worker processes, run folders, rows, reports."""

@@ -1,4 +1,4 @@
-"""What a result depends on, as digests: the source code behind it, and the machine it ran on."""
+"""What a result depends on: digests of the source code, versions, and the machine."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from typing import Any
 PACKAGE = Path(__file__).resolve().parents[2]
 
 SIMULATOR = ("sim/scene/render.py",)
-"""Where the recordings of the twin come from; their scene's own digest stands beside it."""
+"""The modules that render recordings of the twin; the scene has a digest of its own."""
 
 SHARED = (
+    "atomic_files.py",
     "errors.py",
     "schema.py",
     "types.py",
     "calibration/document.py",
     "calibration/step_maps.py",
 )
-"""What everything imports: containers and messages, in which no result is computed."""
+"""Modules that everything imports: containers and messages. They compute no result."""
 
 VERSIONED = ("numpy", "scipy", "numba", "onnxruntime", "opencv-python-headless", "trackpy")
-"""Packages whose versions stand in every report."""
+"""Packages whose versions every report states."""
 
 
 @functools.cache
 def code_digest(parts: tuple[str, ...]) -> str:
-    """Return the sha256 (first 16 digits) of the sources of some parts of this package.
+    """Return the sha256 (first 16 digits) of the sources of parts of this package.
 
     Args:
         parts: Folders or modules below the package, as ``"markers"`` or ``"pipeline/follow.py"``.
@@ -48,14 +49,14 @@ def code_digest(parts: tuple[str, ...]) -> str:
 
 @functools.cache
 def modules_behind(parts: tuple[str, ...], within: str = "") -> tuple[str, ...]:
-    """Return some parts of this package and all that they import from it, directly or not.
+    """Return parts of this package and all modules that they import, directly or not.
 
-    What a result is kept under is the code behind it and no other: whoever changes one tracker has
-    only that one's results made again.
+    Stored results carry the digest of these modules. A change of one tracker therefore renews the
+    results of this tracker and no others.
 
     Args:
         parts: Folders or modules below the package.
-        within: Only imports from below this folder are followed; all unless told.
+        within: Only imports from this folder are followed; all unless given.
     """
     waiting = [file for part in parts for file in _files(PACKAGE / part)]
     found: set[str] = set()
@@ -93,11 +94,11 @@ def _files(path: Path) -> list[Path]:
 
 
 def provenance(command: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Return what made a report: command, settings, code, versions, machine.
+    """Return how a report was made: command, settings, code, versions, machine.
 
     Args:
-        command: The line that makes it again.
-        settings: Seeds and whatever else was chosen.
+        command: The command line that repeats the run.
+        settings: The settings of the run.
     """
     from spikingtac._version import package_version
 

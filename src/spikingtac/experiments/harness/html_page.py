@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from spikingtac.experiments.harness.report import Report, Table
-    from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.harness.report import Report, Table, figure_text, find_row
+from spikingtac.experiments.harness.rows import Row
 
 SOURCES = {"twin": "simulated (twin)", "v2e": "simulated (v2e)", "recorded": "recorded"}
 """Source of a row -> what the page calls it; these columns are never merged."""
@@ -27,7 +27,7 @@ pre{background:#f6f8fa;padding:.8rem;overflow-x:auto}
 """
 
 
-def page(report: Report) -> str:
+def html_page(report: Report) -> str:
     """Return the whole page."""
     parts = [
         f"<h1>{escape(report.title)}</h1>",
@@ -65,10 +65,8 @@ def _findings(findings: Sequence[str]) -> str:
 
 
 def _table(table: Table, rows: Sequence[Row]) -> str:
-    from spikingtac.experiments.harness.report import find
-
     shown = {
-        (method, metric): find(rows, method, table.case, metric)
+        (method, metric): find_row(rows, method, table.case, metric)
         for method in table.methods
         for metric in table.metrics
     }
@@ -87,11 +85,11 @@ def _table(table: Table, rows: Sequence[Row]) -> str:
     for method in table.methods:
         cells = [shown[method, metric] for metric in table.metrics]
         if any(cells):
-            told = "".join(
+            line = "".join(
                 _cell(cell, metric in printed)
                 for cell, metric in zip(cells, table.metrics, strict=True)
             )
-            lines.append(f"<tr><td>{escape(method)}</td>{told}</tr>")
+            lines.append(f"<tr><td>{escape(method)}</td>{line}</tr>")
     violet = "; violet: what the paper prints, on its own hardware" if printed else ""
     return (
         f"<h2>{escape(table.title)}</h2>"
@@ -113,19 +111,17 @@ def _count(rows: Sequence[Row]) -> str:
 
 
 def _cell(row: Row | None, with_paper: bool) -> str:
-    from spikingtac.experiments.harness.report import number
-
     paper = ""
     if with_paper:
-        text = number(row.paper, row.unit) if row is not None and row.paper is not None else ""
+        text = figure_text(row.paper, row.unit) if row is not None and row.paper is not None else ""
         paper = f"<td class='paper'>{text}</td>"
     if row is None:
         return f"{paper}<td>-</td>"
     ends = ""
     if row.ci95 is not None:
-        low, high = (number(end, row.unit) for end in row.ci95)
+        low, high = (figure_text(end, row.unit) for end in row.ci95)
         ends = f"<br><span class='ci'>{low} to {high}</span>"
-    return f"{paper}<td>{number(row.value, row.unit)}{ends}</td>"
+    return f"{paper}<td>{figure_text(row.value, row.unit)}{ends}</td>"
 
 
 def _methods(methods: Any) -> str:
@@ -140,6 +136,4 @@ def _definitions(rows: Sequence[Row]) -> str:
 
 
 def _indented(document: Any) -> str:
-    import json
-
     return json.dumps(document, indent=1, sort_keys=True)

@@ -1,4 +1,4 @@
-"""What a metric of an experiment is."""
+"""The definition of a metric."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One number that a trial yields.
+    """A number that each trial yields.
 
     Attributes:
-        name: As in ``report.json``, unit in its name.
+        name: As in ``report.json``; the unit is in the name.
         unit: ``px``, ``markers`` or ``1`` (a fraction).
         definition: What exactly is measured.
-        over_trials: How the trials of a case are joined.
+        over_trials: How the values of the trials of a case are combined.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Numbers printed in the paper, each with the place where it stands."""
+"""The numbers that the paper prints, each with its place there."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """One printed number, measured on the authors' hardware.
+    """A printed number, measured on the authors' hardware.
 
     Attributes:
-        value: As printed; fractions are 0 to 1.
-        where: Table or section.
+        value: The number as printed; fractions are 0 to 1.
+        where: Table or section of the paper.
     """
 
     value: float
@@ -31,7 +31,7 @@ POINT_TRACKING: dict[tuple[str, str], Published] = {
     ("neutac", "return_mean_px"): Published(1.4212, _TABLE),
     ("neutac", "return_std_px"): Published(0.5742, _TABLE),
 }
-"""(method, metric) of the case ``all`` -> what the paper prints."""
+"""(method, metric) of the case ``all`` -> number that the paper prints."""
 
 _HOLES = "table 'Quantitative results of position and radius deviation'"
 
@@ -40,14 +40,11 @@ HOLES: dict[tuple[str, str], Published] = {
     ("cross4-published", "radius_rmse_mm"): Published(0.0780, _HOLES + ", from its values"),
     ("cross4-published", "radius_mean_signed_mm"): Published(0.0452, _HOLES),
 }
-"""(method, metric) of all ten holes -> what the paper prints; its abstract calls the signed mean
-RMSE, and the RMSE follows from the ten printed errors."""
+"""(method, metric) over all ten holes -> number that the paper prints. Its abstract calls the
+signed mean an RMSE; the RMSE here follows from the ten printed errors."""
 
 HOLE_ERRORS_MM: tuple[tuple[float, float], ...] = (
     (0.0924, 0.0159), (0.0756, -0.0214), (0.0625, 0.0663), (0.0729, 0.0330), (0.0965, 0.0242),
     (0.0539, 0.0513), (0.1068, -0.0280), (0.0671, 0.1350), (0.1195, -0.0046), (0.1572, 0.1799),
 )  # fmt: skip
 """Position and radius error of holes 1 to 10 in that table, mm."""
-
-TRACKING_RATE_HZ = Published(350.0, "abstract")
-"""Rate of the published tracker."""

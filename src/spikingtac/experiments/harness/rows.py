@@ -13,7 +13,7 @@ from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.harness.published import Published
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Confidence level of the intervals."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,13 +25,13 @@ class Row:
         case: Name of the case.
         metric: Name of the metric.
         value: The figure, or None where nothing could be measured.
-        unit: Of the value.
-        n: How many trials stand behind it.
+        unit: Unit of the value.
+        n: Number of trials behind it.
         source: ``twin``, ``v2e`` or ``recorded``.
-        paper: What the paper prints for it, or None.
+        paper: The number that the paper prints, or None.
         definition: What exactly was measured.
-        ci95: Interval of the mean over the seeds, or None where there is one seed only.
-        seeds: How many seeds.
+        ci95: 95 % confidence interval of the mean over the seeds; None for a single seed.
+        seeds: Number of seeds.
     """
 
     method: str
@@ -53,13 +53,13 @@ def rows_of(
     published: Mapping[tuple[str, str], Published],
     paper_case: str,
 ) -> list[Row]:
-    """Join the trials of each method and case.
+    """Return one row for each method, case and metric, over the trials of the case.
 
     Args:
-        records: From :func:`~spikingtac.experiments.trials.runner.run_all`.
+        records: Scores of the trials, from :func:`~spikingtac.experiments.trials.runner.run_all`.
         metrics: Which scores to report.
-        published: (method, metric) -> what the paper prints.
-        paper_case: The case that the paper's numbers belong to.
+        published: (method, metric) -> number that the paper prints.
+        paper_case: The case to which the paper's numbers belong.
     """
     grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
     for record in records:
@@ -69,11 +69,11 @@ def rows_of(
     rows = []
     for (case, method), group in grouped.items():
         for metric in metrics:
-            told = [record for record in group if metric.name in record["scores"]]
-            if not told:
+            scored = [record for record in group if metric.name in record["scores"]]
+            if not scored:
                 continue
             printed = published.get((method, metric.name)) if case == paper_case else None
-            rows.append(_row(method, case, metric, told, printed))
+            rows.append(_row(method, case, metric, scored, printed))
     return rows
 
 
@@ -86,13 +86,13 @@ def _row(
 ) -> Row:
     values = np.array([record["scores"][metric.name] for record in group])
     seeds = np.array([record["trial"]["seed"] for record in group])
-    joined = values.sum() if metric.over_trials == "sum" else values.mean()
+    total = values.sum() if metric.over_trials == "sum" else values.mean()
     per_seed = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
     return Row(
         method=method,
         case=case,
         metric=metric.name,
-        value=float(joined),
+        value=float(total),
         unit=metric.unit,
         n=len(values),
         source=str(group[0]["trial"]["source"]),
@@ -104,7 +104,7 @@ def _row(
 
 
 def interval(values: np.ndarray) -> tuple[float, float] | None:
-    """Return Student's interval of the mean, or None for fewer than two values."""
+    """Return Student's confidence interval of a mean, or None for fewer than two values."""
     if len(values) < 2:
         return None
     from scipy.stats import t

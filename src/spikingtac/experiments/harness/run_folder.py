@@ -1,47 +1,45 @@
-"""The folder of a run: what it was made with, and that nothing else is mixed into it."""
+"""The folder of a run: the settings that it was begun with; results of others are never added."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from spikingtac.atomic_files import write_json
 from spikingtac.errors import ConfigError
 
 RUN = "run.json"
-"""What the folder was begun with."""
-
-REPORT = "report.json"
+"""The settings that the folder was begun with."""
 
 
-def claim(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:
-    """Begin a run in a folder, or go on with one.
+def begin_run(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:
+    """Begin a run in a folder, or continue the one in it.
 
     Args:
-        folder: Created if it does not exist.
-        settings: What was chosen; a folder holds the results of one choice only.
-        resume: Whether a run that was begun may go on.
+        folder: Is created if it does not exist.
+        settings: The settings of the run; a folder holds the results of one set of them.
+        resume: Whether a run with the same settings may continue.
 
     Raises:
         ConfigError: The folder holds something else, or results of other settings; names them.
     """
-    wanted = json.loads(json.dumps(settings))
+    given = json.loads(json.dumps(settings))
     begun = folder / RUN
     if begun.is_file():
-        held = json.loads(begun.read_text(encoding="utf-8"))
-        changed = sorted(key for key in {*held, *wanted} if held.get(key) != wanted.get(key))
+        stored = json.loads(begun.read_text(encoding="utf-8"))
+        changed = sorted(key for key in {*stored, *given} if stored.get(key) != given.get(key))
         if changed:
-            told = ", ".join(f"{key} {held.get(key)!r} -> {wanted.get(key)!r}" for key in changed)
+            text = ", ".join(f"{key} {stored.get(key)!r} -> {given.get(key)!r}" for key in changed)
             raise ConfigError(
-                f"{str(folder)!r} holds results with other settings ({told}); results are never "
+                f"{str(folder)!r} holds results with other settings ({text}); results are never "
                 "mixed: give a new folder, or the settings of the old one"
             )
         if not resume:
             raise ConfigError(
                 f"{str(folder)!r} holds a run with these settings; "
-                "go on with --resume, or give a new folder"
+                "continue it with --resume, or give a new folder"
             )
         return
     try:
@@ -50,19 +48,6 @@ def claim(folder: Path, settings: Mapping[str, Any], resume: bool) -> None:
             raise ConfigError(
                 f"{str(folder)!r} is not empty and holds no run; give a new or an empty folder"
             )
-        write_json(begun, wanted)
+        write_json(begun, given)
     except OSError as error:
         raise ConfigError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a document at once: an interrupt leaves the old one or the new one."""
-    write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text at once; see :func:`write_json`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)

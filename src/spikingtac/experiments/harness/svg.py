@@ -9,12 +9,22 @@ SALT = "spikingtac"
 """Makes the ids in the SVG the same in every run."""
 
 
+def pyplot() -> Any:
+    """Import and return Matplotlib's pyplot, set to draw without a display."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as module
+
+    return module
+
+
 def svg_text(figure: Any) -> str:
-    """Return a figure as SVG, the same text each time, and close it."""
-    from matplotlib import pyplot, rc_context
+    """Return a figure as SVG, the same text in every run, and close the figure."""
+    from matplotlib import rc_context
 
     out = io.StringIO()
     with rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
         figure.savefig(out, format="svg", metadata={"Date": None})
-    pyplot.close(figure)
+    pyplot().close(figure)
     return out.getvalue()

@@ -1,4 +1,4 @@
-"""The worker processes of an experiment, none of which outlives it."""
+"""The worker processes of an experiment; none of them outlives it."""
 
 from __future__ import annotations
 
@@ -20,18 +20,21 @@ def cpu_count() -> int:
 
 
 @contextmanager
-def worker_pool(asked: int | None, pieces: int) -> Iterator[Executor]:
-    """Lend worker processes; at the end, what was not begun is dropped.
+def worker_pool(workers: int | None, tasks: int) -> Iterator[Executor]:
+    """Start worker processes; at the end, tasks that were not begun are dropped.
 
-    For a single worker that is a thread of this process.
+    A single worker is a thread of this process.
 
     Args:
-        asked: Workers; None is one for every CPU, and there are never more.
-        pieces: Pieces of work: more workers than that would be idle.
+        workers: Number of workers; None takes one for every CPU, and there are never more.
+        tasks: Number of tasks: more workers would be idle.
+
+    Yields:
+        The pool to submit the tasks to.
     """
     for name in SINGLE_THREAD:
         os.environ.setdefault(name, "1")
-    pool = _pool(max(1, min(asked or cpu_count(), cpu_count(), pieces)))
+    pool = _pool(max(1, min(workers or cpu_count(), cpu_count(), tasks)))
     try:
         yield pool
     finally:
@@ -41,20 +44,20 @@ def worker_pool(asked: int | None, pieces: int) -> Iterator[Executor]:
 def _pool(workers: int) -> Executor:
     if workers == 1:
         return ThreadPoolExecutor(1)
-    # Fresh interpreters: a fork would copy the locks of threads that it does not copy.
+    # Fresh interpreters: a fork would copy locks whose threads it does not copy.
     spawn = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(workers, spawn, initializer=end_with_parent)
 
 
 def end_with_parent() -> None:
-    """Let this process end when its parent has ended, however that was ended.
+    """End this process when its parent has ended, in whatever way.
 
-    A parent that is killed closes nothing: its workers would go on with what was queued.
+    A parent that is killed closes nothing: its workers would continue with the queued tasks.
     """
-    threading.Thread(target=_outlive_nobody, daemon=True).start()
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
 
 
-def _outlive_nobody() -> None:
+def _wait_for_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -6,24 +6,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.harness.fingerprint import provenance
-from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.records import Record
+from spikingtac.experiments.harness.report import Report, Table, find_row
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.holes.figures import error_figure, plate_figure
-from spikingtac.experiments.holes.readings import SIGMAS_MM
-from spikingtac.experiments.holes.scoring import DEFINITIONS, METHODS, hole_rows
-from spikingtac.experiments.holes.touching import (
+from spikingtac.experiments.holes.jobs import (
     CYCLES,
     DETECTOR,
     QUICK_CYCLES,
     RADII_MM,
-    HoleWork,
-    calibrate_work,
-    search_work,
+    HoleJob,
+    run_calibration,
+    run_searches,
 )
+from spikingtac.experiments.holes.scoring import DEFINITIONS, METHODS, hole_rows
+from spikingtac.sim.probing.readings import SIGMAS_MM
 
 NAME = "holes"
 FULL_SEEDS = 20
@@ -34,14 +36,12 @@ TARGETS_MM = {
     ("rep008", "default-4"): (0.04, 0.03),
     ("rep008", "default-12"): (0.02, 0.015),
 }
-"""(prefix, method) -> aimed position and radius RMSE, mm."""
-
-Record = dict[str, Any]
+"""(prefix, method) -> aims of position RMSE and radius RMSE, mm."""
 
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
-    names = chosen(METHODS, options.methods)
+    names = select_methods(METHODS, options.methods)
     count = options.seeds or (1 if options.quick else FULL_SEEDS)
     settings = {
         "experiment": NAME,
@@ -51,20 +51,20 @@ def run(options: RunOptions) -> dict[str, Any]:
         "methods": names,
         "detector": DETECTOR,
     }
-    claim(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume)
     calibrations, records = touch_all(options, range(options.seed, options.seed + count))
     rows = hole_rows(records, calibrations, names)
     report = Report(
         experiment=NAME,
         title="Holes by touch",
-        provenance=provenance(options.command(NAME), settings) | _assumed(options.quick),
+        provenance=provenance(options.command(NAME), settings) | _assumptions(options.quick),
         rows=rows,
         findings=findings(rows),
         tables=_tables(rows, names),
         figures=_figures(rows, records, calibrations, names),
         methods={name: METHODS[name].about for name in names},
     )
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
@@ -75,59 +75,58 @@ def run(options: RunOptions) -> dict[str, Any]:
 
 
 def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], list[Record]]:
-    """Make, or read from disk, every touch of a run.
+    """Make every touch of a run, or read it from disk.
 
     Returns:
         Calibrations by seed; searches of every seed and hole.
     """
-    plates = [HoleWork(options.output, seed, quick=options.quick) for seed in seeds]
+    plates = [HoleJob(options.output, seed, quick=options.quick) for seed in seeds]
     holes = [replace(plate, hole=hole) for plate in plates for hole in range(len(RADII_MM))]
     searched: list[Record] = []
     with worker_pool(options.workers, len(holes)) as pool:
-        calibrated = list(pool.map(calibrate_work, plates))
-        for record in pool.map(search_work, holes):
+        calibrated = list(pool.map(run_calibration, plates))
+        for record in pool.map(run_searches, holes):
             searched.append(record)
-            if options.advance:
-                options.advance(len(searched) / len(holes))
+            options.report_progress(len(searched), len(holes))
     return {record["seed"]: record for record in calibrated}, searched
 
 
 def findings(rows: Sequence[Row]) -> list[str]:
-    """Return what came out in sentences, computed from the rows and from nothing else."""
+    """Return the findings: sentences that are computed from the rows alone."""
     return [*_paper_findings(rows), *_target_findings(rows), *_honesty_findings(rows)]
 
 
 def _paper_findings(rows: Sequence[Row]) -> list[str]:
-    said = []
+    sentences = []
     for method in ("cross4-published", "cross4"):
         value = {name: _value(rows, method, "rep028/all", name) for name in DEFINITIONS}
         if value["position_rmse_mm"] is not None:
-            said.append(
+            sentences.append(
                 f"{method}: position RMSE {value['position_rmse_mm']:.4f} mm "
                 f"({value['position_rmse_kabsch_mm']:.4f} after Kabsch; paper 0.0952), radius RMSE "
                 f"{value['radius_rmse_mm']:.4f} mm (paper 0.0780), signed mean "
                 f"{value['radius_mean_signed_mm']:+.4f} mm (paper 0.0452, there called RMSE); "
                 "simulated, repeatability 0.028 mm."
             )
-    return said
+    return sentences
 
 
 def _target_findings(rows: Sequence[Row]) -> list[str]:
-    said = []
+    sentences = []
     for (prefix, method), (position, radius) in TARGETS_MM.items():
         found = _value(rows, method, f"{prefix}/all", "position_rmse_mm")
         size = _value(rows, method, f"{prefix}/all", "radius_rmse_mm")
         if found is not None and size is not None:
-            kept = "met" if found <= position and size <= radius else "missed"
-            said.append(
+            verdict = "met" if found <= position and size <= radius else "missed"
+            sentences.append(
                 f"{prefix}, {method}: position RMSE {found:.4f} mm, radius RMSE {size:.4f} mm; "
-                f"aim {position} / {radius}: {kept} (simulated)."
+                f"aim {position} / {radius}: {verdict} (simulated)."
             )
-    return said
+    return sentences
 
 
 def _honesty_findings(rows: Sequence[Row]) -> list[str]:
-    said = []
+    sentences = []
     for method in ("default-4", "default-12"):
         values = {
             name: [_value(rows, method, f"{prefix}/all", name) for prefix in SIGMAS_MM]
@@ -138,20 +137,20 @@ def _honesty_findings(rows: Sequence[Row]) -> list[str]:
                 " / ".join(f"{value:.3g}" for value in values[name] if value is not None)
                 for name in values
             )
-            said.append(
+            sentences.append(
                 f"{method} ({' / '.join(SIGMAS_MM)}): 95 % regions cover {cover} of the trials, "
                 f"position RMSE over its bound {ratio}, diverged {lost}, wall touches per hole, "
                 f"finding and conditioning included, {touches}."
             )
-    return said
+    return sentences
 
 
 def _value(rows: Sequence[Row], method: str, case: str, metric: str) -> float | None:
-    row = find(rows, method, case, metric)
+    row = find_row(rows, method, case, metric)
     return row.value if row else None
 
 
-def _assumed(quick: bool) -> dict[str, Any]:
+def _assumptions(quick: bool) -> dict[str, Any]:
     return {
         "radii_mm": list(RADII_MM),
         "repeatability_mm": SIGMAS_MM,
@@ -175,7 +174,7 @@ def _figures(
 ) -> list[tuple[str, str]]:
     seed = min(record["seed"] for record in records)
     plate = [record for record in records if record["seed"] == seed]
-    said = (
+    note = (
         "95 % region and error of the centre, and the contacts' residuals, are drawn larger by the "
         "factors above each hole"
     )
@@ -187,6 +186,6 @@ def _figures(
         )
     ]
     for name in names:
-        drawn = plate_figure(plate, calibrations[seed], name)
-        figures.append((f"{name}, seed {seed} (simulated): {said}.", drawn))
+        svg = plate_figure(plate, calibrations[seed], name)
+        figures.append((f"{name}, seed {seed} (simulated): {note}.", svg))
     return figures

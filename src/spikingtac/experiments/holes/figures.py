@@ -9,17 +9,17 @@ import numpy as np
 
 from spikingtac.experiments.harness.published import HOLE_ERRORS_MM
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.svg import svg_text
-from spikingtac.experiments.holes.readings import SIGMAS_MM, touched_of
+from spikingtac.experiments.harness.svg import pyplot, svg_text
+from spikingtac.experiments.holes.jobs import RADII_MM
 from spikingtac.experiments.holes.scoring import METHODS, HoleScore, score
-from spikingtac.experiments.holes.touching import RADII_MM
+from spikingtac.sim.probing.readings import SIGMAS_MM, touched_of
 
 SIGMA_MM = SIGMAS_MM["rep028"]
 CASE = "rep028"
 TITLES = {"position_rmse_mm": "error of the centre", "radius_rmse_mm": "error of the radius"}
 METRICS = tuple(TITLES)
 TICKS_MM = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Of the errors' axis, from the least of the paper's to the largest of ours."""
+"""Ticks of the axis of the errors, mm."""
 
 
 def plate_figure(
@@ -29,15 +29,10 @@ def plate_figure(
 
     Args:
         records: The searches of one seed.
-        calibration: Of that seed.
-        method: Which method.
+        calibration: The calibration of this seed.
+        method: Name of the method.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 5, figsize=(11, 5.8), layout="constrained")
+    figure, axes = pyplot().subplots(2, 5, figsize=(11, 5.8), layout="constrained")
     for axis in axes.flat:
         axis.set_axis_off()
     for record in records:
@@ -47,17 +42,17 @@ def plate_figure(
     figure.suptitle(
         f"{method}, seed {seed} (simulated, repeatability {SIGMA_MM:g} mm)", fontsize=10
     )
-    _explain(figure, list(axes.flat))
+    _draw_legend(figure, list(axes.flat))
     return svg_text(figure)
 
 
 def _draw_panel(axis: Any, record: Mapping[str, Any], method: str, found: HoleScore) -> None:
     from spikingtac.plots.hole import HolePicture, draw_hole
 
-    how = METHODS[method]
-    kept = record[how.style]
-    shown = kept["used"][: how.contacts] or range(len(kept["touches"]))
-    reading = [touched_of(kept["touches"][number], SIGMA_MM).reading_mm for number in shown]
+    rule = METHODS[method]
+    stored = record[rule.style]
+    shown = stored["used"][: rule.contacts] or range(len(stored["touches"]))
+    reading = [touched_of(stored["touches"][number], SIGMA_MM).reading_mm for number in shown]
     picture = HolePicture(
         circle=found.circle,
         reading_mm=np.array(reading, np.float64).reshape(-1, 2),
@@ -66,17 +61,17 @@ def _draw_panel(axis: Any, record: Mapping[str, Any], method: str, found: HoleSc
     )
     draw_hole(axis, picture)
     off = 1000.0 * found.error_mm
-    told = "no estimate"
+    label = "no estimate"
     if found.circle is not None:
-        told = (
+        label = (
             f"off by {np.hypot(*off[:2]):.0f} µm, R by {off[2]:+.0f} µm\n"
             f"centre × {picture.center_factor:g}, residuals × {picture.residual_factor:g}"
         )
-    axis.set_title(f"hole {found.hole + 1}, R {found.radius_mm:g} mm\n{told}", fontsize=8)
+    axis.set_title(f"hole {found.hole + 1}, R {found.radius_mm:g} mm\n{label}", fontsize=8)
     axis.set_axis_off()
 
 
-def _explain(figure: Any, axes: Sequence[Any]) -> None:
+def _draw_legend(figure: Any, axes: Sequence[Any]) -> None:
     """Put one legend below all panels; the factors stand above each."""
     known: dict[str, Any] = {}
     for axis in axes:
@@ -87,12 +82,7 @@ def _explain(figure: Any, axes: Sequence[Any]) -> None:
 
 def error_figure(rows: Sequence[Row], methods: Sequence[str]) -> str:
     """Draw position and radius RMSE over the holes, beside the paper's errors; SVG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
+    figure, axes = pyplot().subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
     place = np.arange(len(RADII_MM))
     printed = np.abs(HOLE_ERRORS_MM).T
     for axis, metric, paper in zip(axes, METRICS, printed, strict=True):

@@ -8,18 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.experiments.harness.published import HOLES
 from spikingtac.experiments.harness.rows import Row, interval
-from spikingtac.experiments.holes.readings import SIGMAS_MM, touched_of
-from spikingtac.experiments.holes.touching import (
-    CROSS,
-    DEFAULT,
-    MOST_CONTACTS,
-    travel_of,
-    trial_of,
-)
+from spikingtac.experiments.holes.jobs import MOST_CONTACTS, trial_of
 from spikingtac.geometry.align import align
 from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.touch_fit import TouchFitConfig
@@ -27,24 +19,24 @@ from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import hole_around
 from spikingtac.robot.cross_search import calibrated_circle, published_circle
 from spikingtac.robot.prober import Touched
-
-Vector = NDArray[np.float64]
-Record = Mapping[str, Any]
+from spikingtac.sim.probing.readings import SIGMAS_MM, touched_of
+from spikingtac.sim.probing.wall_calibration import CROSS, DEFAULT, travel_of
+from spikingtac.types import FloatArray
 
 CROSS_CONTACTS = 4
 REGION = 7.8147
 """95 % quantile of chi-squared with three degrees of freedom: centre and radius together."""
 DIVERGED_MM = 0.5
-"""An estimate that is farther off than this has diverged: five times the paper's RMSE."""
+"""Error beyond which an estimate counts as diverged, mm: five times the paper's RMSE."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoleMethod:
-    """How a hole is estimated from kept touches.
+    """A way to estimate a hole from stored touches.
 
     Attributes:
-        style: Whose touches: of the cross or of the adaptive search.
-        contacts: How many of them.
+        style: The search that made the touches: ``cross`` or ``default``.
+        contacts: Number of contacts that are used.
         about: One line for the report.
     """
 
@@ -73,7 +65,7 @@ METHODS: dict[str, HoleMethod] = {
         style=DEFAULT, contacts=MOST_CONTACTS, about="the adaptive search with 12 contacts"
     ),
 }
-"""Method -> what it does."""
+"""Name -> method."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,27 +73,27 @@ class HoleScore:
     """One estimate against the truth.
 
     Attributes:
-        seed: Of the plate.
+        seed: Seed of the plate.
         hole: Index of the hole.
         circle: The estimate, or None where the search ended with an error.
         center_mm: ``(2,)`` true centre, mm.
         radius_mm: True radius, mm.
-        sigma_mm: Standard deviation of a contact by the calibration, apart from the hole, mm.
-        presses: How often the wall was touched, conditioning included.
-        contacts: Readings that the estimate rests on.
+        sigma_mm: Standard deviation of a contact according to the calibration, mm.
+        presses: Number of touches of the wall, conditioning included.
+        contacts: Number of readings that the estimate uses.
     """
 
     seed: int
     hole: int
     circle: Circle | None
-    center_mm: Vector
+    center_mm: FloatArray
     radius_mm: float
     sigma_mm: float
     presses: int
     contacts: int
 
     @property
-    def error_mm(self) -> Vector:
+    def error_mm(self) -> FloatArray:
         """Errors ``(3,)`` of centre x, centre y and radius, mm; infinite without an estimate."""
         if self.circle is None:
             return np.full(3, np.inf)
@@ -110,34 +102,36 @@ class HoleScore:
 
     @property
     def diverged(self) -> bool:
-        """Whether there is no estimate, or one that is far off."""
+        """Whether there is no estimate, or one with an error above :data:`DIVERGED_MM`."""
         return bool(np.abs(self.error_mm).max() > DIVERGED_MM)
 
     @property
     def covered(self) -> bool:
-        """Whether the stated 95 % region holds the truth."""
+        """Whether the stated 95 % region contains the truth."""
         if self.circle is None:
             return False
         error = self.error_mm
         return bool(error @ np.linalg.solve(self.circle.covariance_mm2, error) < REGION)
 
 
-def score(method: str, record: Record, calibration: Record, sigma_mm: float) -> HoleScore:
-    """Estimate one hole by one method, as an arm of some repeatability would have.
+def score(
+    method: str, record: Mapping[str, Any], calibration: Mapping[str, Any], sigma_mm: float
+) -> HoleScore:
+    """Estimate one hole by one method, for an arm of some repeatability.
 
     Args:
         method: Name in :data:`METHODS`.
-        record: From :func:`~spikingtac.experiments.holes.touching.search_work`.
-        calibration: From :func:`~spikingtac.experiments.holes.touching.calibrate_work`.
+        record: From :func:`~spikingtac.experiments.holes.jobs.run_searches`.
+        calibration: From :func:`~spikingtac.experiments.holes.jobs.run_calibration`.
         sigma_mm: Repeatability per axis and reading, mm.
     """
-    how = METHODS[method]
+    rule = METHODS[method]
     trial = trial_of(record["seed"], record["hole"])
-    travel = travel_of(calibration[how.style], sigma_mm)
-    kept, used = record[how.style]["touches"], record[how.style]["used"][: how.contacts]
-    made = kept[: used[-1] + 1] if used else kept
-    touches = [touched_of(kept[number], sigma_mm) for number in used]
-    found = len(touches) == how.contacts
+    travel = travel_of(calibration[rule.style], sigma_mm)
+    stored, used = record[rule.style]["touches"], record[rule.style]["used"][: rule.contacts]
+    made = stored[: used[-1] + 1] if used else stored
+    touches = [touched_of(stored[number], sigma_mm) for number in used]
+    found = len(touches) == rule.contacts
     return HoleScore(
         seed=record["seed"],
         hole=record["hole"],
@@ -146,7 +140,7 @@ def score(method: str, record: Record, calibration: Record, sigma_mm: float) -> 
         radius_mm=trial.wall.radius_mm,
         sigma_mm=travel.sigma_mm,
         presses=sum(one["presses"] for one in made),
-        contacts=how.contacts,
+        contacts=rule.contacts,
     )
 
 
@@ -159,7 +153,9 @@ def _estimate(method: str, touches: list[Touched], travel: TravelModel) -> Circl
 
 
 def hole_rows(
-    records: Sequence[Record], calibrations: Mapping[int, Record], methods: Sequence[str]
+    records: Sequence[Mapping[str, Any]],
+    calibrations: Mapping[int, Mapping[str, Any]],
+    methods: Sequence[str],
 ) -> list[Row]:
     """Return all rows: every method, repeatability and hole, and all holes together."""
     rows: list[Row] = []
@@ -181,23 +177,23 @@ DEFINITIONS = {
     "radius_rmse_mm": "root mean square error of the radius",
     "radius_mean_signed_mm": "signed mean error of the radius (the paper's 0.0452 mm, which its "
     "abstract calls RMSE)",
-    "coverage95": "share of trials whose stated 95 % region of centre and radius holds the truth",
+    "coverage95": "fraction of trials whose stated 95 % region of centre and radius contains the "
+    "truth",
     "bound_ratio": "position RMSE over 2 sigma_c / sqrt(contacts), sigma_c being the standard "
     "deviation of a contact on the calibration's flat wall",
-    "contacts": "readings that an estimate rests on",
-    "touches": "how often the wall was pressed for them, finding and conditioning included",
+    "contacts": "number of readings that an estimate uses",
+    "touches": "number of presses against the wall for them, finding and conditioning included",
     "diverged": "trials without an estimate, or off by more than 0.5 mm in any coordinate; they "
     "are left out of the other figures",
 }
-"""Metric -> what it is."""
-
+"""Metric -> definition."""
 
 UNITS = {
     "coverage95": "1",
     "bound_ratio": "times",
     **dict.fromkeys(("contacts", "touches", "diverged"), "count"),
 }
-"""Metric -> unit; the others are lengths in mm."""
+"""Metric -> unit; all others are lengths in mm."""
 
 
 def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
@@ -211,8 +207,8 @@ def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
         seeds = sorted({one.seed for one in good})
         each = [_figures([one for one in good if one.seed == seed]) for seed in seeds]
         spans = {name: interval(np.array([one[name] for one in each])) for name in each[0]}
-        if (share := spans["coverage95"]) is not None:
-            spans["coverage95"] = max(share[0], 0.0), min(share[1], 1.0)
+        if (ends := spans["coverage95"]) is not None:
+            spans["coverage95"] = max(ends[0], 0.0), min(ends[1], 1.0)
     if not case.endswith("/all"):
         del values["position_rmse_kabsch_mm"]
     return [
@@ -249,8 +245,8 @@ def _figures(scores: Sequence[HoleScore]) -> dict[str, float]:
     }
 
 
-def _aligned(scores: Sequence[HoleScore]) -> Vector:
-    """Return the distances ``(n,)`` that are left after each plate was aligned, mm."""
+def _aligned(scores: Sequence[HoleScore]) -> FloatArray:
+    """Return the distances ``(n,)`` after the alignment of each plate, mm."""
     left = []
     for seed in {one.seed for one in scores}:
         plate = [(one.circle, one.center_mm) for one in scores if one.seed == seed]
@@ -260,7 +256,7 @@ def _aligned(scores: Sequence[HoleScore]) -> Vector:
     return np.concatenate(left)
 
 
-def _rms(values: Vector) -> float:
+def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -1,4 +1,4 @@
-"""What each idea is worth: one change at a time, and the light, noise and loss it must bear."""
+"""The ablations: variants of the default tracker under several lights, noises and event losses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ABLATION_SCENES = ("mixed", "finger-slides", "drag-release")
 """Trajectories of the ablations."""
 
 COMPARED = ("default", "fast", "paper")
-"""Methods that are shown under every light, noise and loss; the variants under three cameras."""
+"""Methods that run under every light, noise and loss; the variants run with three cameras."""
 
 RATES_HZ = (100, 350, 2_000, 10_000)
 LOSSES = (0.1, 0.3, 0.5)
@@ -32,19 +32,19 @@ CONTRASTS = (3.0, 4.5, 9.0, 12.0)
 CAPS_MEV_S = (0.5, 1.0)
 BLURS_PX = (1.0, 1.5)
 NOISES_HZ = (0.3, 1.0, 3.0)
-"""Background per pixel, laid over the preset ``typical``."""
+"""Background rates per pixel that replace the rate of ``typical``, Hz."""
 
 SHIFT_PX = 1.0
-"""Error of the wrong calibration, each coordinate in turn."""
+"""Error of the wrong calibration, px."""
 
 
 def ablation_methods() -> dict[str, Method | LawMethod]:
-    """Return the default tracker, its variants, and those of the published front end."""
+    """Return the default tracker, its variants, and those of the published pipeline."""
     return {method.name: method for method in (*_variants(), *_references(), *_laws())}
 
 
 def methods_on(trial: Trial) -> tuple[str, ...]:
-    """Return which methods are asked about a trial of the ablations."""
+    """Return the names of the methods that run on a trial of the ablations."""
     if trial.case == LOOPS:
         return ("default", *(method.name for method in _laws()))
     if trial.settings or f"{trial.case.removesuffix(trial.scene)}" not in CAMERAS:
@@ -53,7 +53,7 @@ def methods_on(trial: Trial) -> tuple[str, ...]:
 
 
 def ablation_trials(seeds: range, scenes: Iterable[str]) -> list[Trial]:
-    """Return the trials under which the variants are compared: light, noise and loss, too."""
+    """Return the trials of the ablations: cameras, light, noise and event loss."""
     trials = []
     for scene in scenes:
         for seed in seeds:
@@ -89,7 +89,7 @@ def _variants() -> Iterator[Method]:
         "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
     )
     yield _filtered("default-activity-filter", "background-activity filter before the map", base)
-    yield _without_hold("default-no-hold", "a marker that is not seen is given out at rest", base)
+    yield _without_hold("default-no-hold", "an unobserved marker is output at rest", base)
     yield _maintain("default-no-lag", "no lag correction", base, lag_us=0.0)
     yield _maintain("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
     yield _maintain(
@@ -100,8 +100,8 @@ def _variants() -> Iterator[Method]:
     centroid = base.with_tracking(method="centroid")
     yield of_config("default-centroid", "centroid in place of the disc fit", centroid)
     yield _changed("default-calibration-1px-off", "references 1 px off", base, _shifted)
-    yield _changed("default-contrast-3", "contrast taken for 3", base, _contrast(3.0))
-    yield _changed("default-contrast-12", "contrast taken for 12", base, _contrast(12.0))
+    yield _changed("default-contrast-3", "contrast assumed to be 3", base, _contrast(3.0))
+    yield _changed("default-contrast-12", "contrast assumed to be 12", base, _contrast(12.0))
     yield _changed("default-uniform-steps", "one step for all pixels", base, _uniform)
     for rate in RATES_HZ:
         faster = base.with_tracking(rate_hz=float(rate))
@@ -109,7 +109,7 @@ def _variants() -> Iterator[Method]:
 
 
 def _references() -> Iterator[Method]:
-    """Yield the other presets, and the published front end with one part changed."""
+    """Yield the other presets, and the published pipeline with one part changed."""
     paper = load_config("paper")
     yield of_config("fast", "graded map, centroids, 10 kHz", load_config("fast"))
     yield of_config("paper", "the published pipeline with a filter and a refreshed map", paper)
@@ -137,7 +137,7 @@ def _changed(
     return replace(
         of_config(name, about, base),
         build=lambda calibration: make_tracker(base.tracking, change(calibration)),
-        settings=_told(about, base),
+        settings=_settings(about, base),
     )
 
 
@@ -145,8 +145,8 @@ def _filtered(name: str, about: str, base: Config) -> Method:
     plain = of_config(name, about, base)
     return replace(
         plain,
-        before=_without_lone_events,
-        settings=_told(about, base),
+        before=_without_isolated_events,
+        settings=_settings(about, base),
         code=(*plain.code, "events/filters.py"),
     )
 
@@ -156,17 +156,17 @@ def _without_hold(name: str, about: str, base: Config) -> Method:
     return replace(
         plain,
         build=lambda calibration: NoHold(make_tracker(base.tracking, calibration), calibration),
-        settings=_told(about, base),
+        settings=_settings(about, base),
         code=(*plain.code, "experiments/point_tracking/no_hold.py"),
         reads=(),
     )
 
 
-def _told(about: str, base: Config) -> dict[str, Any]:
+def _settings(about: str, base: Config) -> dict[str, Any]:
     return {"change": about, **to_mapping(base.tracking)}
 
 
-def _without_lone_events(
+def _without_isolated_events(
     packets: Iterable[EventPacket], calibration: Calibration
 ) -> Iterator[EventPacket]:
     keep = BackgroundActivityFilter(BackgroundActivityConfig(), calibration.size)

@@ -1,4 +1,4 @@
-"""Cases of the point-tracking experiment: which trials make up which row."""
+"""The cases of the point-tracking experiment, and their trials."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from spikingtac.experiments.trials.trials import V2E, Trial
 from spikingtac.sim.scene.catalog import TRAJECTORIES
 
 ALL = "all"
-"""Row over the ten trajectories."""
+"""Case of all ten trajectories together."""
 
 CAMERAS: dict[str, tuple[str, float]] = {
     "": ("typical", 0.0),
     "noisy/": ("noisy", 0.0),
     "noisy-loss30/": ("noisy", 0.3),
 }
-"""Prefix of a case -> preset of the camera, and share of the events that is lost besides."""
+"""Prefix of a case -> camera preset, and fraction of the events that is lost in addition."""
 
 DAMAGES = (1, 4, 8)
 """Numbers of damaged markers."""
 
 DAMAGE_SCENES = ("mixed", "finger-slides", "finger-torsion")
-"""Trajectories on which markers are damaged; the first is the one of a quick run."""
+"""Trajectories with damaged markers; a quick run uses the first one."""
 
 FIFTY, LOOPS = "fifty-contacts", "loops"
 
 
 VARIANTS = ("paper-printed", "evetac-strong")
-"""Left out of a quick run; a full one asks them under the typical camera and about v2e only."""
+"""Methods that only a full run uses, with the typical camera and v2e."""
 
 QUICK_MOTION_S = 1.5
-"""In a quick run a trajectory's motions that begin later than this are left out, s."""
+"""A quick run leaves out the motions of a trajectory that begin later, s."""
 
 
 def trajectory_trials(prefix: str, seeds: range) -> list[Trial]:
-    """Return the ten trajectories under one camera, each seed on another sensor of the series."""
+    """Return the ten trajectories with one camera; each seed uses another sensor specimen."""
     camera, loss = CAMERAS[prefix]
     return [
         Trial(
@@ -53,11 +53,11 @@ def trajectory_trials(prefix: str, seeds: range) -> list[Trial]:
 
 
 def main_trials(seeds: range, quick: bool) -> list[Trial]:
-    """Return the trials of the main tables, the long ones first so that no process waits for one.
+    """Return the trials of the main tables, the longest first, so that no process waits for one.
 
     Args:
-        seeds: Of the trajectories and loops.
-        quick: No fifty contacts, damage on one trajectory, and shorter sequences.
+        seeds: Seeds of the trajectories and loops.
+        quick: Leave out the fifty contacts, damage one trajectory, and shorten the sequences.
     """
     fifty = [] if quick else [_single(FIFTY, FIFTY, seed) for seed in seeds[:2]]
     loops = [_single(f"{prefix}{LOOPS}", LOOPS, seed, prefix) for seed in seeds
@@ -70,12 +70,12 @@ def main_trials(seeds: range, quick: bool) -> list[Trial]:
     ]
     rest = [trial for prefix in CAMERAS for trial in trajectory_trials(prefix, seeds)]
     motion_s = QUICK_MOTION_S if quick else None
-    # A loop that is cut short is not closed.
+    # Loops are never shortened: they would not be closed.
     return [*fifty, *loops, *(replace(one, motion_s=motion_s) for one in (*rest, *broken))]
 
 
-def foreign_trials(data: Path | None) -> list[Trial]:
-    """Return the v2e recording, where the folder of foreign recordings is there."""
+def v2e_trials(data: Path | None) -> list[Trial]:
+    """Return the trial of the v2e recording, if the folder of recordings has it."""
     if data is None or not (data / V2E / "mix.raw").is_file():
         return []
     return [Trial(case=f"{V2E}/mix", scene="mix", camera=V2E, source=V2E)]

@@ -1,4 +1,4 @@
-"""Section V-A: point tracking on ten contact trajectories, beside the baselines and the truth."""
+"""Section V-A: point tracking on ten contact trajectories, with baselines and ground truth."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.published import POINT_TRACKING
 from spikingtac.experiments.harness.report import Report
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.point_tracking.ablation import (
     ABLATION_SCENES,
     ablation_methods,
@@ -21,8 +22,8 @@ from spikingtac.experiments.point_tracking.ablation import (
 from spikingtac.experiments.point_tracking.cases import (
     ALL,
     VARIANTS,
-    foreign_trials,
     main_trials,
+    v2e_trials,
 )
 from spikingtac.experiments.point_tracking.figures import deviation_figure, key_point_figure
 from spikingtac.experiments.point_tracking.findings import findings
@@ -36,7 +37,7 @@ from spikingtac.experiments.trials.laws import (
 )
 from spikingtac.experiments.trials.methods import TRUTH, Method, main_methods
 from spikingtac.experiments.trials.metrics import POINT_METRICS
-from spikingtac.experiments.trials.runner import Work, run_all
+from spikingtac.experiments.trials.runner import TrialJob, run_all
 from spikingtac.experiments.trials.trials import V2E, Trial
 from spikingtac.sim.scene.catalog import TRAJECTORIES
 
@@ -46,13 +47,13 @@ FULL_SEEDS = 5
 
 FIGURE_METHODS = ("default", "paper", "evetac", "neutac")
 KEY_POINT_SCENE = "spoon-rubs"
-"""Trajectory of the first figure: repeated contact."""
+"""Trajectory of the first figure, with repeated contact."""
 
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
     table = ablation_methods if options.ablations else all_methods
-    names = chosen((*table(), TRUTH), options.methods)
+    names = select_methods((*table(), TRUTH), options.methods)
     count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
     settings = {
         "experiment": NAME,
@@ -61,31 +62,31 @@ def run(options: RunOptions) -> dict[str, Any]:
         "first_seed": options.seed,
         "seeds": count,
     }
-    claim(options.output, settings, options.resume)
-    works = [
-        Work(
+    begin_run(options.output, settings, options.resume)
+    jobs = [
+        TrialJob(
             trial=trial,
-            methods=tuple(name for name in names if name in asked),
+            methods=tuple(name for name in names if name in selected),
             table=table,
             folder=options.output,
             data=options.data,
         )
-        for trial, asked in _trials(options, range(options.seed, options.seed + count))
+        for trial, selected in _trials(options, range(options.seed, options.seed + count))
     ]
-    records = run_all(works, options.workers, options.advance)
+    records = run_all(jobs, options.workers, options.advance)
     report = _report(records, options, settings | {"methods": names}, table())
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
-        "trials": len(works),
+        "trials": len(jobs),
         "rows": len(report.rows),
         "findings": list(report.findings),
     }
 
 
 def all_methods() -> dict[str, Method | LawMethod]:
-    """Return the methods of the main tables, and the laws that take their estimates from them."""
+    """Return the methods of the main tables, and the output laws that use their estimates."""
     methods: dict[str, Method | LawMethod] = {}
     for name, method in main_methods().items():
         methods[name] = method
@@ -95,15 +96,15 @@ def all_methods() -> dict[str, Method | LawMethod]:
 
 
 def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:
-    """Yield the trials, and which methods are asked about each."""
+    """Yield the trials, each with the names of its methods."""
     if options.ablations:
         scenes = ABLATION_SCENES[:1] if options.quick else ABLATION_SCENES
         for trial in ablation_trials(seeds, scenes):
             yield trial, (*methods_on(trial), TRUTH)
         return
-    for trial in (*foreign_trials(options.data), *main_trials(seeds, options.quick)):
-        asked_too = trial.camera in ("typical", V2E) and not options.quick
-        left_out = () if asked_too else VARIANTS
+    for trial in (*v2e_trials(options.data), *main_trials(seeds, options.quick)):
+        with_variants = trial.camera in ("typical", V2E) and not options.quick
+        left_out = () if with_variants else VARIANTS
         yield trial, tuple(name for name in (*all_methods(), TRUTH) if name not in left_out)
 
 
@@ -117,23 +118,23 @@ def _report(
     laws = [table[name] for name in names if LAW_MARK in name]
     laws = [method for method in laws if isinstance(method, LawMethod)]
     rows = [*rows_of(records, POINT_METRICS, POINT_TRACKING, paper_case=ALL), *law_rows(laws)]
-    told = [] if options.ablations else [*findings(rows), *_skipped(options)]
+    sentences = [] if options.ablations else [*findings(rows), *_skipped(options)]
     return Report(
         experiment=NAME,
         title="Point tracking" + (": ablations" if options.ablations else ""),
         provenance=provenance(options.command(NAME), settings)
         | {"scenes": _digests(records), "foreign_recordings": options.data is not None},
         rows=rows,
-        findings=told,
+        findings=sentences,
         tables=report_tables(rows, names),
         figures=[] if options.ablations else _figures(rows, records, options.output),
         methods={name: table[name].about for name in names if name in table}
-        | {TRUTH: "knows the truth: what its markers are off at the end is the gel's residual"},
+        | {TRUTH: "the true positions: their return distance is the residual of the gel"},
     )
 
 
 def _skipped(options: RunOptions) -> list[str]:
-    if foreign_trials(options.data):
+    if v2e_trials(options.data):
         return []
     return [
         f"{V2E}/mix was not run: the variable SPIKINGTAC_DATA names no folder with {V2E}/mix.raw."
@@ -154,7 +155,7 @@ def _figures(
     figures = [
         (
             f"Stability of a single key point under repeated contact ({KEY_POINT_SCENE}, "
-            "simulated): displacement of the marker that moves most, as given out by each method.",
+            "simulated): displacement of the marker that moves most, by each method.",
             key_point_figure(one, folder, FIGURE_METHODS),
         ),
         (

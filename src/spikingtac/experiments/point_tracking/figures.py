@@ -9,28 +9,23 @@ from typing import Any
 import numpy as np
 
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.svg import svg_text
+from spikingtac.experiments.harness.svg import pyplot, svg_text
 from spikingtac.experiments.trials.prediction import Prediction
 
-Record = Mapping[str, Any]
-
 DRAWN_POINTS = 1_200
-"""Points of a drawn curve: more than the figure has pixels."""
+"""Points of a curve: more than the figure has pixels."""
 
 
-def key_point_figure(records: Sequence[Record], folder: Path, methods: Sequence[str]) -> str:
+def key_point_figure(
+    records: Sequence[Mapping[str, Any]], folder: Path, methods: Sequence[str]
+) -> str:
     """Draw one marker's displacement under repeated contact, one panel per method.
 
     Args:
-        records: Those of one trial.
-        folder: The run's folder, with the predictions.
-        methods: Panels, in order; those without a prediction are left out.
+        records: Records of one trial.
+        folder: Folder of the run, with the predictions.
+        methods: Panels, in order; methods without a prediction are left out.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     stored = {record["method"]: folder / record["prediction"] for record in records}
     known = {name: Prediction.load(stored[name]) for name in (*methods, "truth") if name in stored}
     loaded = {name: prediction for name, prediction in known.items() if prediction is not None}
@@ -39,7 +34,7 @@ def key_point_figure(records: Sequence[Record], folder: Path, methods: Sequence[
     if truth is None or not panels:
         return ""
     marker = _most_moved(truth)
-    figure, axes = pyplot.subplots(
+    figure, axes = pyplot().subplots(
         len(panels), 1, figsize=(8, 1.5 * len(panels) + 0.6), sharex=True, squeeze=False
     )
     for axis, name in zip(axes[:, 0], panels, strict=True):
@@ -59,17 +54,12 @@ def deviation_figure(
     """Draw a metric over the sequences, one line of dots per method, with the seeds' interval.
 
     Args:
-        rows: The report's.
+        rows: Rows of the report.
         cases: The sequences, in order.
-        methods: Which methods.
-        metric: Which metric.
+        methods: Names of the methods.
+        metric: Name of the metric.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axis = pyplot.subplots(figsize=(9, 4))
+    figure, axis = pyplot().subplots(figsize=(9, 4))
     places = np.arange(len(cases))
     for number, method in enumerate(methods):
         found = {row.case: row for row in rows if (row.method, row.metric) == (method, metric)}

@@ -1,4 +1,4 @@
-"""What the rows say in sentences, computed from them and from nothing else."""
+"""The findings of the point-tracking report: sentences that are computed from its rows alone."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from spikingtac.sim.scene.catalog import TRAJECTORIES
 
 OURS = "default"
 OWN = ("default", "fast", TRUTH)
-"""Methods that are no baseline; the published pipeline is one."""
+"""Methods that are not baselines; the published pipeline is a baseline."""
 
 TORSION, DRAG, CIRCLES = "finger-torsion", "drag-release", "finger-circles"
-"""The trajectories that the paper's observations are about."""
+"""The trajectories of the paper's observations."""
 
 ANCHORED = f"{OURS}{LAW_MARK}anchored"
 NAMED_CASES = 3
-"""How many further cases a sentence names."""
+"""Number of further cases that a sentence names."""
 
 LEAD_PX = 0.05
-"""Smallest mean lead that is called a bias, px (ours: half of the best trackers' error)."""
+"""Smallest mean lead that counts as a bias, px (ours: half of the best trackers' error)."""
 
 COMPARED = ("error_mean_px", "return_error_mean_px", "return_mean_px", "lost_markers", "id_swaps")
 """Metrics in which a baseline may beat the default; smaller is better in all of them."""
@@ -58,7 +58,7 @@ def _headline(table: Rows) -> Iterator[str]:
     if residual and given:
         yield (
             f"Of the return distance of {OURS} on {ALL} ({given.value:.3f} px) the gel itself "
-            f"keeps {residual.value:.3f} px: that share is physics and no error."
+            f"keeps {residual.value:.3f} px: this part is physics and no error."
         )
 
 
@@ -92,9 +92,9 @@ def _defeat(table: Rows, method: str, metric: str, won: list[str]) -> str:
     if metric.startswith("return") and way > own_way:
         text += f"; on the way it is {way:.3f} px off, {OURS} {own_way:.3f} px"
     if others:
-        told = ", ".join(others[:NAMED_CASES])
+        names = ", ".join(others[:NAMED_CASES])
         more = len(others) - NAMED_CASES
-        text += f". Also on {told}" + (f" and {more} other cases" if more > 0 else "")
+        text += f". Also on {names}" + (f" and {more} other cases" if more > 0 else "")
     return text + "."
 
 
@@ -136,7 +136,7 @@ def _value(row: Row | None) -> float:
 
 
 def _observations(table: Rows) -> Iterator[str]:
-    for scene, claim in (
+    for scene, observation in (
         (TORSION, "Evetac loses boundary markers in large torsion"),
         (DRAG, "Evetac loses lock in drag-and-release"),
     ):
@@ -148,9 +148,10 @@ def _observations(table: Rows) -> Iterator[str]:
         says = "reproduces" if _value(success) < 1.0 else "does not reproduce as a failed return"
         on_rim = f", {rim.value:.0f} of them on the rim" if scene == TORSION else ""
         yield (
-            f"The paper's observation '{claim}' {says} here: on {scene} all markers end within 5 px"
-            f" of rest in {100 * _value(success):.0f} % of {success.n} trials; {lost.value:.0f} "
-            f"markers{on_rim} are more than 5 px from the truth for over 50 ms on the way."
+            f"The paper's observation '{observation}' {says} here: on {scene} all markers end "
+            f"within 5 px of rest in {100 * _value(success):.0f} % of {success.n} trials; "
+            f"{lost.value:.0f} markers{on_rim} are more than 5 px from the truth for over 50 ms on "
+            "the way."
         )
     yield from _circles(table)
     yield from _neutac(table)
@@ -163,10 +164,10 @@ def _circles(table: Rows) -> Iterator[str]:
     if len(values) == len(methods):
         best = min(values, key=lambda method: values[method])
         says = "reproduces" if best == "evetac" else f"does not reproduce: {best} ends nearest"
-        told = ", ".join(f"{m} {v:.3f} px" for m, v in values.items())
+        values_text = ", ".join(f"{m} {v:.3f} px" for m, v in values.items())
         yield (
             "The paper's observation 'Evetac has the least drift in localised finger circles' "
-            f"{says} ({told}; simulated)."
+            f"{says} ({values_text}; simulated)."
         )
 
 
@@ -188,8 +189,8 @@ def _neutac(table: Rows) -> Iterator[str]:
     leads = {m: _at(table, m, ALL, "lead_px") for m in ("neutac", "paper", OURS)}
     if not any(math.isnan(lead) for lead in leads.values()):
         says = "reproduces" if leads["neutac"] > LEAD_PX else "does not reproduce"
-        told = ", ".join(f"{method} {lead:+.3f} px" for method, lead in leads.items())
+        leads_text = ", ".join(f"{method} {lead:+.3f} px" for method, lead in leads.items())
         yield (
             f"The paper's observation of NeuTac's bias in the direction of motion {says}: mean "
-            f"error along the true motion on {ALL} {told} (simulated; before any law)."
+            f"error along the true motion on {ALL} {leads_text} (simulated; before any law)."
         )

@@ -1,4 +1,4 @@
-"""What the hold is worth: a tracker that forgets a marker as soon as it is not seen."""
+"""Ablation of the hold: a tracker without positions for markers that are not observed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 
 class NoHold:
-    """Gives out each marker that is coasted or predicted at its place of rest instead."""
+    """Outputs the rest position for each marker that coasts or is predicted."""
 
     def __init__(self, tracker: MarkerTracker, calibration: Calibration) -> None:
-        """Wrap a tracker, whose own state is left as it is.
+        """Wrap a tracker; its own state does not change.
 
         Args:
-            tracker: Any.
-            calibration: Where the markers rest.
+            tracker: Any tracker.
+            calibration: The calibration, with the rest positions.
         """
         self._tracker, self._rest_px = tracker, calibration.reference_px
 
@@ -28,7 +28,7 @@ class NoHold:
         self._tracker.absorb(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the tracker's frame without what it only remembers."""
+        """Return the tracker's frame with unobserved markers at rest."""
         frame = self._tracker.estimate(t_us)
         coasted = frame.coasted[:, None]
         detected_px = np.where(coasted, self._rest_px, frame.detected_px)

@@ -1,4 +1,4 @@
-"""Which rows of the point-tracking experiment stand together in a table."""
+"""The tables of the point-tracking experiment."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ TRUTH_COLUMNS = (
 )
 LAW_COLUMNS = ("success_rate", "return_mean_px", "return_std_px")
 LAW_CASES = (LOOPS, FIFTY, ALL)
-"""Where laws are compared: closed loops, many contacts, the ten trajectories."""
+"""Cases in which output laws are compared."""
 
 FIRST = (*(prefix + ALL for prefix in CAMERAS), f"{V2E}/mix", LOOPS, FIFTY)
-"""Cases of the first tables; what joins several trials follows them, single trials are folded."""
+"""Cases of the first tables. Other cases of several trials follow; single trials are folded."""
 
 BROKEN = tuple(f"broken-{count}" for count in DAMAGES)
 
 
 def report_tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
-    """Return the tables of a report: case by case the paper's metrics, then those with the truth.
+    """Return the tables of a report: for each case the paper's metrics and those against the truth.
 
     Args:
-        rows: The report's.
-        names: The methods that were asked, in order.
+        rows: Rows of the report.
+        names: Names of the methods, in order.
     """
     laws = tuple(name for name in names if LAW_MARK in name)
     trackers = tuple(name for name in names if name not in laws)

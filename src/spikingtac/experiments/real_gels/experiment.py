@@ -10,26 +10,27 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import time_slice
 from spikingtac.events.open import open_events
-from spikingtac.experiments import RunOptions, chosen
 from spikingtac.experiments.harness.fingerprint import provenance
-from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.report import Report, Table, find_row
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.real_gels.cases import CASES, FOLDER, GelCase
 from spikingtac.experiments.real_gels.figures import course_figure, plateau_figure
+from spikingtac.experiments.real_gels.jobs import (
+    GelJob,
+    calibration_path,
+    make_calibration,
+    prediction_path,
+    run_method,
+)
 from spikingtac.experiments.real_gels.scoring import (
     METRICS,
     PLATEAU_METRICS,
     TRUTH_METRICS,
     Plateaus,
-)
-from spikingtac.experiments.real_gels.work import (
-    GelWork,
-    calibration_path,
-    make_calibration,
-    prediction_path,
-    run_method,
 )
 from spikingtac.experiments.trials.methods import main_methods
 from spikingtac.experiments.trials.prediction import Prediction
@@ -37,10 +38,10 @@ from spikingtac.types import EventPacket
 
 NAME = "real"
 OWN = ("default", "fast", "paper")
-"""Methods whose figures are told in sentences and drawn."""
+"""Methods whose results are stated in sentences and drawn."""
 
 DRAWN_PLATEAU = 5
-"""Standing place of the picture: a press, after the reference has become good."""
+"""Plateau of the picture: a press late enough for a good reference."""
 
 QUICK_CASES = ("real-presses", "sim-presses/itself")
 """Cases of a quick run."""
@@ -53,13 +54,13 @@ def run(options: RunOptions) -> dict[str, Any]:
         ConfigError: There is no folder with the recordings, or a method is unknown.
     """
     data = _recordings(options.data)
-    names = chosen(main_methods(), options.methods)
+    names = select_methods(main_methods(), options.methods)
     settings = {"experiment": NAME, "quick": options.quick, "methods": names}
-    claim(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume)
     cases = [case for case in CASES if case.is_there(data)]
     cases = [case for case in cases if not options.quick or case.name in QUICK_CASES]
-    works = [GelWork(case=case, data=data, folder=options.output) for case in cases]
-    refused, records = _scored(works, names, options)
+    jobs = [GelJob(case=case, data=data, folder=options.output) for case in cases]
+    refused, records = _scored(jobs, names, options)
     rows = rows_of(records, METRICS, {}, paper_case="")
     absent = [case.name for case in CASES if not case.is_there(data)]
     report = Report(
@@ -70,10 +71,10 @@ def run(options: RunOptions) -> dict[str, Any]:
         findings=[*findings(rows, cases), *(f"{case}: {why}" for case, why in refused.items()),
                   *(f"{name} was not run: its files are not in {FOLDER}/" for name in absent)],
         tables=[_table(case, names) for case in cases],
-        figures=_figures([work for work in works if work.case.name not in refused], names),
+        figures=_figures([job for job in jobs if job.case.name not in refused], names),
         methods={name: method.about for name, method in main_methods().items() if name in names},
     )  # fmt: skip
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
@@ -93,91 +94,87 @@ def _recordings(data: Path | None) -> Path:
 
 
 def _scored(
-    works: Sequence[GelWork], names: Sequence[str], options: RunOptions
+    jobs: Sequence[GelJob], names: Sequence[str], options: RunOptions
 ) -> tuple[dict[str, str], list[dict[str, Any]]]:
-    """Calibrate each sensor once, then ask every method about every case.
+    """Calibrate each sensor once, then run every method on every case.
 
     Returns:
-        Case -> why its calibration was refused; the records of all others.
+        Case -> reason of a failed calibration; the records of all other cases.
     """
-    pieces = len(works) * len(names)
-    with worker_pool(options.workers, pieces) as pool:
-        sensors = {calibration_path(work): work for work in works}
-        whys = dict(zip(sensors, pool.map(make_calibration, sensors.values()), strict=True))
-        refused = {work.case.name: f"not calibrated, {why}" for work in works
-                   if (why := whys[calibration_path(work)])}  # fmt: skip
-        asked = [
-            GelWork(case=work.case, data=work.data, folder=work.folder, method=name)
-            for work in works
-            if work.case.name not in refused
+    with worker_pool(options.workers, len(jobs) * len(names)) as pool:
+        sensors = {calibration_path(job): job for job in jobs}
+        reasons = dict(zip(sensors, pool.map(make_calibration, sensors.values()), strict=True))
+        refused = {job.case.name: f"not calibrated, {why}" for job in jobs
+                   if (why := reasons[calibration_path(job)])}  # fmt: skip
+        method_jobs = [
+            GelJob(case=job.case, data=job.data, folder=job.folder, method=name)
+            for job in jobs
+            if job.case.name not in refused
             for name in names
         ]
         records = []
-        for record in pool.map(run_method, asked):
+        for record in pool.map(run_method, method_jobs):
             records.append(record)
-            if options.advance:
-                options.advance(len(records) / max(len(asked), 1))
+            options.report_progress(len(records), len(method_jobs))
     return refused, records
 
 
 def findings(rows: Sequence[Row], cases: Sequence[GelCase]) -> list[str]:
-    """Return what came out in sentences, computed from the rows and from nothing else."""
-    said = []
+    """Return the findings: sentences that are computed from the rows alone."""
+    sentences = []
     for case in cases:
         names = PLATEAU_METRICS if case.reference else TRUTH_METRICS[:4]
         for method in OWN:
-            found = [find(rows, method, case.name, name) for name in names]
-            told = [
+            found = [find_row(rows, method, case.name, name) for name in names]
+            figures = [
                 f"{row.metric} {row.value:.3g}" for row in found if row and row.value is not None
             ]
-            if told:
-                said.append(f"{case.name} ({case.source}), {method}: {', '.join(told)}.")
-    return said
+            if figures:
+                line = ", ".join(figures)
+                sentences.append(f"{case.name} ({case.source}), {method}: {line}.")
+    return sentences
 
 
 def _table(case: GelCase, names: Sequence[str]) -> Table:
     return Table.of_case(case.name, PLATEAU_METRICS if case.reference else TRUTH_METRICS, names)
 
 
-def _figures(works: Sequence[GelWork], names: Sequence[str]) -> list[tuple[str, str]]:
-    import matplotlib
-
-    matplotlib.use("Agg")
+def _figures(jobs: Sequence[GelJob], names: Sequence[str]) -> list[tuple[str, str]]:
     figures = []
-    for work in works:
-        if not work.case.reference:
+    for job in jobs:
+        if not job.case.reference:
             continue
-        plateaus = Plateaus.load(work.data / work.case.reference)
-        known = {name: _prediction(work, name) for name in OWN if name in names}
+        plateaus = Plateaus.load(job.data / job.case.reference)
+        known = {name: _prediction(job, name) for name in OWN if name in names}
         predictions = {name: one for name, one in known.items() if one is not None}
         if not predictions:
             continue
         first = next(iter(predictions))
-        calibration = Calibration.load(calibration_path(work))
+        calibration = Calibration.load(calibration_path(job))
         figures.append((
-            f"{work.case.name} ({work.case.source}): events of a press, the standing places of the "
+            f"{job.case.name} ({job.case.source}): events of a press, the standing places of the "
             f"independent reference (circles), and the displacements by {first} (arrows).",
             plateau_figure(predictions[first], plateaus, calibration.radius_px,
-                           _burst(work, plateaus), DRAWN_PLATEAU),
+                           _burst(job, plateaus), DRAWN_PLATEAU),
         ))  # fmt: skip
         figures.append((
-            f"{work.case.name} ({work.case.source}): displacement of the marker that moves most.",
+            f"{job.case.name} ({job.case.source}): displacement of the marker that moves most.",
             course_figure(predictions, plateaus, OWN),
         ))  # fmt: skip
     return figures
 
 
-def _prediction(work: GelWork, name: str) -> Prediction | None:
-    asked = GelWork(case=work.case, data=work.data, folder=work.folder, method=name)
-    return Prediction.load(prediction_path(asked))
+def _prediction(job: GelJob, name: str) -> Prediction | None:
+    method_job = GelJob(case=job.case, data=job.data, folder=job.folder, method=name)
+    return Prediction.load(prediction_path(method_job))
 
 
-def _burst(work: GelWork, plateaus: Plateaus) -> EventPacket:
-    source = open_events(work.data / work.case.events)
+def _burst(job: GelJob, plateaus: Plateaus) -> EventPacket:
+    source = open_events(job.data / job.case.events)
     packets = iter(source)
     first = next(packet for packet in packets if len(packet))
     start_us = int(first.t[0] + plateaus.end_us[DRAWN_PLATEAU - 1])
     end_us = int(first.t[0] + plateaus.start_us[DRAWN_PLATEAU])
     return EventPacket.concatenate(
-        list(time_slice(open_events(work.data / work.case.events), start_us, end_us))
+        list(time_slice(open_events(job.data / job.case.events), start_us, end_us))
     )

@@ -1,4 +1,4 @@
-"""Pictures of the experiment on real gels, as SVG text."""
+"""The figures of the experiment on real gels, as SVG text."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.experiments.harness.svg import svg_text
+from spikingtac.experiments.harness.svg import pyplot, svg_text
 from spikingtac.experiments.real_gels.scoring import Plateaus, matched, standing_px
 from spikingtac.experiments.trials.prediction import Prediction
 from spikingtac.types import EventPacket
 
 COLOURS = ("#0969da", "#bc4c00", "#8250df", "#1a7f37")
-"""Of the methods, in their order."""
+"""Colours of the methods, in their order."""
 
 ON_COLOUR, OFF_COLOUR = "#cf222e", "#0550ae"
 
@@ -35,11 +35,10 @@ def plateau_figure(
         burst: The events of the burst before the plateau.
         plateau: Index of the plateau.
     """
-    from matplotlib import pyplot
     from matplotlib.patches import Circle
 
     width, height = burst.size
-    figure, axis = pyplot.subplots(figsize=(7.0, 7.0 * height / width + 0.4))
+    figure, axis = pyplot().subplots(figsize=(7.0, 7.0 * height / width + 0.4))
     for kind, colour in ((True, ON_COLOUR), (False, OFF_COLOUR)):
         chosen = burst.p == kind
         axis.plot(burst.x[chosen], burst.y[chosen], ".", ms=1.2, color=colour, alpha=0.35)
@@ -69,12 +68,10 @@ def course_figure(
         plateaus: The reference.
         methods: Curves, in order; those without estimates are left out.
     """
-    from matplotlib import pyplot
-
     shown = [name for name in methods if name in predictions]
     moved_px = np.linalg.norm(plateaus.displacement_px(), axis=2)
     known = int(moved_px.max(axis=1).argmax())
-    figure, axis = pyplot.subplots(figsize=(8.0, 3.0))
+    figure, axis = pyplot().subplots(figsize=(8.0, 3.0))
     last_s = max(_seconds(predictions[name])[-1] for name in shown)
     _draw_reference(axis, plateaus, moved_px[known], last_s)
     for name, colour in zip(shown, COLOURS, strict=False):

@@ -14,7 +14,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import RecordingError
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.trials.ground_truth import GroundTruth
-from spikingtac.experiments.trials.metrics import LOST_US, SUCCESS_PX, longest_stay_us
+from spikingtac.experiments.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us
 from spikingtac.experiments.trials.prediction import Prediction
 from spikingtac.markers.neighbours import smallest_spacing_px
 
@@ -124,7 +124,7 @@ def truth_scores(
     true_px = truth.at(prediction.t_us)[:, other]
     error_px = np.linalg.norm(prediction.detected_px[:, own] - true_px, axis=2)
     rest_px = np.linalg.norm(calibration.reference_px[own] - truth.reference_px[other], axis=1)
-    away = longest_stay_us(error_px > SUCCESS_PX, prediction.t_us)
+    away = longest_duration_us(error_px > SUCCESS_PX, prediction.t_us)
     missing = len(truth.reference_px) - len(own)
     return {
         "error_mean_px": float(error_px.mean()),

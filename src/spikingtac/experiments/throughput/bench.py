@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.atomic_files import write_json
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
-from spikingtac.experiments import RunOptions
 from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind, provenance
-from spikingtac.experiments.harness.report import Report, Table, find
+from spikingtac.experiments.harness.report import Report, Table, find_row
+from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import claim, write_json
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions
 from spikingtac.experiments.throughput.bench_stream import BenchStream, kept_stream
 from spikingtac.experiments.throughput.decoding import decoder_rows
 from spikingtac.experiments.throughput.peers import PEERS
@@ -61,7 +63,7 @@ UNITS = {"error_mean_px": "px", "speedup_vs_opencv_tuned": "times", "paced_1khz_
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    claim(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume)
     rows: list[Row] = []
     rates = {}
     for number, camera in enumerate(CAMERAS, 1):
@@ -80,7 +82,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         findings=_findings(rows),
         tables=_tables(rows),
     )
-    report.write(options.output)
+    write_report(report, options.output)
     return {
         "experiment": NAME,
         "output": str(options.output),
@@ -201,7 +203,7 @@ def _findings(rows: list[Row]) -> list[str]:
 
 def _finding(rows: list[Row], method: str, camera: str) -> str:
     values = {row.metric: row.value for row in rows if (row.method, row.case) == (method, camera)}
-    peer = find(rows, "opencv_tuned", camera, "error_mean_px")
+    peer = find_row(rows, "opencv_tuned", camera, "error_mean_px")
     error_px = values.get("error_mean_px")
     if error_px is None or peer is None or not peer.value:
         return ""

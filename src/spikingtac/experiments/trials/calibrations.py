@@ -1,14 +1,14 @@
-"""One calibration per sensor and camera, learnt from bootstrap slides, kept beside the results."""
+"""One calibration per sensor and camera, learnt from bootstrap slides and stored in the run."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
+from spikingtac.atomic_files import replacing
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest, load_config
 from spikingtac.events.open import open_events
@@ -18,15 +18,15 @@ from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.schema import to_mapping
 
 CODE = ("markers/calibration/calibrate.py",)
-"""Where a calibration comes from."""
+"""The modules that make a calibration."""
 
 
 def calibration_digest(calibration: Calibration, names: tuple[str, ...] = ()) -> str:
-    """Return the digest of what a method reads of a calibration.
+    """Return the digest of the calibration fields that a method reads.
 
     Args:
-        calibration: Of the sensor.
-        names: Fields; empty is all but the provenance.
+        calibration: Calibration of the sensor.
+        names: Names of the fields; empty means all but the provenance.
     """
     known = tuple(one.name for one in fields(calibration) if one.name != "provenance")
     values = {name: getattr(calibration, name) for name in names or known}
@@ -42,13 +42,13 @@ def _plain(value: object) -> str:
 def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
     """Return the calibration of a trial's sensor, as a user would have made it.
 
-    The slides are filmed by the same camera preset on the same sensor, whole and without extra
-    loss: markers break and events get lost later. All methods are given the same calibration.
+    The slides are recorded with the same camera preset and the same sensor, but without damaged
+    markers and extra loss. All methods use the same calibration.
 
     Args:
         trial: Any trial of the sensor.
-        folder: The run's folder, where calibrations are kept.
-        data: Folder of foreign recordings.
+        folder: Folder of the run, which holds the calibrations.
+        data: Folder of recordings from elsewhere.
     """
     slides = trial.bootstrap()
     settings = load_config("default").calibration
@@ -68,9 +68,7 @@ def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Cali
     else:
         source = open_events(slides.record(folder))
     calibration = calibrate(source, settings)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    calibration.save(partial)
-    partial.replace(path)
-    # Read back, so that a run that goes on sees the same rounded numbers as one that began.
+    with replacing(path) as temporary:
+        calibration.save(temporary)
+    # Read it back: a run that continues sees the same rounded numbers as one that began.
     return Calibration.load(path)

@@ -1,4 +1,4 @@
-"""Where the markers really were: truth files and their reading at any time."""
+"""The true marker positions of a recording, at any time."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 
 REST_US = 1_000_000
-"""What counts as after the release where the truth names no contacts: the last second."""
+"""Where the truth names no contacts, the last second counts as after the release, us."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroundTruth:
-    """The true course of the markers of one recording.
+    """The true trajectories of the markers of one recording.
 
     Attributes:
         t_us: ``(n,)`` int64 times, us, increasing.
         marker_px: ``(n, m, 2)`` optical centres, px; between the times they move linearly.
         reference_px: ``(m, 2)`` where they rest, px.
         radius_px: ``(m,)`` radii, px.
-        released_us: When the last contact ended, us.
-        free_us: ``(k, 2)`` from each release to the next touch (the last one to the end), us.
+        released_us: End of the last contact, us.
+        free_us: ``(k, 2)`` time spans without contact: from each release to the next touch, the
+            last one to the end, us.
     """
 
     t_us: NDArray[np.int64]
@@ -66,14 +67,14 @@ class GroundTruth:
         )
 
     def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return ``(k, m, 2)`` the true positions at any times, px; the ends are held."""
+        """Return the true positions ``(k, m, 2)`` at some times, px; constant beyond the ends."""
         after = np.clip(np.searchsorted(self.t_us, t_us), 1, len(self.t_us) - 1)
         span_us = self.t_us[after] - self.t_us[after - 1]
-        share = np.clip((t_us - self.t_us[after - 1]) / span_us, 0.0, 1.0)[:, None, None]
-        return self.marker_px[after - 1] * (1.0 - share) + self.marker_px[after] * share
+        fraction = np.clip((t_us - self.t_us[after - 1]) / span_us, 0.0, 1.0)[:, None, None]
+        return self.marker_px[after - 1] * (1.0 - fraction) + self.marker_px[after] * fraction
 
 
-def _touched(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_] | None:
+def _in_contact(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_] | None:
     if "in_contact" in columns:
         return columns["in_contact"].astype(np.bool_)
     if "force_n" in columns:
@@ -82,7 +83,7 @@ def _touched(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_] | None:
 
 
 def _free_us(columns: dict[str, NDArray[Any]], last_us: int) -> NDArray[np.int64]:
-    touched = _touched(columns)
+    touched = _in_contact(columns)
     if touched is None:
         return np.empty((0, 2), np.int64)
     change = np.diff(touched.astype(np.int8))
@@ -97,7 +98,7 @@ def _free_us(columns: dict[str, NDArray[Any]], last_us: int) -> NDArray[np.int64
 
 
 def _released_us(columns: dict[str, NDArray[Any]], last_us: int) -> int:
-    touched = _touched(columns)
+    touched = _in_contact(columns)
     if touched is None or not touched.any():
         return last_us - REST_US
     last = int(np.flatnonzero(touched)[-1])

@@ -1,7 +1,7 @@
-"""Output laws compared on the same kept estimates: none, the published one, the anchored, re-zero.
+"""Comparison of output laws on the same stored estimates: none, published, anchored, re-zero.
 
-A law only turns what was detected into what is given out, so that no recording has to be tracked
-again for it: every law sees the same estimates, at the rate at which they are kept.
+A law computes output positions from detected ones, so no recording has to be tracked again. Every
+law receives the same estimates, at the rate at which they are stored.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw, PaperLawCo
 from spikingtac.schema import to_mapping
 
 LAW = "law"
-"""Case of the rows that no recording stands behind: what a law does to exact detections."""
+"""Case of the rows without a recording: the effect of a law on exact detections."""
 
 LAW_MARK = "-law-"
-"""In the names of the laws that are compared on the estimates of one tracker."""
+"""Part of the names of laws that use the estimates of a tracker."""
 
 LOOP_PX, LOOP_STEP_PX = 10.0, 0.05
-"""The loop of ``loop_drift_px``: leaves along x, turns, comes back along y, in small steps."""
+"""Radius and step of the loop of ``loop_drift_px``, px: out along x, a turn, back along y."""
 
 LAW_METRICS = {
     "steepest_slope": "largest change of the output per change of the detection",
@@ -38,23 +38,23 @@ LAW_METRICS = {
 """Metric of the case :data:`LAW` -> its definition."""
 
 GAMMAS, DELTAS_PX = (0.3, 0.5, 0.7, 1.0), (2.0, 4.0, 6.0)
-"""Sweep of the published law."""
+"""Values of γ and δ in the sweep of the published law."""
 
 ANCHORED_GAMMAS = (0.15, 0.3, 0.5, 0.7)
 ANCHORED_DELTAS_PX = ((0.5, 1.5), (0.75, 2.0), (1.0, 3.0), (2.0, 4.0))
-"""Sweep of the anchored law: γ, and (δ1, δ2)."""
+"""Values of γ and of (δ1, δ2) in the sweep of the anchored law."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LawMethod:
-    """A law on top of another method's estimates.
+    """An output law that uses the estimates of another method.
 
     Attributes:
-        name: Row of the report.
-        about: One line.
-        of: The method whose estimates it takes.
-        law: Makes the law.
-        settings: Everything that was chosen.
+        name: Name in the report.
+        about: One line about it.
+        of: Name of the method whose estimates it uses.
+        law: Creates the law.
+        settings: All its settings.
     """
 
     name: str
@@ -64,16 +64,16 @@ class LawMethod:
     settings: Any
 
     def key(self) -> str:
-        """Return the digest of configuration and code; that of ``of`` stands beside it."""
+        """Return the digest of configuration and code, without those of ``of``."""
         code = code_digest(modules_behind(("markers/hysteresis.py", "experiments/trials/laws.py")))
         return digest({"name": self.name, "of": self.of, "law": self.settings, "code": code})
 
 
-def under_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
-    """Return a prediction as a law would have given it out.
+def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
+    """Return a prediction with the output positions of a law.
 
-    Re-zero is told by the truth when nothing touches the skin: the best that a contact detector
-    could do for it. Before the first release it stays frozen.
+    The re-zero law learns from the truth when nothing touches the skin: this is the best that a
+    contact detector could achieve. It does not learn before the first release.
     """
     at_us = prediction.t_us[:, None]
     free = (at_us >= truth.free_us[:, 0]) & (at_us < truth.free_us[:, 1])
@@ -89,13 +89,13 @@ def under_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Pre
 
 
 def compared_laws(of: str = "default") -> list[LawMethod]:
-    """Return the laws of the main tables on one method's estimates."""
+    """Return the laws of the main tables on the estimates of one method."""
     return [
         _paper(f"{of}-law-paper", of, PaperLawConfig()),
         _anchored(f"{of}-law-anchored", of, AnchoredLawConfig()),
         LawMethod(
             name=f"{of}-law-rezero",
-            about="anchored law around a zero that learns the residue between contacts",
+            about="anchored law around a zero that is learnt between contacts",
             of=of,
             law=ReZero,
             settings=to_mapping(ReZeroConfig()),
@@ -104,7 +104,7 @@ def compared_laws(of: str = "default") -> list[LawMethod]:
 
 
 def neutac_binary() -> LawMethod:
-    """Return NeuTac's second variant: on the binary map it is ``paper`` without its law."""
+    """Return NeuTac on the binary map; it equals ``paper`` without its law."""
     return LawMethod(
         name="neutac-binary",
         about="binary map, detection, no law: the estimates of paper before its law",
@@ -136,7 +136,7 @@ def swept_laws(of: str = "default") -> list[LawMethod]:
 
 
 def law_rows(methods: Iterable[LawMethod]) -> Iterator[Row]:
-    """Yield what each law does to exact detections: slope, falsification, drift on a loop."""
+    """Yield the effect of each law on exact detections: slope, falsification, drift on a loop."""
     for method in methods:
         law = method.law()
         slope, falsified_px = _bounds(law)
@@ -146,7 +146,7 @@ def law_rows(methods: Iterable[LawMethod]) -> Iterator[Row]:
 
 
 def loop_drift_px(law: OutputLaw) -> float:
-    """Return how far from zero a law ends after a closed loop of exact detections, px."""
+    """Return the distance of a law's output from zero after a loop of exact detections, px."""
     out = np.arange(0.0, LOOP_PX, LOOP_STEP_PX)
     turn = np.arange(0.0, 0.5 * np.pi, LOOP_STEP_PX / LOOP_PX)
     none = np.zeros_like(out)

@@ -1,9 +1,9 @@
-"""The methods that an experiment compares: name -> tracker, and all that it depends on."""
+"""The tracking methods that an experiment compares, each with everything it depends on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from spikingtac import plugins
@@ -37,28 +37,28 @@ OWN_CODE: dict[str, tuple[str, ...]] = {
 """``tracking.method`` -> the modules that its tracker is assembled from."""
 
 READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
-"""What of a calibration a tracker reads that knows neither steps nor contrast nor lag."""
+"""Calibration fields of trackers that use neither steps nor contrast nor lag."""
 
 EVETAC_HZ = 500.0
-"""How often Evetac's dots are looked at; they move in slices of 1 ms whatever this is."""
+"""Rate at which Evetac's dots are read out, Hz; they move in slices of 1 ms at any rate."""
 
 TRUTH = "truth"
-"""The method that knows the truth: its return distance is the gel's own residual."""
+"""Name of the method that returns the truth; its return distance is the gel's own residual."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A tracker as an experiment runs it.
+    """A tracking method of an experiment.
 
     Attributes:
-        name: Row of the report.
-        about: One line.
+        name: Name in the report.
+        about: One line about it.
         rate_hz: Estimates per second of data time.
-        build: Makes the tracker for one calibration.
-        settings: Everything that was chosen, for the digest and the report.
-        code: Modules that it is assembled from; what these import counts as well.
-        reads: What of the calibration it reads; empty is everything.
-        before: Works on the events before the tracker sees them; None is nothing.
+        build: Creates the tracker for a calibration.
+        settings: All its settings, for the digest and the report.
+        code: Modules that implement it; the modules that these import count as well.
+        reads: Calibration fields that it reads; empty means all.
+        before: Filter of the events before the tracker, or None.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Method:
     settings: Any
     code: tuple[str, ...]
     reads: tuple[str, ...] = ()
-    before: Before | None = field(default=None)
+    before: Before | None = None
 
     def key(self) -> str:
         """Return the digest of configuration and code."""
@@ -77,10 +77,9 @@ class Method:
         return digest({"method": about, "code": code})
 
 
-def preset(name: str, preset_name: str | None = None, about: str = "") -> Method:
-    """Return one of the project's own presets as a method."""
-    config = load_config(preset_name or name)
-    return of_config(name, about, config)
+def of_preset(name: str, about: str) -> Method:
+    """Return the tracker of a preset as a method."""
+    return of_config(name, about, load_config(name))
 
 
 def of_config(name: str, about: str, config: Config) -> Method:
@@ -134,11 +133,11 @@ def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
 
 
 def main_methods() -> dict[str, Method]:
-    """Return the methods of the main table, in its order (``truth`` is added by the runner)."""
+    """Return the methods of the main table in its order; the runner adds ``truth``."""
     methods = (
-        preset("default", about="graded map, disc fit, no law"),
-        preset("fast", about="graded map, centroids, 10 kHz"),
-        preset("paper", about="filter of lone events and refreshed map (ours), binary map, "
+        of_preset("default", "graded map, disc fit, no law"),
+        of_preset("fast", "graded map, centroids, 10 kHz"),
+        of_preset("paper", "filter of isolated events and refreshed map (ours), binary map, "
                               "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
         _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
@@ -163,7 +162,7 @@ def _with_method(name: str) -> Config:
 
 
 def as_published(name: str, about: str) -> Method:
-    """Return the preset ``paper`` without what is ours in it: the filter, the refreshed map."""
+    """Return the preset ``paper`` without our additions: activity filter and map refresh."""
     config = load_config("paper")
     blobs = replace(config.tracking.blobs, support_us=0, refresh_us=0)
     return of_config(name, about, config.with_tracking(blobs=blobs))

@@ -1,7 +1,8 @@
-"""Metrics of point tracking: name, unit, definition, and the function that computes it.
+"""The metrics of point tracking.
 
-The paper's three compare the end of a recording with its beginning (section V-A); they reward a
-method that says "nothing moved". Those against ground truth do not, and stand beside them.
+The three metrics of the paper compare the end of a recording with its beginning (section V-A). A
+method that never moves its markers scores well in them. The metrics against ground truth do not
+have this defect; the report shows both.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
 from spikingtac.markers.neighbours import smallest_spacing_px
 
 SUCCESS_PX = 5.0
-"""Largest return distance of a success (§V-A), and smallest error of a lost marker."""
+"""Largest return distance of a success and smallest error of a lost marker, px (section V-A)."""
 
 LOST_US = 50_000
-"""Shortest time for which a marker must be away to count as lost (50 ms: ours)."""
+"""Shortest time with a large error after which a marker counts as lost, us (ours)."""
 
 
 MOVING_PX_S = 5.0
-"""True speed from which on a marker has a direction of motion, px/s (ours)."""
+"""Smallest true speed at which a marker counts as moving, px/s (ours)."""
 
 SETTLED_US = 200_000
-"""Last stretch before the next touch, in which the skin has crept back most of its way (ours)."""
+"""Time span before the next touch in which the gel's creep has mostly ended, us (ours)."""
 
 
 POINT_METRICS: tuple[Metric, ...] = (
-    Metric("success_rate", "1", "share of trials whose markers all end within 5 px of rest"),
+    Metric("success_rate", "1", "fraction of trials whose markers all end within 5 px of rest"),
     Metric("return_mean_px", "px", "last estimate: mean distance of position_px to the reference"),
     Metric("return_std_px", "px", "standard deviation over the markers of the same distances"),
     Metric("error_mean_px", "px", "mean distance of detected_px to the truth, all markers, times"),
@@ -63,7 +64,7 @@ POINT_METRICS: tuple[Metric, ...] = (
     ),
     Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
 )
-"""The metrics of the experiment, in the order of its tables."""
+"""All metrics, in the order of the tables."""
 
 
 def point_scores(
@@ -75,19 +76,19 @@ def point_scores(
     """Return every metric of one trial.
 
     Args:
-        prediction: What the method said.
-        truth: What was true.
-        damaged: Markers that are broken or missing: nothing is asked of them.
-        law: Of the zeroed output; None is the default.
+        prediction: The estimates of the method.
+        truth: The true positions.
+        damaged: Broken and missing markers; they are not scored.
+        law: Law of the zeroed output; None takes the default.
 
     Returns:
-        Values by the names of :data:`POINT_METRICS`; those that the trial cannot tell are left out.
+        Values by the names of :data:`POINT_METRICS`, without those that the trial does not define.
 
     Raises:
         RecordingError: The recording holds no events, so that nothing was estimated.
     """
     if not len(prediction.t_us):
-        raise RecordingError("the recording holds no events, so no method said anything about it")
+        raise RecordingError("the recording holds no events, so there are no estimates to score")
     whole = np.setdiff1d(np.arange(len(prediction.reference_px)), damaged)
     reference_px = prediction.reference_px[whole]
     detected_px = prediction.detected_px[:, whole].astype(np.float64)
@@ -97,8 +98,8 @@ def point_scores(
     zeroed = AnchoredLaw(law).update(detected_px[-1], reference_px)
     zeroed_px = _distance_px(zeroed, reference_px)
     released = error_px[prediction.t_us > truth.released_us]
-    away = longest_stay_us(error_px > SUCCESS_PX, prediction.t_us)
-    elsewhere = longest_stay_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
+    away = longest_duration_us(error_px > SUCCESS_PX, prediction.t_us)
+    elsewhere = longest_duration_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
     scores = {
         "success_rate": float(given_px.max() <= SUCCESS_PX),
         "return_mean_px": float(given_px.mean()),
@@ -117,18 +118,18 @@ def point_scores(
     }
     growth_px = return_growth_px(error_px, prediction.t_us, truth.free_us)
     ahead_px = lead_px(detected_px, true_px[:, whole], prediction.t_us)
-    may_be = {"return_growth_px": growth_px, "lead_px": ahead_px}
-    return scores | {name: value for name, value in may_be.items() if value is not None}
+    optional = {"return_growth_px": growth_px, "lead_px": ahead_px}
+    return scores | {name: value for name, value in optional.items() if value is not None}
 
 
 def lead_px(
     detected_px: NDArray[np.float64], true_px: NDArray[np.float64], t_us: NDArray[np.int64]
 ) -> float | None:
-    """Return how far the estimates are ahead of the moving markers, px; None if none moves.
+    """Return the mean error along the true motion, px; None if no marker moves.
 
     Args:
         detected_px: ``(n, m, 2)`` estimates, px.
-        true_px: ``(n, m, 2)`` true places, px.
+        true_px: ``(n, m, 2)`` true positions, px.
         t_us: ``(n,)`` their times, us.
     """
     if len(t_us) < 2:
@@ -143,7 +144,7 @@ def lead_px(
 
 
 def on_rim(reference_px: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return ``(m,)`` which markers lie in an outermost row or column of their grid."""
+    """Return a mask ``(m,)`` of the markers in an outermost row or column of the grid."""
     half_px = 0.5 * smallest_spacing_px(reference_px) if len(reference_px) > 1 else 0.0
     low, high = reference_px.min(axis=0) + half_px, reference_px.max(axis=0) - half_px
     return np.logical_or(reference_px < low, reference_px > high).any(axis=1)
@@ -152,12 +153,12 @@ def on_rim(reference_px: NDArray[np.float64]) -> NDArray[np.bool_]:
 def return_growth_px(
     error_px: NDArray[np.float64], t_us: NDArray[np.int64], free_us: NDArray[np.int64]
 ) -> float | None:
-    """Return by how much the last return's error exceeds the first one's, px.
+    """Return the error at the last return minus that at the first one, px.
 
     Args:
         error_px: ``(n, m)`` errors, px.
         t_us: ``(n,)`` their times, us.
-        free_us: ``(k, 2)`` stretches between two contacts, us.
+        free_us: ``(k, 2)`` time spans between two contacts, us.
 
     Returns:
         None where there are fewer than two returns.
@@ -168,17 +169,17 @@ def return_growth_px(
     return means[-1] - means[0] if len(means) > 1 else None
 
 
-def longest_stay_us(away: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each marker the longest time for which it was away without a break, us.
+def longest_duration_us(state: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each marker the longest uninterrupted time in a state, us.
 
     Args:
-        away: ``(n, m)`` state at each time.
+        state: ``(n, m)`` True where the marker is in the state.
         t_us: ``(n,)`` times, us; a state lasts until the next one.
     """
     ends_us = np.append(t_us[1:], t_us[-1:])
-    longest = np.zeros(away.shape[1], np.int64)
-    for marker in np.flatnonzero(away.any(axis=0)):
-        change = np.diff(away[:, marker].astype(np.int8), prepend=0, append=0)
+    longest = np.zeros(state.shape[1], np.int64)
+    for marker in np.flatnonzero(state.any(axis=0)):
+        change = np.diff(state[:, marker].astype(np.int8), prepend=0, append=0)
         first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
         longest[marker] = (ends_us[last] - t_us[first]).max()
     return longest
@@ -187,16 +188,16 @@ def longest_stay_us(away: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray
 def nearest_another(
     detected_px: NDArray[np.float64], true_px: NDArray[np.float64], own: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Return ``(n, k)`` where an estimate is nearer to another marker's true place than to its own.
+    """Return a mask ``(n, k)`` of estimates that are nearer to another marker than to their own.
 
     Args:
         detected_px: ``(n, k, 2)`` estimates, px.
-        true_px: ``(n, m, 2)`` true places of all markers, px.
-        own: ``(k,)`` which marker each estimate is of.
+        true_px: ``(n, m, 2)`` true positions of all markers, px.
+        own: ``(k,)`` index of the marker of each estimate.
     """
     error_px = np.linalg.norm(detected_px - true_px[:, own], axis=2)
     out = np.zeros(error_px.shape, np.bool_)
-    # Nearer to another one means at least half of the spacing off: few rows need the full search.
+    # An estimate nearer to another marker is off by half a spacing at least: few are searched.
     for time, column in zip(*np.nonzero(error_px > SUCCESS_PX), strict=True):
         distance_px = np.linalg.norm(true_px[time] - detected_px[time, column], axis=1)
         out[time, column] = distance_px.argmin() != own[column]

@@ -1,8 +1,7 @@
-"""What a method said about one trial, as it is kept on disk between tracking and scoring."""
+"""The estimates of a method on a trial, as they are stored between tracking and scoring."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
 from spikingtac.types import MarkerFrame
 
 
@@ -22,8 +22,8 @@ class Prediction:
         t_us: ``(n,)`` int64 times, us.
         detected_px: ``(n, m, 2)`` float32, the truthful estimate, px.
         position_px: ``(n, m, 2)`` float32, after the method's own law, px.
-        coasted: ``(n, m)`` True where a marker was sustained or predicted.
-        reference_px: ``(m, 2)`` the rest positions that the method was given, px.
+        coasted: ``(n, m)`` True where a position is predicted without an observation.
+        reference_px: ``(m, 2)`` the rest positions of the calibration, px.
     """
 
     t_us: NDArray[np.int64]
@@ -36,12 +36,12 @@ class Prediction:
     def collect(
         cls, frames: Iterable[MarkerFrame], reference_px: NDArray[np.float64], every: int
     ) -> Self:
-        """Keep every ``every``-th frame of a tracked stream, and its last one.
+        """Keep every ``every``-th frame of a tracked stream, and the last one.
 
         Args:
             frames: The estimates in order of time.
             reference_px: ``(m, 2)`` rest positions, px.
-            every: 1 keeps all.
+            every: Distance of the frames that are kept; 1 keeps all.
         """
         kept: list[MarkerFrame] = []
         last: MarkerFrame | None = None
@@ -61,18 +61,16 @@ class Prediction:
         )
 
     def save(self, path: Path, key: str) -> None:
-        """Write the arrays at once, so that an interrupt leaves either all or nothing.
+        """Write the arrays, whole or not at all.
 
         Args:
             path: ``.npz`` file.
             key: Digest of everything that the prediction depends on.
         """
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(f".{os.getpid()}.partial")
         same = np.array_equal(self.detected_px, self.position_px)
-        with partial.open("wb") as file:
+        with replacing(path) as temporary:
             np.savez(
-                file,
+                temporary,
                 key=np.array(key),
                 t_us=self.t_us,
                 detected_px=self.detected_px,
@@ -80,11 +78,10 @@ class Prediction:
                 coasted=np.packbits(self.coasted),
                 reference_px=self.reference_px,
             )
-        partial.replace(path)
 
     @classmethod
     def load(cls, path: Path, key: str | None = None) -> Self | None:
-        """Read a prediction; None where there is none that fits the key."""
+        """Read a prediction; return None where there is none with this key."""
         try:
             with np.load(path, allow_pickle=False) as archive:
                 if key is not None and str(archive["key"]) != key:

@@ -10,12 +10,13 @@ from spikingtac.sim.scene.scene import ContactConfig, Scene
 
 
 def shortened(scene: Scene, motion_s: float) -> Scene:
-    """Return the scene with what begins within ``motion_s`` of its first contact, then the release.
+    """Return the scene with the motions of the first ``motion_s`` seconds, then the release.
 
-    MissingMarkers before and rest after stay whole, so that every metric keeps its meaning.
+    The rest before the first contact and after the last one stays whole, so that every metric keeps
+    its meaning.
 
     Args:
-        scene: Of the catalogue.
+        scene: A scene of the catalogue.
         motion_s: Motions that begin later are left out, s.
     """
     return replace(scene, contacts=tuple(_first(scene.contacts, motion_s)))

@@ -1,4 +1,4 @@
-"""Trials: which scene, which sensor, which camera, which seed; and the recording behind each."""
+"""Trials: scene, sensor, camera and seed, and the recording of each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from spikingtac.sim.scene import catalog
 from spikingtac.types import EventPacket
 
 V2E = "v2e"
-"""Camera name of the recordings made with v2e, which lie outside of the package."""
+"""Camera name of the recordings that were made with v2e; they are no part of the package."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,17 +29,18 @@ class Trial:
     """One recording with known truth.
 
     Attributes:
-        case: Row of the report, the camera as a prefix, as in ``noisy/loops``.
-        scene: Scene of the catalogue; the name of the recording for :data:`V2E`.
-        seed: Of the scene's variation and of the camera's noise.
-        serial: Which sensor of the series.
+        case: Case of the report, with the camera as a prefix, as in ``noisy/loops``.
+        scene: Scene of the catalogue; for :data:`V2E` the name of the recording.
+        seed: Seed of the scene's variation and of the camera's noise.
+        serial: Serial number of the sensor specimen.
         camera: Preset of the camera, or :data:`V2E`.
-        settings: Camera tables laid over the preset.
-        loss: Share of the events that is dropped at random, on top of the camera's own losses.
-        damaged: How many markers are damaged after the calibration: in turn gone and cut in half.
-        groups: Other rows that the trial counts towards.
+        settings: Camera settings that replace those of the preset.
+        loss: Fraction of the events that is dropped at random, besides the camera's own losses.
+        damaged: Number of markers that are damaged after the calibration: alternately missing and
+            cut in half.
+        groups: Other cases to which the trial contributes.
         duration_s: Length, s; None is the scene's own.
-        motion_s: Motions that begin later than this are left out, s; None keeps all.
+        motion_s: Motions that begin later are left out, s; None keeps all.
         source: ``twin``, ``v2e`` or ``recorded``.
     """
 
@@ -58,13 +59,13 @@ class Trial:
 
     @property
     def damaged_markers(self) -> tuple[int, ...]:
-        """Which markers are damaged: drawn by the seed, so that another seed has others."""
+        """Indices of the damaged markers; the seed draws them."""
         rows, columns = catalog.load(self.scene).skin.grid if self.damaged else (0, 0)
         drawn = np.random.default_rng([self.seed, self.damaged]).permutation(rows * columns)
         return tuple(int(marker) for marker in drawn[: self.damaged])
 
     def bootstrap(self) -> Trial:
-        """Return the slides that calibrate this trial's sensor: the same camera, nothing lost."""
+        """Return the trial of the slides that calibrate this sensor, without extra loss."""
         return replace(
             self,
             case="bootstrap",
@@ -78,7 +79,7 @@ class Trial:
         )
 
     def recording_key(self) -> str:
-        """Return the name of the recording's folder: equal names hold equal events."""
+        """Return the name of the recording's folder; equal names mean equal events."""
         about = {
             "scene": self._scene().resolved(),
             "seed": self.seed,
@@ -88,13 +89,13 @@ class Trial:
         return f"{self.scene}-{self.camera}-{self.serial}-{self.seed}-{digest(about)}"
 
     def key(self) -> str:
-        """Return the digest of everything that decides the events a method sees."""
+        """Return the digest of everything on which the events of the trial depend."""
         if self.camera == V2E:
             return digest({"recording": f"{V2E}/{self.scene}"})
         return digest({"recording": self.recording_key(), "loss": self.loss, "seed": self.seed})
 
     def record(self, folder: Path) -> Path:
-        """Return the recording's folder; simulate it first where it is not there."""
+        """Return the folder of the recording; simulate it first if it does not exist."""
         from spikingtac.sim.scene.render import simulate
 
         target = folder / "recordings" / self.recording_key()
@@ -107,11 +108,11 @@ class Trial:
         return target
 
     def open(self, folder: Path, data: Path | None) -> tuple[Iterable[EventPacket], GroundTruth]:
-        """Return the events (which can be read again and again) and the truth.
+        """Return the events, which can be iterated repeatedly, and the truth.
 
         Args:
-            folder: Where recordings are kept.
-            data: Folder of foreign recordings, for :data:`V2E`.
+            folder: Folder of the run, which holds the recordings.
+            data: Folder of recordings from elsewhere, for :data:`V2E`.
         """
         if self.camera == V2E:
             assert data is not None
@@ -139,12 +140,18 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """A recording of which a share of the events is lost, the same ones at each reading."""
+    """A recording that loses a fraction of its events, the same ones at each reading.
+
+    Attributes:
+        packets: The recording.
+        fraction: Fraction of the events that is lost.
+        seed: Seed of the selection.
+    """
 
     packets: Iterable[EventPacket]
-    share: float
+    fraction: float
     seed: int
 
     def __iter__(self) -> Iterator[EventPacket]:
-        drop = RandomDrop(self.share, self.seed)
+        drop = RandomDrop(self.fraction, self.seed)
         return (drop(packet) for packet in self.packets)

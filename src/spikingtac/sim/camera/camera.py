@@ -171,7 +171,7 @@ class EventCamera:
         """Enlarge the outbox so that it holds the largest number of events of the next interval."""
         pixels = self._sensor.pixels.size
         leaks = 2 + int(4 * self._fastest_leak * span_us)
-        moving = swept + int(self._sensor.pending.count[0])
+        moving = swept + int(self._sensor.pending.unsettled_count[0])
         if self._full_frame is not None:
             moving = pixels
         room = 1 + moving * _MAX_LIGHT_SWINGS * self._max_crossings + pixels * leaks

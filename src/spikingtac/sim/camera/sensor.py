@@ -27,15 +27,16 @@ class PendingPixels(NamedTuple):
     """Pixels that must be updated although no marker moves over them.
 
     Attributes:
-        unsettled: ``(n,)`` indices of the unsettled pixels. The first ``count[0]`` are valid.
-        count: ``(1,)`` number of unsettled pixels.
+        unsettled: ``(n,)`` indices of the unsettled pixels. The first ``unsettled_count[0]`` are
+            valid.
+        unsettled_count: ``(1,)`` number of unsettled pixels.
         known_unsettled: ``(n,)`` 1 for each pixel that is known to be unsettled at the end of the
             interval. This byte saves a second access to the pixel's record.
         row_leak_due_us: ``(height,)`` lower bound of the pixels' ``leak_due_us`` in each row, us.
     """
 
     unsettled: NDArray[np.int32]
-    count: NDArray[np.int64]
+    unsettled_count: NDArray[np.int64]
     known_unsettled: NDArray[np.uint8]
     row_leak_due_us: NDArray[np.float64]
 
@@ -158,5 +159,5 @@ def settle_sensor(
             "mean_leak_per_us"
         ].astype(np.float64)
     pixels["leak_due_us"] = now_us + wait_us
-    sensor.pending.count[0] = 0
+    sensor.pending.unsettled_count[0] = 0
     sensor.pending.row_leak_due_us[:] = pixels["leak_due_us"].min(axis=1)

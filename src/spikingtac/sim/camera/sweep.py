@@ -84,7 +84,11 @@ def _update_edge_pixels_kernel(
     """Update the pixels around the edge of marker ``k`` with the present light."""
     pixels, chip = sensor.pixels, sensor.chip[0]
     pending = sensor.pending
-    unsettled, count, known_unsettled = pending.unsettled, pending.count, pending.known_unsettled
+    unsettled, count, known_unsettled = (
+        pending.unsettled,
+        pending.unsettled_count,
+        pending.known_unsettled,
+    )
     disc, box = sweep.now[k], sweep.plan[k]
     radius, scale = disc["radius"], disc["scale"]
     visited = (chip["edge_half_width_px"] + box["margin_px"]) * scale
@@ -152,7 +156,7 @@ def _advance_unsettled_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: 
     pixels, chip, pending = sensor.pixels, sensor.chip[0], sensor.pending
     unsettled, known_unsettled = pending.unsettled, pending.known_unsettled
     kept = 0
-    for n in range(pending.count[0]):
+    for n in range(pending.unsettled_count[0]):
         place = unsettled[n]
         if known_unsettled[place] == 0:
             row, column = divmod(place, pixels.shape[1])
@@ -166,7 +170,7 @@ def _advance_unsettled_kernel(sensor: Sensor, out: NDArray[np.int64], until_us: 
         known_unsettled[place] = 0
         unsettled[kept] = place
         kept += 1
-    pending.count[0] = kept
+    pending.unsettled_count[0] = kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

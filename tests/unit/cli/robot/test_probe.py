@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.robot import probe_places
+from spikingtac.cli.robot import probe_arm, probe_twin
 from spikingtac.cli.robot.probe import Args, run
 from spikingtac.cli.robot.probe_result import output_paths
 from spikingtac.errors import ConfigError
@@ -45,10 +45,10 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         reference_px=np.array([[16.0, 12.0]]), radius_px=np.array([4.0]), grid=(1, 1), size=SIZE
     )
     calibration.save(tmp_path / "finger.json")
-    monkeypatch.setattr(probe_places, "connect", lambda args: StillArm())
-    monkeypatch.setattr(probe_places, "listen", lively)
+    monkeypatch.setattr(probe_arm, "connect", lambda args: StillArm())
+    monkeypatch.setattr(probe_arm, "listen", lively)
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
-    monkeypatch.setattr(probe_places, "ArmProber", lambda *parts: prober)
+    monkeypatch.setattr(probe_arm, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     return ["probe", "--arm", HOST, *finger, "--detector", "event_count"]
 
@@ -76,7 +76,7 @@ def test_what_no_search_can_do_is_refused_at_once(
     def moves(args: Args) -> None:
         raise AssertionError("something moved")
 
-    monkeypatch.setattr(probe_places, "on_twin", moves)
+    monkeypatch.setattr(probe_twin, "on_twin", moves)
     with pytest.raises(ConfigError, match=message):
         run(Args(**given))  # type: ignore[arg-type]
 
@@ -86,9 +86,9 @@ def test_an_arm_begins_where_it_stands(arm_arguments: list[str]) -> None:
 
 
 def test_the_start_is_in_the_hole_on_its_rim_or_in_free_air() -> None:
-    inside = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(-0.2, 0.1)))
-    rim = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(0.9, 0.0)))
-    outside = probe_places.trial_of(Args(radius_mm=1.0, start_mm=(0.0, 1.5)))
+    inside = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(-0.2, 0.1)))
+    rim = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(0.9, 0.0)))
+    outside = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(0.0, 1.5)))
     assert [type(one.wall) for one in (inside, rim, outside)] == [HoleWall, HoleWall, NoWall]
     np.testing.assert_allclose(inside.start_mm - inside.center_mm, [-0.2, 0.1])
 
@@ -155,7 +155,7 @@ def test_a_dead_sensor_is_known_before_the_arm_is_asked(
         raise AssertionError("the arm was asked")
 
     silence = [(EventPacket.empty(t, t + 1000, SIZE),) for t in range(0, 200_000, 1000)]
-    monkeypatch.setattr(probe_places, "listen", lambda args, calibration: iter(silence))
-    monkeypatch.setattr(probe_places, "connect", connected)
+    monkeypatch.setattr(probe_arm, "listen", lambda args, calibration: iter(silence))
+    monkeypatch.setattr(probe_arm, "connect", connected)
     assert main(arm_arguments) == 3
     assert "gave no event in its first 200 windows" in capsys.readouterr().err

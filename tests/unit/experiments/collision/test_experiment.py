@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.experiments.collision.experiment import prompt_detectors
+from spikingtac.experiments.collision.experiment import fast_detectors
 from spikingtac.experiments.collision.findings import findings
-from spikingtac.experiments.collision.methods import chosen_methods, collision_methods
+from spikingtac.experiments.collision.methods import collision_methods
 from spikingtac.experiments.collision.plan import (
     QUIET_SEED,
     SPEEDS,
@@ -20,6 +20,7 @@ from spikingtac.experiments.collision.plan import (
 from spikingtac.experiments.collision.scene import CollisionScene, run_up_mm, travel_time_s
 from spikingtac.experiments.collision.scoring import DEFINITIONS, collision_rows, garwood
 from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.harness.run_options import select_methods
 
 
 def outcome(deviation: float, overshoot: float, delay_us: float = 1_000.0) -> dict[str, float]:
@@ -158,9 +159,9 @@ def test_detectors_that_need_long_at_slow_speed_are_left_out_of_the_series() -> 
         methods = {n: None if d is None else outcome(d, d) for n, d in (("a", one), ("b", two))}
         return {**record("typical/0.0008", seed, methods), "costs_us": {"a": {}, "b": {}}}
 
-    assert prompt_detectors([slow(0, 0.1, 0.1), slow(1, 0.2, 2.0)]) == ("a",)
-    assert prompt_detectors([slow(0, None, 0.3)]) == ("b",)
-    assert prompt_detectors([]) == ()
+    assert fast_detectors([slow(0, 0.1, 0.1), slow(1, 0.2, 2.0)]) == ("a",)
+    assert fast_detectors([slow(0, None, 0.3)]) == ("b",)
+    assert fast_detectors([]) == ()
 
 
 def test_findings_say_which_ratio_contains_the_papers_latency() -> None:
@@ -177,6 +178,9 @@ def test_methods_are_the_registered_detectors_and_the_baselines() -> None:
     names = set(collision_methods())
     assert {"event_count", "default", "frame_sampling", "frame_plus_one", "frame_paper",
             "zero_delay"} <= names  # fmt: skip
-    assert chosen_methods(("zero_delay", "default")) == ["default", "zero_delay"]
+    assert select_methods(collision_methods(), ("zero_delay", "default")) == [
+        "default",
+        "zero_delay",
+    ]
     with pytest.raises(ConfigError, match="did you mean 'default'"):
-        chosen_methods(("defualt",))
+        select_methods(collision_methods(), ("defualt",))

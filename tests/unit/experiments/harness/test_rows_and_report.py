@@ -7,9 +7,10 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.harness.published import POINT_TRACKING
-from spikingtac.experiments.harness.report import Report, Table, latex
+from spikingtac.experiments.harness.report import Report, Table
+from spikingtac.experiments.harness.report_files import latex, write_report
 from spikingtac.experiments.harness.rows import Row, interval, rows_of
-from spikingtac.experiments.harness.run_folder import claim
+from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.point_tracking.findings import findings
 from spikingtac.experiments.point_tracking.tables import report_tables
 from spikingtac.experiments.trials.laws import LAW
@@ -71,7 +72,7 @@ def report(rows: list[Row]) -> Report:
 
 def test_report_files(tmp_path: Path) -> None:
     rows = rows_of(RECORDS, METRICS, POINT_TRACKING, "all")
-    report(rows).write(tmp_path)
+    write_report(report(rows), tmp_path)
     document = json.loads((tmp_path / "report.json").read_text())
     keys = {"method", "case", "metric", "value", "unit", "n", "source", "paper", "definition"}
     assert all(keys <= set(row) for row in document["rows"])
@@ -152,16 +153,16 @@ def test_that_none_wins_is_said_only_if_baselines_ran() -> None:
 
 def test_a_folder_never_mixes_settings(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    claim(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
-    claim(folder, {"seeds": 1, "methods": ["a"]}, resume=True)
+    begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
+    begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=True)
     with pytest.raises(ConfigError, match="--resume"):
-        claim(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
+        begin_run(folder, {"seeds": 1, "methods": ["a"]}, resume=False)
     with pytest.raises(ConfigError, match=r"seeds 1 -> 2.*never mixed"):
-        claim(folder, {"seeds": 2, "methods": ["a"]}, resume=True)
+        begin_run(folder, {"seeds": 2, "methods": ["a"]}, resume=True)
 
 
 def test_a_foreign_folder_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("do not touch")
     with pytest.raises(ConfigError, match="not empty"):
-        claim(tmp_path, {"seeds": 1}, resume=False)
+        begin_run(tmp_path, {"seeds": 1}, resume=False)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.experiments.holes.figures import plate_figure
-from spikingtac.experiments.holes.touching import ANGLES_DEG, DEFAULT, RADII_MM, WALL_MM
+from spikingtac.experiments.holes.jobs import RADII_MM
+from spikingtac.sim.probing.wall_calibration import ANGLES_DEG, DEFAULT, WALL_MM
 
 SEED = 3
 

@@ -6,24 +6,23 @@ import numpy as np
 import pytest
 
 from spikingtac.experiments.harness.published import HOLE_ERRORS_MM, HOLES
-from spikingtac.experiments.harness.report import find
+from spikingtac.experiments.harness.report import find_row
 from spikingtac.experiments.holes.experiment import findings
 from spikingtac.experiments.holes.figures import error_figure, plate_figure
+from spikingtac.experiments.holes.jobs import RADII_MM, trial_of
 from spikingtac.experiments.holes.scoring import DEFINITIONS, METHODS, hole_rows, score
-from spikingtac.experiments.holes.touching import (
-    ANGLES_DEG,
-    CROSS,
-    DEFAULT,
-    RADII_MM,
-    STYLES,
-    WALL_MM,
-    travel_of,
-    trial_of,
-)
 from spikingtac.geometry.hole import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Touched
+from spikingtac.sim.probing.wall_calibration import (
+    ANGLES_DEG,
+    CROSS,
+    DEFAULT,
+    STYLES,
+    WALL_MM,
+    travel_of,
+)
 from stand_ins.touching import IdealProber
 
 HEADING_RAD, TRAVEL_MM = 0.3, 0.12
@@ -93,9 +92,9 @@ def test_every_method_case_and_metric_has_its_row(plates: Any) -> None:
     for prefix in ("rep028", "rep008"):
         for method in METHODS:
             for metric in DEFINITIONS:
-                assert find(rows, method, f"{prefix}/all", metric) is not None
-            assert find(rows, method, f"{prefix}/hole-10", "radius_rmse_mm") is not None
-    printed = find(rows, "cross4-published", "rep028/all", "radius_rmse_mm")
+                assert find_row(rows, method, f"{prefix}/all", metric) is not None
+            assert find_row(rows, method, f"{prefix}/hole-10", "radius_rmse_mm") is not None
+    printed = find_row(rows, "cross4-published", "rep028/all", "radius_rmse_mm")
     assert printed is not None
     assert printed.paper == 0.0780
 
@@ -105,11 +104,11 @@ def test_repeatability_alone_gives_the_bound(plates: Any) -> None:
     rows = hole_rows(*plates, ["default-4", "default-12"])
     for prefix, sigma_mm in (("rep028", 0.028), ("rep008", 0.008)):
         for method, contacts in (("default-4", 4), ("default-12", 12)):
-            row = find(rows, method, f"{prefix}/all", "position_rmse_mm")
+            row = find_row(rows, method, f"{prefix}/all", "position_rmse_mm")
             assert row is not None
             assert row.value is not None
             assert row.value == pytest.approx(2.0 * sigma_mm / np.sqrt(contacts), rel=0.35)
-            cover = find(rows, method, f"{prefix}/all", "coverage95")
+            cover = find_row(rows, method, f"{prefix}/all", "coverage95")
             assert cover is not None
             assert cover.value is not None
             assert cover.value >= 0.85
@@ -122,7 +121,7 @@ def test_a_search_that_ended_with_an_error_counts_as_diverged(plates: Any) -> No
     assert found.diverged
     assert not found.covered
     rows = hole_rows([failed, *records[1:]], calibrations, ["cross4"])
-    row = find(rows, "cross4", "rep028/all", "diverged")
+    row = find_row(rows, "cross4", "rep028/all", "diverged")
     assert row is not None
     assert (row.value, row.n) == (1.0, len(records))
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from spikingtac.experiments import RunOptions
 from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.harness.run_options import RunOptions
 from spikingtac.experiments.throughput import bench as module
 from spikingtac.experiments.throughput.bench import CAMERAS, run
 

@@ -5,11 +5,11 @@ import pytest
 
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.laws import (
+    apply_law,
     compared_laws,
     law_rows,
     loop_drift_px,
     swept_laws,
-    under_law,
 )
 from spikingtac.experiments.trials.prediction import Prediction
 from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
@@ -55,7 +55,7 @@ def test_a_sweep_has_no_law_twice() -> None:
 def test_re_zero_learns_between_contacts_and_is_frozen_in_them() -> None:
     contact = truth(np.empty((0, 2), np.int64))
     free = truth(np.array([[0, 10_000_000]]))
-    frozen, learnt = (under_law(stays_off(0.6), ReZero(), one) for one in (contact, free))
+    frozen, learnt = (apply_law(stays_off(0.6), ReZero(), one) for one in (contact, free))
     held_px = np.linalg.norm(frozen.position_px[-1] - REST, axis=1)
     faded_px = np.linalg.norm(learnt.position_px[-1] - REST, axis=1)
     assert held_px == pytest.approx(0.18, abs=1e-3)

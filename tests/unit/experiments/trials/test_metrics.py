@@ -5,7 +5,7 @@ from spikingtac.errors import RecordingError
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.metrics import (
     POINT_METRICS,
-    longest_stay_us,
+    longest_duration_us,
     nearest_another,
     on_rim,
     point_scores,
@@ -135,7 +135,7 @@ def test_no_estimates_are_no_score() -> None:
         point_scores(nothing, truth())
 
 
-def test_longest_stay_against_a_plain_loop() -> None:
+def test_longest_duration_against_a_plain_loop() -> None:
     rng = np.random.default_rng(5)
     away = rng.random((200, 6)) < 0.7
     t_us = np.cumsum(rng.integers(1, 50, 200))
@@ -150,7 +150,7 @@ def test_longest_stay_against_a_plain_loop() -> None:
             else:
                 start = None
         expected.append(longest)
-    assert longest_stay_us(away, t_us).tolist() == expected
+    assert longest_duration_us(away, t_us).tolist() == expected
 
 
 def test_nearest_another_against_all_distances() -> None:

@@ -11,18 +11,18 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.experiments import EXPERIMENTS, runner_of
 from spikingtac.experiments.point_tracking.cases import (
     DAMAGES,
     LOOPS,
     QUICK_MOTION_S,
     main_trials,
 )
+from spikingtac.experiments.registry import EXPERIMENTS, runner_of
 from spikingtac.experiments.trials import runner as runner_module
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.laws import LawMethod
 from spikingtac.experiments.trials.methods import Method, main_methods
-from spikingtac.experiments.trials.runner import Work, predict, run_all, run_work
+from spikingtac.experiments.trials.runner import TrialJob, predict, run_all, run_job
 from spikingtac.experiments.trials.shortened_scenes import shortened
 from spikingtac.experiments.trials.trials import Trial
 from spikingtac.markers.anchored_law import AnchoredLaw
@@ -88,31 +88,31 @@ def known_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("known_sensor")
 def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
     BUILT.clear()
-    work = Work(trial=TRIAL, methods=("still", "truth"), table=table, folder=tmp_path)
+    job = TrialJob(trial=TRIAL, methods=("still", "truth"), table=table, folder=tmp_path)
     shares: list[float] = []
-    first = run_all([work], 1, shares.append)
+    first = run_all([job], 1, shares.append)
     assert [record["method"] for record in first] == ["still", "truth"]
     assert BUILT == ["still"]
     assert shares[-1] == 1.0
-    assert json.loads(json.dumps(run_work(work))) == json.loads(json.dumps(first))
+    assert json.loads(json.dumps(run_job(job))) == json.loads(json.dumps(first))
     assert BUILT == ["still"], "kept"
     score = next((tmp_path / "scores" / "still").iterdir())
     score.unlink()
-    assert run_work(work)[0]["scores"] == first[0]["scores"]
+    assert run_job(job)[0]["scores"] == first[0]["scores"]
     assert BUILT == ["still"], "scored again from the prediction"
-    run_work(Work(trial=TRIAL, methods=("still",), table=other_table, folder=tmp_path))
+    run_job(TrialJob(trial=TRIAL, methods=("still",), table=other_table, folder=tmp_path))
     assert BUILT == ["still", "still"], "another configuration is another prediction"
 
 
 @pytest.mark.usefixtures("known_sensor")
 def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
     BUILT.clear()
-    work = Work(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
-    still, pulled = run_all([work], 1)
+    job = TrialJob(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
+    still, pulled = run_all([job], 1)
     assert (still["method"], pulled["method"]) == ("still", "pulled")
     assert BUILT == ["still"], "tracked once"
     assert pulled["prediction"] == still["prediction"]
-    alone = replace(work, methods=("pulled",), folder=tmp_path / "alone")
+    alone = replace(job, methods=("pulled",), folder=tmp_path / "alone")
     assert run_all([alone], 1)[0]["scores"] == pulled["scores"], "also where only it is asked for"
 
 
@@ -121,22 +121,22 @@ def test_other_scoring_scores_again_what_was_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     BUILT.clear()
-    work = Work(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
-    run_work(work)
+    job = TrialJob(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
+    run_job(job)
     monkeypatch.setattr(runner_module, "SCORING", ("experiments/harness/rows.py",))
     monkeypatch.setattr(runner_module, "point_scores", lambda *_: {"error_mean_px": -1.0})
-    assert run_work(work)[0]["scores"] == {"error_mean_px": -1.0}
+    assert run_job(job)[0]["scores"] == {"error_mean_px": -1.0}
     assert BUILT == ["still"]
 
 
 @pytest.mark.usefixtures("known_sensor")
 def test_a_damaged_prediction_is_made_again(tmp_path: Path) -> None:
     BUILT.clear()
-    work = Work(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
-    run_work(work)
+    job = TrialJob(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
+    run_job(job)
     for kind in ("scores", "predictions"):
         next((tmp_path / kind / "still").iterdir()).write_bytes(b"cut sho")
-    run_work(work)
+    run_job(job)
     assert BUILT == ["still", "still"]
 
 

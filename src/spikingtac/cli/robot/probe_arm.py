@@ -1,0 +1,204 @@
+"""``spikingtac probe`` with a UR arm, and on request its Robotiq gripper."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.robot.probe_args import ProbeArgs
+from spikingtac.cli.robot.probe_result import ProbedHole
+from spikingtac.cli.robot.probe_search import (
+    ASSUMPTIONS,
+    probing_style,
+    resolved_config,
+    search,
+)
+from spikingtac.contact.detector import ContactDetector, Window, count_of
+from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.errors import CalibrationError, DeviceError
+from spikingtac.geometry.hole import Circle, Compensation
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.prober import ArmProber, Touched
+from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
+from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
+
+if TYPE_CHECKING:
+    from spikingtac.live.threaded_source import ThreadedSource
+    from spikingtac.robot.arm import Arm
+
+QUIET_WINDOWS = 4000
+"""Windows of the arm at rest from which the detector learns, 1 ms each."""
+LIVE = WatchdogConfig(stale_s=0.1, backlog_s=0.25)
+"""When a camera's stream counts as lost. The fastest touch then continues for 0.6 mm, or for
+1.5 mm, which is a force of 0.06 N at 0.04 N/mm."""
+GRIP_SETTLE_S = 1.0
+"""Wait after the gripper has closed, s (ours: the gel has crept most of its way by then)."""
+OPEN = 0
+"""Position of the open gripper."""
+ASSUMPTIONS_ON_ARM = (
+    *ASSUMPTIONS,
+    "delta_crit is the given one in every direction, its spread holds the arm's repeatability",
+    "the bit's heading is unknown; its mean reach, 0.41 mm, was taken",
+    "nothing touched during the first 4 s of the stream, from which the detector learnt",
+)
+
+
+def on_arm(args: ProbeArgs) -> ProbedHole:
+    """Search a hole with a UR arm, from where it stands.
+
+    Raises:
+        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+        DeviceError: Arm, gripper or sensor failed; the arm was told to stop.
+    """
+    assert args.calibration is not None
+    calibration = Calibration.load(args.calibration)
+    travel = TravelModel.of(
+        Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
+    )
+    with contextlib.ExitStack() as stack:
+        gripper = None
+        grip = None
+        if args.gripper:
+            gripper = stack.enter_context(connect_gripper(args))
+            grip = close_on_probe(gripper)
+        circle, touches = _search_hole(args, calibration, travel, stack)
+        if gripper is not None and args.release:
+            gripper.move(OPEN)
+    given = {"events": str(args.events), "calibration": str(args.calibration)}
+    return ProbedHole(
+        circle=circle,
+        touches=touches,
+        travel=travel,
+        method={"search": args.search, "detector": args.detector},
+        config=resolved_config(args) | given,
+        assumed=ASSUMPTIONS_ON_ARM,
+        arm=args.arm,
+        grip=grip,
+    )
+
+
+def _search_hole(
+    args: ProbeArgs, calibration: Calibration, travel: TravelModel, stack: contextlib.ExitStack
+) -> tuple[Circle, Sequence[Touched]]:
+    """Learn from the quiet stream, connect the arm, and search under the watchdog."""
+    arms: list[Arm] = []
+    watchdog = Watchdog(LIVE, lambda: _stop(arms), time.monotonic)
+    stream = listen(args, calibration)
+    live = _live_source(args, stream, watchdog)
+    if live is not None:
+        stack.callback(live.close)
+        stream = iter(live)
+    detector = learn_detector(args, calibration, stream)
+    arm = connect(args)
+    stack.callback(arm.close)
+    arms.append(arm)
+    if live is not None:
+        watchdog.self_test()
+        live.skip()
+        watchdog.arm()
+        stack.enter_context(WatchdogThread(watchdog))
+    prober = ArmProber(arm, stream, detector, probing_style(args), watchdog)
+    return search(args, prober, travel, prober.place_mm())
+
+
+def _stop(arms: Sequence[Arm]) -> None:
+    for arm in arms:
+        arm.stop()
+
+
+def connect_gripper(args: ProbeArgs) -> RobotiqGripper:
+    """Return the gripper of the arm's controller.
+
+    Raises:
+        DeviceError: It does not answer.
+    """
+    assert args.arm is not None
+    return RobotiqGripper(args.arm)
+
+
+def close_on_probe(gripper: RobotiqGripper) -> dict[str, Any]:
+    """Close the gripper gently, and return the grip: ``object`` and ``position`` (0 to 255).
+
+    Raises:
+        DeviceError: The gripper holds nothing, reports a fault, or does not answer.
+    """
+    gripper.activate()
+    found = gripper.move(FULL_SCALE)
+    position = gripper.position()
+    if found is not Grip.HELD_CLOSING:
+        raise DeviceError(
+            f"the gripper closed to position {position} of {FULL_SCALE} and holds nothing; "
+            "put the probe between its fingers and start again"
+        )
+    time.sleep(GRIP_SETTLE_S)
+    return {"object": "held", "position": position}
+
+
+def learn_detector(
+    args: ProbeArgs, calibration: Calibration, stream: Iterator[Window]
+) -> ContactDetector:
+    """Build the detector from the first windows of the stream, before the arm moves.
+
+    Raises:
+        CalibrationError: There are too few windows.
+        DeviceError: There is no event in them. Noise and leak alone cause events in a working
+            sensor.
+    """
+    quiet = list(islice(stream, QUIET_WINDOWS))
+    if not any(count_of(window) for window in quiet):
+        raise DeviceError(
+            f"the sensor gave no event in its first {len(quiet)} windows of 1 ms: it is dead, "
+            "covered or masked, or the stream is empty; check the camera, nothing was moved"
+        )
+    return make_detector(args.detector, DetectionConfig(), [calibration], quiet)
+
+
+def _live_source(
+    args: ProbeArgs, stream: Iterator[Window], watchdog: Watchdog
+) -> ThreadedSource | None:
+    """Return a thread that reads the stream of a camera; None for a file, which waits."""
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.live.arrivals import timed
+    from spikingtac.live.threaded_source import ThreadedSource
+
+    assert args.events is not None
+    if not is_stream(args.events):
+        return None
+    return ThreadedSource(timed(stream), watchdog)
+
+
+def connect(args: ProbeArgs) -> Arm:
+    """Return the arm, at rest.
+
+    Raises:
+        DeviceError: It does not answer.
+        MissingExtraError: The extra ``[robot]`` is not installed.
+    """
+    from spikingtac.robot.ur import URArm
+
+    assert args.arm is not None
+    return URArm(args.arm)
+
+
+def listen(args: ProbeArgs, calibration: Calibration) -> Iterator[Window]:
+    """Return the windows of the finger, 1 ms each.
+
+    Raises:
+        CalibrationError: The calibration belongs to a sensor of another size.
+    """
+    from spikingtac.events.open import open_events
+    from spikingtac.events.windows import windows
+
+    assert args.events is not None
+    source = open_events(args.events)
+    if source.size != calibration.size:
+        raise CalibrationError(
+            f"--calibration is for {calibration.size[0]}x{calibration.size[1]}, the finger of "
+            f"--events is {source.size[0]}x{source.size[1]}; calibrate this sensor: "
+            "spikingtac calibrate RECORDING -o calibration.json"
+        )
+    return ((window,) for window in windows(source, period_us=1000))

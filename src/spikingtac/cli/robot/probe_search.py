@@ -1,0 +1,114 @@
+"""The common parts of ``spikingtac probe`` on twin and arm: checks, searches, settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from spikingtac.cli.robot.probe_args import SEARCHES, ProbeArgs
+from spikingtac.contact.registry import DETECTORS
+from spikingtac.errors import ConfigError, named
+from spikingtac.geometry.hole import Circle
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.cross_search import calibrated_circle, cross_search
+from spikingtac.robot.prober import Prober, ProbingConfig, Touched
+from spikingtac.types import FloatArray
+
+POSITIVE = ("travel_mm", "travel_sigma_mm", "travel_limit_mm", "force_limit_n")
+"""Arguments that must be above 0."""
+LEAST_RADIUS_MM = 0.5
+"""Radius of the narrowest hole of the twin, mm: the bit reaches 0.433 mm."""
+ASSUMPTIONS = (
+    "the hole is round, and deep enough that only its side is met",
+    "the bit is a hexagon of 0.75 mm across flats",
+)
+"""Assumptions of every search."""
+
+
+def check(args: ProbeArgs) -> None:
+    """Refuse invalid arguments before anything moves or is computed.
+
+    Raises:
+        ConfigError: Names the flag, what was given and what is valid.
+    """
+    named(dict.fromkeys(SEARCHES), args.search, "search")
+    named(DETECTORS, args.detector, "contact detector")
+    for name in POSITIVE:
+        value = getattr(args, name)
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ConfigError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
+    if not (args.radius_mm >= LEAST_RADIUS_MM and math.isfinite(args.radius_mm)):
+        raise ConfigError(
+            f"--radius-mm is {args.radius_mm:g}; the bit reaches 0.433 mm and needs some room: "
+            f"at least {LEAST_RADIUS_MM} mm"
+        )
+    if args.start_mm is not None and not np.isfinite(args.start_mm).all():
+        raise ConfigError(f"--start-mm is {args.start_mm}; it must be two finite numbers, mm")
+    if args.arm is not None:
+        _check_arm(args)
+    elif args.gripper:
+        raise ConfigError("--gripper is for an arm; give its address: --arm HOST")
+    if args.release and not args.gripper:
+        raise ConfigError("--release opens the gripper that --gripper closed; give --gripper too")
+    if args.search == "default":
+        search_config(args)
+
+
+def _check_arm(args: ProbeArgs) -> None:
+    if args.events is None or args.calibration is None:
+        raise ConfigError(
+            "--arm needs --events and --calibration: those of the finger that holds the probe"
+        )
+    if args.start_mm is not None:
+        raise ConfigError(
+            "--start-mm is for the twin; an arm begins where it stands: move it there"
+        )
+
+
+def probing_style(args: ProbeArgs) -> ProbingConfig:
+    """Return how the search touches."""
+    style = ProbingConfig() if args.search == "cross4" else ProbingConfig.conditioned()
+    return replace(style, travel_limit_mm=args.travel_limit_mm, force_limit_n=args.force_limit_n)
+
+
+def search_config(args: ProbeArgs) -> AdaptiveSearchConfig:
+    """Return the settings of the adaptive search.
+
+    Raises:
+        ConfigError: There are too few contacts.
+    """
+    return AdaptiveSearchConfig(contacts=args.contacts, center_sigma_mm=args.center_sigma_mm)
+
+
+def search(
+    args: ProbeArgs, prober: Prober, travel: TravelModel, start_mm: FloatArray
+) -> tuple[Circle, Sequence[Touched]]:
+    """Search a hole, and return the estimate with its contacts.
+
+    Args:
+        args: The arguments of the verb.
+        prober: Makes the touches.
+        travel: Calibrated travel.
+        start_mm: ``(2,)`` start inside the hole, mm.
+
+    Raises:
+        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+    """
+    if args.search == "cross4":
+        touches = cross_search(prober, start_mm, travel)
+        return calibrated_circle(touches, travel), touches
+    found = AdaptiveSearch(prober, travel, search_config(args)).run(start_mm)
+    return found.circle, found.touches
+
+
+def resolved_config(args: ProbeArgs) -> dict[str, Any]:
+    """Return the settings of the search by stage, for the document."""
+    config: dict[str, Any] = {"probing": probing_style(args), "detector": args.detector}
+    if args.search == "default":
+        config["search"] = search_config(args)
+    return config

@@ -1,0 +1,96 @@
+"""``spikingtac probe`` on the twin: calibrate on a flat wall, then search one hole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from spikingtac.cli.messages import progress
+from spikingtac.cli.robot.probe_args import ProbeArgs
+from spikingtac.cli.robot.probe_result import ProbedHole, TrueHole
+from spikingtac.cli.robot.probe_search import (
+    ASSUMPTIONS,
+    probing_style,
+    resolved_config,
+    search,
+)
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.prober import ArmProber
+from spikingtac.sim.probing import wall_calibration
+from spikingtac.sim.probing.readings import PLANNING_MM, RecordingProber
+from spikingtac.sim.probing.wall_calibration import CORNER_MM, CROSS, DEFAULT
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, hole_trial
+from spikingtac.sim.rig.walls import NoWall
+
+CYCLES = {CROSS: 4, DEFAULT: 3}
+"""Calibration touches per direction: 16 for the cross, 36 for the adaptive search."""
+CALIBRATED_FRACTION = 0.6
+"""Fraction of the computing time that the calibration takes (ours: measured)."""
+CALIBRATION_STREAM, SEARCH_STREAM = 4, 5
+"""Numbers of the random streams of the readings."""
+ASSUMPTIONS_ON_TWIN = (
+    *ASSUMPTIONS,
+    "gel, optics, camera, arm, bit and hole are simulated",
+    "delta_crit and the bit's heading come from touches of a flat wall at a known place",
+    "the arm's repeatability, 0.028 mm per axis and reading, was added to every reading",
+)
+
+
+def on_twin(args: ProbeArgs) -> ProbedHole:
+    """Calibrate on a flat wall of the twin, then search one hole.
+
+    Raises:
+        SearchError: There is no wall, no room, or no circle; the arm is at rest.
+    """
+    site = HoleSite(Grasp.of(args.seed), args.seed)
+    trial = trial_of(args)
+    with progress("calibrate on a flat wall, then probe") as advance:
+        detector, travel = calibrate(args, site)
+        advance(CALIBRATED_FRACTION)
+        site.set_wall(trial.wall, trial.start_mm)
+        prober = ArmProber(
+            site.rig.arm,
+            site.windows(),
+            detector,
+            probing_style(args),
+            free_travel=site.free_travel,
+        )
+        reader = RecordingProber(prober, [args.seed, SEARCH_STREAM])
+        circle, touches = search(args, reader, travel, trial.start_mm)
+    x, y = trial.start_mm.tolist()
+    given = {"seed": args.seed, "radius_mm": args.radius_mm, "start_mm": (x, y)}
+    return ProbedHole(
+        circle=circle,
+        touches=touches,
+        travel=travel,
+        method={"search": args.search, "detector": args.detector},
+        config=resolved_config(args) | given,
+        assumed=ASSUMPTIONS_ON_TWIN,
+        truth=TrueHole(center_mm=trial.center_mm, radius_mm=args.radius_mm),
+    )
+
+
+def trial_of(args: ProbeArgs) -> HoleTrial:
+    """Return the twin's hole and the start of the probe.
+
+    A start whose bit lies beyond the rim is outside the hole: there is no wall around it.
+    """
+    trial = hole_trial(args.radius_mm, np.zeros(2), CORNER_MM, args.seed)
+    if args.start_mm is None:
+        return trial
+    trial = replace(trial, start_mm=np.array(args.start_mm, np.float64))
+    outside = float(np.linalg.norm(trial.start_mm)) > args.radius_mm + CORNER_MM
+    return replace(trial, wall=NoWall()) if outside else trial
+
+
+def calibrate(args: ProbeArgs, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
+    """Return the detector, from quiet windows, and the travel, from touches of a flat wall."""
+    style = DEFAULT if args.search == "default" else CROSS
+    quiet = wall_calibration.quiet_windows(site)
+    detector = wall_calibration.detector_for(site, args.detector, quiet)
+    plain = wall_calibration.prober_for(site, detector, style)
+    prober = RecordingProber(plain, [args.seed, CALIBRATION_STREAM])
+    wall_calibration.touch_flat_walls(site, prober, style, CYCLES[style])
+    return detector, wall_calibration.travel_of(prober.stored, PLANNING_MM)

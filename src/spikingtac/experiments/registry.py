@@ -1,0 +1,66 @@
+"""The experiments and the benches by name; each module is imported when it is run."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from spikingtac.errors import named
+from spikingtac.experiments.harness.run_options import RunOptions
+
+Runner = Callable[[RunOptions], dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """An experiment or a bench.
+
+    Attributes:
+        module: Module with ``run(options) -> summary``.
+        about: What it measures, a few words for the help.
+    """
+
+    module: str
+    about: str
+
+
+EXPERIMENTS: dict[str, Study] = {
+    "point-tracking": Study(
+        "spikingtac.experiments.point_tracking.experiment", "marker tracking, section V-A"
+    ),
+    "denoise": Study("spikingtac.experiments.denoise.experiment", "denoisers, section IV-B"),
+    "collision": Study(
+        "spikingtac.experiments.collision.experiment", "stopping at contact, section V-B"
+    ),
+    "holes": Study("spikingtac.experiments.holes.experiment", "holes by touch, section V-C"),
+    "real": Study("spikingtac.experiments.real_gels.experiment", "recordings of real gels"),
+}
+"""Name -> experiment, for ``spikingtac experiment``."""
+
+BENCHES: dict[str, Study] = {
+    "throughput": Study(
+        "spikingtac.experiments.throughput.bench", "rates and latencies of this machine"
+    ),
+}
+"""Name -> bench, for ``spikingtac bench``."""
+
+
+def choices_text(studies: dict[str, Study]) -> str:
+    """Return the names and what they measure as one line of help."""
+    return "; ".join(f"{name} ({study.about})" for name, study in studies.items()) + "."
+
+
+def runner_of(studies: dict[str, Study], name: str, kind: str) -> Runner:
+    """Return the function that runs an experiment or a bench.
+
+    Args:
+        studies: :data:`EXPERIMENTS` or :data:`BENCHES`.
+        name: Which of them.
+        kind: What they are, for the error.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    return importlib.import_module(named(studies, name, kind).module).run
