@@ -44,7 +44,7 @@ def prepare_cache(root: Path, package: Path) -> Path:
     others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
     folder = root / name
     if not folder.is_dir():
-        _fill(folder, digests, others[:1])
+        _fill(folder, digests, others)
     os.utime(folder)
     for path in [path for path in others if path != folder][KEPT_FOLDERS - 1 :]:
         shutil.rmtree(path, ignore_errors=True)
@@ -74,18 +74,26 @@ def closure_digests(package: Path) -> dict[str, str]:
 def _fill(folder: Path, digests: Mapping[str, str], former: Iterable[Path]) -> None:
     """Make a cache folder with what former ones hold of unchanged files; all at once."""
     draft = Path(tempfile.mkdtemp(dir=folder.parent))
+    taken: set[tuple[str, str]] = set()
     for other in former:
         known = json.loads((other / DIGESTS_NAME).read_text(encoding="utf-8"))
         changed = {_cache_key(Path(name)) for name in known if known[name] != digests.get(name)}
-        for entry in other.glob("*/*.nb?"):
-            if (entry.parent.name.rpartition("_")[0], entry.name.split(".")[0]) not in changed:
+        entries = {entry: _entry_key(entry) for entry in other.glob("*/*.nb?")}
+        for entry, key in entries.items():
+            if key not in changed and key not in taken:
                 (draft / entry.parent.name).mkdir(exist_ok=True)
                 shutil.copy2(entry, draft / entry.parent.name)
+        taken |= {*entries.values()} - changed
     (draft / DIGESTS_NAME).write_text(json.dumps(digests, indent=1), encoding="utf-8")
     try:
         draft.rename(folder)
     except OSError:  # another session was faster
         shutil.rmtree(draft, ignore_errors=True)
+
+
+def _entry_key(entry: Path) -> tuple[str, str]:
+    """Return the key of the file that an entry was compiled from: ``folder_HASH/file.name-...``."""
+    return entry.parent.name.rpartition("_")[0], entry.name.split(".")[0]
 
 
 def _cache_key(source: Path) -> tuple[str, str]:
