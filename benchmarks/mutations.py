@@ -70,7 +70,7 @@ MUTATIONS = (
         file="events/formats/evt/encode/evt3.py",
         old="joined = state[3] == x[i] and state[4] == p[i]",
         new="joined = False",
-        tests=("tests/unit/events/formats/evt/test_raw.py",),
+        tests=("tests/unit/events/formats/evt/test_evt3_encoder.py",),
     ),
     Mutation(
         name="salvage-skip-cost",
