@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from numba_cache import prepare_cache
+
 PROJECT = Path(__file__).resolve().parents[1]
+
+if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the controller set
+    chosen = os.environ.get("NUMBA_CACHE_DIR", PROJECT / ".numba_cache")
+    os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
 
 
 @pytest.fixture(scope="session")

@@ -1,16 +1,17 @@
 """Size, documentation and annotation budgets, read from the syntax trees."""
 
 import ast
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "src" / "spikingtac"
 FILES = sorted(PACKAGE.rglob("*.py"))
 FILE_LINES = 300
 FUNCTION_LINES = 40
 PARAMETERS = 6
+FOLDER_FILES = 14
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -60,53 +61,98 @@ def is_overload_of_documented(node: Function | ast.ClassDef) -> bool:
     )
 
 
-@pytest.mark.parametrize("path", FILES, ids=named)
-def test_file_is_short(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= FILE_LINES
+@cache
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("path", FILES, ids=named)
-def test_functions_are_short_and_take_few_parameters(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    long = {
-        function.name: length_without_docstring(function)
-        for function in functions(tree)
-        if length_without_docstring(function) > FUNCTION_LINES
-    }
-    wide = {
-        function.name: len(parameters(function))
-        for function in functions(tree)
-        if len(parameters(function)) > PARAMETERS and not is_kernel(function)
-    }
-    assert (long, wide) == ({}, {})
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(text_of(path))
 
 
-@pytest.mark.parametrize("path", FILES, ids=named)
-def test_everything_is_annotated(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+def complaints(of_file: Callable[[Path], list[str]]) -> list[str]:
+    """Return what a rule finds in all files, each with the file's name."""
+    return [f"{named(path)}: {found}" for path in FILES for found in of_file(path)]
+
+
+def length_of_file(path: Path) -> list[str]:
+    lines = len(text_of(path).splitlines())
+    return [f"{lines} lines"] if lines > FILE_LINES else []
+
+
+def long_functions(path: Path) -> list[str]:
+    lengths = ((item.name, length_without_docstring(item)) for item in functions(tree_of(path)))
+    return [f"{name} has {lines} lines" for name, lines in lengths if lines > FUNCTION_LINES]
+
+
+def wide_functions(path: Path) -> list[str]:
+    return [
+        f"{item.name} takes {len(parameters(item))} parameters"
+        for item in functions(tree_of(path))
+        if len(parameters(item)) > PARAMETERS and not is_kernel(item)
+    ]
+
+
+def bare_names(path: Path) -> list[str]:
     bare = []
-    for function in functions(tree):
+    for function in functions(tree_of(path)):
         if function.returns is None and not is_kernel(function):
             bare.append(f"{function.name} -> ?")
         if not is_kernel(function):
             untyped = [item.arg for item in parameters(function) if item.annotation is None]
             bare += [f"{function.name}({name})" for name in untyped]
-    assert bare == []
+    return bare
 
 
-@pytest.mark.parametrize("path", FILES, ids=named)
-def test_every_public_name_has_a_docstring(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    if path.read_text(encoding="utf-8").strip():
-        assert ast.get_docstring(tree), "the module has none"
+def silent_names(path: Path) -> list[str]:
+    tree = tree_of(path)
+    silent = ["the module"] if text_of(path).strip() and not ast.get_docstring(tree) else []
     if path.name.startswith("_") and path.name != "__init__.py":
-        return
-    silent = [
+        return silent
+    return silent + [
         node.name
         for node in public_nodes(tree.body)
         if ast.get_docstring(node) is None and not is_overload_of_documented(node)
     ]
-    assert silent == []
+
+
+def test_files_are_short() -> None:
+    assert complaints(length_of_file) == []
+
+
+def test_functions_are_short() -> None:
+    assert complaints(long_functions) == []
+
+
+def test_functions_take_few_parameters() -> None:
+    assert complaints(wide_functions) == []
+
+
+def test_everything_is_annotated() -> None:
+    assert complaints(bare_names) == []
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    assert complaints(silent_names) == []
+
+
+def test_folders_hold_few_files() -> None:
+    files = Counter(str(path.parent.relative_to(PACKAGE)) for path in FILES)
+    assert {folder: count for folder, count in files.items() if count > FOLDER_FILES} == {}
+
+
+def test_the_rules_find_what_they_are_for(tmp_path: Path) -> None:
+    """Each rule, on a file that breaks it; the same file without its faults passes."""
+    faulty = tmp_path / "faulty.py"
+    body = "    x = 1\n" * FUNCTION_LINES
+    names = ", ".join("abcdefg")
+    faulty.write_text(f"def f({names}):\n{body}    return x\n" + "\n" * FILE_LINES)
+    rules = (length_of_file, long_functions, wide_functions, bare_names, silent_names)
+    assert all(rule(faulty) for rule in rules)
+    sound = tmp_path / "sound.py"
+    sound.write_text('"""Text."""\n\ndef f(a: int) -> int:\n    """Return a."""\n    return a\n')
+    assert not any(rule(sound) for rule in rules)
 
 
 def test_no_drawers_named_utils() -> None:
@@ -117,14 +163,13 @@ def test_no_drawers_named_utils() -> None:
 def test_the_library_prints_nothing() -> None:
     printing = []
     for path in FILES:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+        calls = (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call))
         if any(isinstance(call.func, ast.Name) and call.func.id == "print" for call in calls):
             printing.append(named(path))
     assert printing == []
 
 
 def test_nothing_is_pickled() -> None:
-    text = {named(path): path.read_text(encoding="utf-8") for path in FILES}
+    text = {named(path): text_of(path) for path in FILES}
     assert [name for name, source in text.items() if "import pickle" in source] == []
     assert [name for name, source in text.items() if "allow_pickle=True" in source] == []

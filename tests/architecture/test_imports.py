@@ -7,29 +7,26 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parents[2]
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "onnxruntime", "onnx", "h5py", "starlette")
-IMPORT_BUDGET_S = 0.3
-HELP_BUDGET_S = 0.4
-TRIES = 5
+OWN_MODULES = 8
+"""Modules of the package that ``--help`` may load. It takes 0.1 s, nearly all of it Python's own
+start; a time would measure what else the machine does, the modules are what it consists of."""
 
 
-def loaded_after(statement: str) -> set[str]:
-    code = f"{statement}\nimport sys\nprint(*(name.split('.')[0] for name in sys.modules))"
+def modules_after(statement: str) -> set[str]:
+    """Return the modules that a statement loads in a fresh Python, without those of its start."""
+    code = (
+        f"import sys; before = set(sys.modules)\n{statement}\n"
+        "print('loaded:', *set(sys.modules) - before)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
-    return set(done.stdout.split())
+    return set(done.stdout.rpartition("loaded:")[2].split())
 
 
-def fastest_s(code: str) -> float:
-    """The least of several runs: the others measure what else the machine was doing."""
-    timed = f"import time; start = time.perf_counter(); {code}; print(time.perf_counter() - start)"
-    runs = []
-    for _ in range(TRIES):
-        done = subprocess.run(
-            [sys.executable, "-c", timed], capture_output=True, text=True, check=True, timeout=60
-        )
-        runs.append(float(done.stdout.split()[-1]))
-    return min(runs)
+def loaded_after(statement: str) -> set[str]:
+    """The same, without what is below the packages."""
+    return {name.split(".")[0] for name in modules_after(statement)}
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:
@@ -53,18 +50,22 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         _ = spikingtac.trakc
 
 
-def test_import_time() -> None:
-    assert fastest_s("import spikingtac") < IMPORT_BUDGET_S
+@pytest.mark.parametrize(
+    "statement",
+    ["import spikingtac", "from spikingtac.cli.main import main; assert main(['--help']) == 0"],
+)
+def test_import_and_help_load_the_standard_library_and_little_else(statement: str) -> None:
+    modules = modules_after(statement)
+    own = {name for name in modules if name.split(".")[0] == "spikingtac"}
+    others = {name.split(".")[0] for name in modules - own}
+    assert others - sys.stdlib_module_names == set()
+    assert 0 < len(own) <= OWN_MODULES, sorted(own)
 
 
-def test_help_time() -> None:
-    call = "from spikingtac.cli.main import main; main(['--help'])"
-    assert fastest_s(call) < HELP_BUDGET_S
-
-
-@pytest.mark.parametrize("package", ["events", "denoise", "markers", "contact", "robot", "sim"])
-def test_a_subpackage_alone_loads_nothing_heavy(package: str) -> None:
-    assert not loaded_after(f"import spikingtac.{package}") & set(HEAVY)
+def test_a_subpackage_alone_loads_nothing_heavy() -> None:
+    packages = ("events", "denoise", "markers", "contact", "robot", "sim")
+    loaded = {name: loaded_after(f"import spikingtac.{name}") & set(HEAVY) for name in packages}
+    assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
 def test_import_contracts() -> None:

@@ -65,6 +65,21 @@ def test_held_markers_stay_and_placed_ones_jump() -> None:
     np.testing.assert_array_equal(kalman.position_px[0], [5.0, 6.0])
 
 
+def test_a_marker_that_is_coasted_loses_its_speed() -> None:
+    """It is put where its neighbours expect it; its own last speed would carry it away."""
+    kalman = MotionFilter(np.zeros((2, 2)))
+    coasted = np.zeros(2, bool)
+    for k in range(40):
+        coasted[0] = k >= 20
+        kalman.predict(1e-3)
+        kalman.update(np.full((2, 2), 0.3 * k), coasted)
+        if k == 20:
+            lost_px = kalman.position_px[0].copy()
+    np.testing.assert_array_equal(kalman.velocity_px_s[0], 0.0)
+    np.testing.assert_array_equal(kalman.position_px[0], lost_px)
+    np.testing.assert_allclose(kalman.velocity_px_s[1], 300.0, rtol=0.01)
+
+
 def test_faster_estimates_smooth_as_much_per_ms() -> None:
     rng = np.random.default_rng(1)
     scatter = []

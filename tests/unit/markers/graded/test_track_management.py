@@ -72,6 +72,18 @@ def test_a_marker_that_reappears_near_its_prediction_is_found_again() -> None:
     np.testing.assert_allclose(manager.position_px[5], back_px[5], atol=0.2)
 
 
+def test_a_blob_between_two_places_is_not_a_marker_that_came_back() -> None:
+    """Half a pitch away it might be a reflection, or another marker's: it stays coasted."""
+    manager = TrackManager(TrackManagementConfig(), CALIBRATION)
+    half_a_pitch_px = np.array([17.0, 0.0])
+    stray_px = REST_PX.copy()
+    stray_px[5] += half_a_pitch_px
+    for t_us in (0, LATER_US, 2 * LATER_US, 3 * LATER_US):
+        manager.judge(t_us, REST_PX, doubtful(5), levels(stray_px), HEARD)
+    assert np.flatnonzero(manager.coasted).tolist() == [5]
+    np.testing.assert_allclose(manager.position_px[5], REST_PX[5], atol=0.2)
+
+
 def test_a_neighbours_blob_is_never_taken() -> None:
     manager = TrackManager(TrackManagementConfig(capture_share=5.0), CALIBRATION)
     blind = levels(np.delete(REST_PX, 5, axis=0))

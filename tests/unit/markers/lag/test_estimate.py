@@ -114,6 +114,26 @@ def test_an_unknown_dark_current_widens_the_uncertainty() -> None:
     assert unknown.lag_us == pytest.approx(2_000.0, rel=0.15)
 
 
+def roughened(crossings: Crossings, spread_px: float, seed: int) -> Crossings:
+    """Move the events of each rung and speed by an amount that no model explains."""
+    rng, count = np.random.default_rng(seed), crossings.count.copy()
+    bins = np.rint(rng.normal(0.0, spread_px, count.shape[:3]) * PLACE_BINS / (2 * REACH_PX))
+    for place in np.ndindex(*bins.shape):
+        count[place] = np.roll(count[place], int(bins[place]))
+    return Crossings(count, crossings.speed_sum_px_s)
+
+
+def test_places_that_do_not_fit_the_model_widen_the_uncertainty() -> None:
+    lag_us, config = 2_000.0, LagConfig(dark=(0.06,), floor_us=0.0)
+    smooth = modelled(lag_us * 1e-6, 8e-4, 0.06)
+    stated_us = estimate_lag(smooth, EDGE, config).uncertainty_us
+    for seed in range(5):
+        rough = estimate_lag(roughened(smooth, 0.1, seed), EDGE, config)
+        assert rough.samples > 0
+        assert rough.uncertainty_us > 3.0 * stated_us
+        assert abs(rough.lag_us - lag_us) < 3.0 * rough.uncertainty_us
+
+
 def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
     """Return displacements at 1 kHz: out and back along x and y, both ways round."""
     share = (np.arange(duration_ms) + 1.0) / duration_ms

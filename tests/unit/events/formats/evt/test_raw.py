@@ -63,6 +63,13 @@ def test_evt3_wraps_after_16_seconds(raw) -> None:
     assert dict(source.losses) == {}
 
 
+def test_a_vector_moves_the_base_on_by_its_own_length(raw) -> None:
+    """Sensors write 12 + 12 + 8 pixels, other writers any order."""
+    vectors = [0x5081, 0x5001, 0x4801, 0x4001]  # 8, 8, 12 and 12 pixels
+    source = raw([high3(1), 0x6000 | 7, 5, 0x3800 | 10, *vectors])
+    assert [x for packet in source for x in packet.x.tolist()] == [10, 17, 18, 26, 37, 38]
+
+
 def test_a_restart_is_rebased_and_counted(raw) -> None:
     before = [w for h in range(1000, 1010) for w in (high3(h), *event3(7, 1))]
     after = [w for h in range(10) for w in (high3(h), *event3(7, 2))]

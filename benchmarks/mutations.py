@@ -1,0 +1,233 @@
+"""Break the package on purpose, one place at a time, and see whether the tests notice.
+
+    python benchmarks/mutations.py                 # all, with the tests that should notice each
+    python benchmarks/mutations.py lag-sign        # some, by name
+    python benchmarks/mutations.py --whole-suite   # each against the whole suite: hours
+
+A mutation is one text of a source file and what replaces it. The changes are made in a temporary
+copy of the tree, without the folder of recordings: what a plain clone would notice is asked. The
+exit status is 0 if the tests notice every mutation, 1 if one survives, 2 if the tests fail as they
+stand or a mutation does not apply.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[1]
+COPIED = ("src", "tests", "benchmarks", "docs", "examples", "pyproject.toml", "README.md")
+PASSED, FAILED = 0, 1
+"""Exit codes of pytest; any other one means that the tests did not run."""
+PATIENCE_S = 3600.0
+ACCURACY = "tests/regression"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutation:
+    """One change that makes the package wrong.
+
+    Attributes:
+        name: What becomes wrong.
+        file: Source file, below ``src/spikingtac``.
+        old: Text that stands in the file exactly once.
+        new: What replaces it.
+        tests: Files or folders of tests that should fail.
+    """
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+
+MUTATIONS = (
+    Mutation(
+        name="evt3-vector-advance",
+        file="events/formats/evt/evt3.py",
+        old="state[VECTOR_X] = column + length",
+        new="state[VECTOR_X] = column + 12",
+        tests=("tests/unit/events/formats/evt/test_raw.py",),
+    ),
+    Mutation(
+        name="evt-clock-wrap",
+        file="events/formats/evt/clock.py",
+        old="state[EPOCH] += np.int64(1) << (low_bits + high_bits)",
+        new="state[EPOCH] += np.int64(0)",
+        tests=("tests/unit/events/formats/evt/test_raw.py",),
+    ),
+    Mutation(
+        name="evt3-joined-vectors",
+        file="events/formats/evt/encode/evt3.py",
+        old="joined = state[3] == x[i] and state[4] == p[i]",
+        new="joined = False",
+        tests=("tests/unit/events/formats/evt/test_evt3_encoder.py",),
+    ),
+    Mutation(
+        name="salvage-skip-cost",
+        file="events/formats/evt/salvage.py",
+        old="SKIP_COST = 4",
+        new="SKIP_COST = 40",
+        tests=("tests/unit/events/formats/evt/test_salvage.py",),
+    ),
+    Mutation(
+        name="lag-sign",
+        file="markers/graded/tracker.py",
+        old="self._filter.position_px + self._lag_s * self._filter.velocity_px_s",
+        new="self._filter.position_px - self._lag_s * self._filter.velocity_px_s",
+        tests=(ACCURACY,),
+    ),
+    Mutation(
+        name="lag-removed",
+        file="markers/graded/tracker.py",
+        old="self._filter.position_px + self._lag_s * self._filter.velocity_px_s",
+        new="self._filter.position_px.copy()",
+        tests=(ACCURACY,),
+    ),
+    Mutation(
+        name="process-noise",
+        file="markers/graded/motion_filter.py",
+        old="ACCELERATION_NOISE_PX2_S3 = 5.0e5",
+        new="ACCELERATION_NOISE_PX2_S3 = 5.0e3",
+        tests=(ACCURACY,),
+    ),
+    Mutation(
+        name="step-limit",
+        file="markers/graded/disc_fit.py",
+        old="LARGEST_STEP_PX = 2.0",
+        new="LARGEST_STEP_PX = 20.0",
+        tests=("tests/unit/markers/graded/test_disc_locator.py",),
+    ),
+    Mutation(
+        name="lag-misfit-scale",
+        file="markers/lag/estimate.py",
+        old="scale = max(1.0, float(misfit.min()) / freedom)",
+        new="scale = 1.0",
+        tests=("tests/unit/markers/lag/test_estimate.py",),
+    ),
+    Mutation(
+        name="coasting-speed",
+        file="markers/graded/motion_filter.py",
+        old="velocity_px_s[m, axis] = 0.0",
+        new="pass",
+        tests=("tests/unit/markers/graded/test_motion_filter.py",),
+    ),
+    Mutation(
+        name="capture-radius",
+        file="markers/graded/track_management.py",
+        old="capture_share: float = 0.3",
+        new="capture_share: float = 3.0",
+        tests=("tests/unit/markers/graded/test_track_management.py",),
+    ),
+    Mutation(
+        name="contact-tail",
+        file="contact/tail.py",
+        old="STANDARD_ERRORS = 2.0",
+        new="STANDARD_ERRORS = 0.0",
+        tests=("tests/unit/contact/test_tail.py",),
+    ),
+    Mutation(
+        name="one-sided-holes",
+        file="geometry/hole.py",
+        old="if largest_gap_rad(points, start) > math.pi:",
+        new="if False:",
+        tests=("tests/unit/geometry/test_hole.py",),
+    ),
+)
+
+
+def places(mutation: Mutation, project: Path = PROJECT) -> int:
+    """Return how often a mutation's old text stands in its file: once, if it applies."""
+    return _source(mutation, project).read_text(encoding="utf-8").count(mutation.old)
+
+
+def main() -> int:
+    """Run the mutations that the command line names; return the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    names = [mutation.name for mutation in MUTATIONS]
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"any of: {', '.join(names)}")
+    parser.add_argument("--whole-suite", action="store_true", help="run every test, not the named")
+    given = parser.parse_args()
+    if unknown := set(given.names) - set(names):
+        parser.error(f"no mutation {', '.join(sorted(unknown))} (valid: {', '.join(names)})")
+    chosen = [mutation for mutation in MUTATIONS if mutation.name in (given.names or names)]
+    if stale := [mutation.name for mutation in chosen if places(mutation) != 1]:
+        print(f"the sources have changed; mend the table of mutations: {', '.join(stale)}")
+        return 2
+    with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
+        return _run(chosen, Path(folder), given.whole_suite)
+
+
+def _run(chosen: Sequence[Mutation], folder: Path, whole_suite: bool) -> int:
+    project = _copied(folder / "project")
+    tests = {mutation.name: ("tests",) if whole_suite else mutation.tests for mutation in chosen}
+    code, took_s = _tested(project, sorted({path for some in tests.values() for path in some}))
+    if code != PASSED:
+        print("the tests fail as they stand, or cannot be run; mend them first")
+        return 2
+    print(f"{'unchanged':<24} passed    {took_s:6.0f} s", flush=True)
+    codes = []
+    for mutation in chosen:
+        code, took_s = _mutated(project, mutation, tests[mutation.name])
+        said = {PASSED: "SURVIVED", FAILED: "killed"}.get(code, f"exit {code}")
+        print(f"{mutation.name:<24} {said:<9} {took_s:6.0f} s", flush=True)
+        codes.append(code)
+    survived = codes.count(PASSED)
+    print(f"{codes.count(FAILED)} of {len(codes)} mutations killed, {survived} survived")
+    return 0 if codes.count(FAILED) == len(codes) else 1 if survived else 2
+
+
+def _mutated(project: Path, mutation: Mutation, tests: Sequence[str]) -> tuple[int, float]:
+    source = _source(mutation, project)
+    text, stamp = source.read_text(encoding="utf-8"), source.stat()
+    source.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+    try:
+        return _tested(project, tests)
+    finally:
+        source.write_text(text, encoding="utf-8")
+        os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+
+
+def _tested(project: Path, tests: Sequence[str]) -> tuple[int, float]:
+    """Run tests in a copy of the tree; return pytest's exit code and the time that it took, s."""
+    start_s = time.monotonic()
+    words = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(project / "src"),
+        "SPIKINGTAC_DATA": str(project / "no-recordings"),
+        "NUMBA_CACHE_DIR": str(project / ".numba_cache"),
+    }
+    done = subprocess.run(
+        [*words, *tests], cwd=project, env=environment, capture_output=True, timeout=PATIENCE_S
+    )
+    return done.returncode, time.monotonic() - start_s
+
+
+def _copied(project: Path) -> Path:
+    project.mkdir()
+    for name in COPIED:
+        if (PROJECT / name).is_dir():
+            shutil.copytree(
+                PROJECT / name, project / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
+        else:
+            shutil.copy2(PROJECT / name, project / name)
+    return project
+
+
+def _source(mutation: Mutation, project: Path) -> Path:
+    return project / "src" / "spikingtac" / mutation.file
+
+
+if __name__ == "__main__":
+    sys.exit(main())

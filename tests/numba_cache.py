@@ -1,0 +1,141 @@
+"""A folder for Numba's cache that no changed kernel outlives.
+
+Numba compiles a function anew when the file that defines it changes. It does not look at the
+functions of other files that were compiled into it, so that the callers of a changed kernel, and
+their tests, keep the former code. Here the folder's name is a digest of the sources. A new folder
+takes over what rests on unchanged files alone, since compiling everything takes minutes.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+DIGEST_LENGTH = 16
+"""Hexadecimal digits of a folder's name: 64 bits."""
+
+KEPT_FOLDERS = 2
+"""The present one, and the one before it: another session may still run on the former sources."""
+
+COMPILER = "njit"
+"""A file that does not name it defines no kernel."""
+
+DIGESTS_NAME = "digests.json"
+"""File of a cache folder that says for which sources it was made."""
+
+
+def prepare_cache(root: Path, package: Path) -> Path:
+    """Return the cache folder for the sources as they stand; remove those that are out of date.
+
+    Args:
+        root: Folder of all cache folders; made if it does not exist.
+        package: Folder of the package's sources.
+    """
+    digests = closure_digests(package)
+    name = _digest(f"{path} {digest}" for path, digest in digests.items())[:DIGEST_LENGTH]
+    root.mkdir(parents=True, exist_ok=True)
+    others = [path for path in root.iterdir() if (path / DIGESTS_NAME).is_file()]
+    others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    folder = root / name
+    if not folder.is_dir():
+        _fill(folder, digests, others)
+    os.utime(folder)
+    for path in [path for path in others if path != folder][KEPT_FOLDERS - 1 :]:
+        shutil.rmtree(path, ignore_errors=True)
+    return folder
+
+
+def closure_digests(package: Path) -> dict[str, str]:
+    """Return a digest of each file with kernels, and of all files of the package that it imports.
+
+    The files that those import count too, and so do imports within functions.
+
+    Returns:
+        Path of the file, the package included -> digest, as hexadecimal digits.
+    """
+    paths = {_module_name(path, package): path for path in sorted(package.rglob("*.py"))}
+    texts = {module: path.read_text(encoding="utf-8") for module, path in paths.items()}
+    imports: dict[str, set[str]] = {}
+    return {
+        path.relative_to(package.parent).as_posix(): _digest(
+            texts[name] for name in _closure(module, texts, imports)
+        )
+        for module, path in paths.items()
+        if COMPILER in texts[module]
+    }
+
+
+def _fill(folder: Path, digests: Mapping[str, str], former: Iterable[Path]) -> None:
+    """Make a cache folder with what former ones hold of unchanged files; all at once."""
+    draft = Path(tempfile.mkdtemp(dir=folder.parent))
+    taken: set[tuple[str, str]] = set()
+    for other in former:
+        known = json.loads((other / DIGESTS_NAME).read_text(encoding="utf-8"))
+        changed = {_cache_key(Path(name)) for name in known if known[name] != digests.get(name)}
+        entries = {entry: _entry_key(entry) for entry in other.glob("*/*.nb?")}
+        for entry, key in entries.items():
+            if key not in changed and key not in taken:
+                (draft / entry.parent.name).mkdir(exist_ok=True)
+                shutil.copy2(entry, draft / entry.parent.name)
+        taken |= {*entries.values()} - changed
+    (draft / DIGESTS_NAME).write_text(json.dumps(digests, indent=1), encoding="utf-8")
+    try:
+        draft.rename(folder)
+    except OSError:  # another session was faster
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _entry_key(entry: Path) -> tuple[str, str]:
+    """Return the key of the file that an entry was compiled from: ``folder_HASH/file.name-...``."""
+    return entry.parent.name.rpartition("_")[0], entry.name.split(".")[0]
+
+
+def _cache_key(source: Path) -> tuple[str, str]:
+    """Return what Numba names a file's entries after: its folder's name and its own.
+
+    Files of equal key are dropped together, which costs time, not truth.
+    """
+    return source.parent.name, source.stem
+
+
+def _module_name(path: Path, package: Path) -> str:
+    parts = (package.name, *path.relative_to(package).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _closure(module: str, texts: Mapping[str, str], imports: dict[str, set[str]]) -> list[str]:
+    """Return a module and all that it imports, in order of their names; fill in ``imports``."""
+    reached, waiting = {module}, [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in imports:
+            imports[name] = set(_imports(texts[name])).intersection(texts)
+        waiting += imports[name] - reached
+        reached |= imports[name]
+    return sorted(reached)
+
+
+def _imports(text: str) -> Iterator[str]:
+    """Yield what a file imports at run time: modules, and names that may be modules."""
+    waiting: list[ast.AST] = [ast.parse(text)]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            waiting += node.orelse
+            continue
+        waiting += ast.iter_child_nodes(node)
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _digest(words: Iterable[str]) -> str:
+    return hashlib.sha256("\0".join(words).encode()).hexdigest()
