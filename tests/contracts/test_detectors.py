@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import copy
+import json
 from functools import cache
 from itertools import islice
 
 import numpy as np
 import pytest
 
-from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
+from spikingtac.contact.window import Window
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket
@@ -130,10 +133,42 @@ def test_too_few_quiet_windows_are_refused(name: str) -> None:
         make_detector(name, DetectionConfig(), [calibration()], islice(quiet(), 50))
 
 
+@pytest.mark.parametrize("name", DETECTORS)
+def test_the_summary_tells_the_rule_and_the_quiet_windows(name: str) -> None:
+    detector = build(name)
+    summary = detector.summary()
+    assert summary.rule.startswith("a contact is")
+    assert summary.quiet == QuietStatistics.of(quiet())
+    thresholds = np.ravel(summary.figures.get("thresholds", summary.figures.get("threshold")))
+    (contact, *_) = found(detector, touched())
+    assert np.isclose(thresholds, contact.threshold, atol=1e-3).any()
+    assert json.loads(json.dumps(dict(summary.figures))) == summary.figures
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_details_are_told_during_a_contact_only(name: str) -> None:
+    detector = build(name)
+    assert detector.details() is None
+    found(detector, touched()[: TOUCH + 20])
+    details = detector.details()
+    assert details is None or abs(details.onset_us - TOUCH * PERIOD_US) < 5 * PERIOD_US
+
+
+@pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_budget_that_is_no_positive_number_is_refused(budget: float) -> None:
+    with pytest.raises(ConfigError, match="must be positive"):
+        DetectionConfig(false_alarms_per_hour=budget)
+
+
+def test_default_is_another_name_of_the_sequential_motion_detector() -> None:
+    detector = make_detector("default", DetectionConfig(), [calibration()], quiet())
+    assert found(detector, touched()) == found(build("motion"), touched())
+
+
 def test_unknown_names_and_missing_calibrations_are_explained() -> None:
     with pytest.raises(ConfigError, match="did you mean 'default'"):
         make_detector("defualt", DetectionConfig(), [calibration()], quiet())
     with pytest.raises(CalibrationError, match="spikingtac calibrate"):
         make_detector("default", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match="hold 2 sensors, the detector was built for 1"):
-        build("default").update((touched()[0], touched()[0]))
+        build("motion").update((touched()[0], touched()[0]))

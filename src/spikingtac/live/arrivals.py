@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from spikingtac.contact.detector import Window
+from spikingtac.contact.window import Window
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival

@@ -15,7 +15,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector, Window, packets_of
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.window import Window, packets_of
 from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.types import Contact
 

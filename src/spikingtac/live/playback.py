@@ -11,33 +11,24 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.window import WINDOW_US
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.types import Contact, EventPacket, MarkerFrame
+from spikingtac.types import Contact, MarkerFrame
 
-WINDOW_US = 1_000
-"""Contact windows: raw events are counted in 1 ms (paper section V-B)."""
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""
-
-
-class ContactWatch(Protocol):
-    """What playback asks of a contact detector."""
-
-    def update(self, window: EventPacket) -> Contact | None:
-        """Take the next window; return the contact that begins in it, if one does."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
     tracker: MarkerTracker
-    watch: ContactWatch | None
+    detector: ContactDetector | None
     step: int
     frame: MarkerFrame | None
 
@@ -58,7 +49,7 @@ class Playback:
         self,
         store: EventStore,
         make_tracker: Callable[[], MarkerTracker],
-        make_watch: Callable[[], ContactWatch | None] = lambda: None,
+        make_detector: Callable[[], ContactDetector | None] = lambda: None,
         *,
         rate_hz: float,
         on_frame: Callable[[MarkerFrame], None] = lambda _: None,
@@ -68,7 +59,7 @@ class Playback:
         Args:
             store: The events.
             make_tracker: Builds the tracker, anew at each :meth:`retune`.
-            make_watch: Builds the contact detector, or returns None.
+            make_detector: Builds the contact detector, or returns None.
             rate_hz: Estimates per second of data time.
             on_frame: Is given every estimate; those of repeated stretches again.
 
@@ -81,7 +72,7 @@ class Playback:
         self.contacts: dict[int, Contact] = {}
         self.steps = 0
         self._rate_hz, self._on_frame = rate_hz, on_frame
-        self._make_tracker, self._make_watch = make_tracker, make_watch
+        self._make_tracker, self._make_detector = make_tracker, make_detector
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self.aim_us = store.t_start_us
         self._restart()
@@ -101,7 +92,7 @@ class Playback:
             self._rewind()  # the later copies stay valid: the same events give the same states
             return
         self.position_us, state = found
-        self._tracker, self._watch = state.tracker, state.watch
+        self._tracker, self._detector = state.tracker, state.detector
         self._step, self.frame = state.step, state.frame
 
     def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
@@ -137,7 +128,7 @@ class Playback:
         if not store.extend_to(edge_us):
             return False
         if edge_us == window_us:
-            self._watch_window(window_us)
+            self._detect(window_us)
         self._track(edge_us, estimate=edge_us == estimate_us)
         self.position_us = edge_us
         if edge_us == estimate_us:
@@ -145,14 +136,14 @@ class Playback:
             self.steps += 1
             if self.frame is not None:
                 self._on_frame(self.frame)
-        state = _State(self._tracker, self._watch, self._step, self.frame)
+        state = _State(self._tracker, self._detector, self._step, self.frame)
         self._history.offer(edge_us, store.t_start_us, state)
         return True
 
-    def _watch_window(self, end_us: int) -> None:
-        if self._watch is None:
+    def _detect(self, end_us: int) -> None:
+        if self._detector is None:
             return
-        contact = self._watch.update(self.store.between(end_us - WINDOW_US, end_us))
+        contact = self._detector.update(self.store.between(end_us - WINDOW_US, end_us))
         if contact is not None:
             self.contacts[contact.t_us] = contact
 
@@ -169,6 +160,6 @@ class Playback:
         self._rewind()
 
     def _rewind(self) -> None:
-        self._tracker, self._watch = self._make_tracker(), self._make_watch()
+        self._tracker, self._detector = self._make_tracker(), self._make_detector()
         self.position_us, self._step = self.store.t_start_us, 0
         self.frame: MarkerFrame | None = None

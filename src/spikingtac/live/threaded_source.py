@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator
 
-from spikingtac.contact.detector import Window
+from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
 from spikingtac.live.contact_loop import Arrival
 from spikingtac.robot.watchdog import Watchdog

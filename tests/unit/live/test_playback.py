@@ -1,17 +1,18 @@
 import numpy as np
 import pytest
 
+from spikingtac.contact.window import WINDOW_US
 from spikingtac.live import tracker_history as history
 from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import WINDOW_US, Playback
-from stand_ins.live import BurstWatch, CountingTracker, random_source
+from spikingtac.live.playback import Playback
+from stand_ins.live import BurstDetector, CountingTracker, random_source
 
 FOREVER_S = 3600.0
 
 
 def playback(rate_hz: float = 1000.0, packets: int = 60) -> Playback:
     store = EventStore(random_source(seed=3, packets=packets))
-    return Playback(store, CountingTracker, BurstWatch, rate_hz=rate_hz)
+    return Playback(store, CountingTracker, BurstDetector, rate_hz=rate_hz)
 
 
 def tracked_to(play: Playback, t_us: int) -> np.ndarray:

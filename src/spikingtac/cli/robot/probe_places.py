@@ -26,7 +26,8 @@ from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.cli.robot.probe import Args
-    from spikingtac.contact.detector import ContactDetector, Window
+    from spikingtac.contact.detector import ContactDetector
+    from spikingtac.contact.window import Window
     from spikingtac.live.threaded_source import ThreadedSource
     from spikingtac.robot.arm import Arm
     from spikingtac.sim.rig.hole_site import HoleSite, HoleTrial
@@ -220,7 +221,7 @@ def heard_at_rest(stream: Iterator[Window]) -> list[Window]:
         DeviceError: There is not one event in them: noise and leak alone make a living sensor
             speak.
     """
-    from spikingtac.contact.detector import count_of
+    from spikingtac.contact.window import count_of
 
     quiet = list(islice(stream, QUIET_WINDOWS))
     if not any(count_of(window) for window in quiet):

@@ -49,7 +49,7 @@ def export_rrd(subject: ViewSource, path: str | Path, *, seconds: float | None =
     playback = Playback(
         store,
         lambda: subject.make_tracker(subject.config),
-        subject.make_watch,
+        subject.make_detector,
         rate_hz=subject.rate_hz,
     )
     end_us = None if seconds is None else store.t_start_us + round(seconds * US_PER_S)

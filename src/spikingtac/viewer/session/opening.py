@@ -13,6 +13,7 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
 from spikingtac.live.process_source import ProcessSource
@@ -20,7 +21,6 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
-from spikingtac.viewer.session.first_windows import FirstWindowsWatch
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
@@ -76,7 +76,7 @@ def open_view_source(
         subject,
         config=config,
         make_tracker=partial(_tracker, subject.calibration),
-        make_watch=FirstWindowsWatch,
+        make_detector=SelfCalibratingDetector,
         rate_hz=config.rate_hz,
     )
 

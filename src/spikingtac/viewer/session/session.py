@@ -75,7 +75,7 @@ class Session:
         self.playback = Playback(
             store,
             self._tracker,
-            subject.make_watch,
+            subject.make_detector,
             rate_hz=subject.rate_hz,
             on_frame=self._keeper.take,
         )

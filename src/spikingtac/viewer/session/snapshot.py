@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.live.playback import WINDOW_US, Playback
+from spikingtac.contact.window import WINDOW_US
+from spikingtac.live.playback import Playback
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource

@@ -37,7 +37,7 @@ def warm_up(subject: ViewSource) -> None:
         playback = Playback(
             store,
             lambda: subject.make_tracker(subject.config),
-            subject.make_watch,
+            subject.make_detector,
             rate_hz=subject.rate_hz,
         )
         playback.aim(REHEARSED_US)
