@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration as Calibration
     from spikingtac.config import Config as Config
     from spikingtac.config import load_config as load_config
+    from spikingtac.contact.detector import ContactDetector as ContactDetector
     from spikingtac.contact.event_count import EventCountConfig as EventCountConfig
     from spikingtac.contact.event_count import EventCountDetector as EventCountDetector
     from spikingtac.contact.quiet import QuietStatistics as QuietStatistics
@@ -45,6 +46,7 @@ _HOMES = {
     "CalibrationConfig": "markers.calibration.calibrate",
     "Config": "config",
     "Contact": "types",
+    "ContactDetector": "contact.detector",
     "DetectionConfig": "contact.registry",
     "EventCountConfig": "contact.event_count",
     "EventCountDetector": "contact.event_count",

@@ -1,4 +1,4 @@
-"""A subject whose every value is known in closed form, to compare the page with."""
+"""A view whose every value is known in closed form, to compare the page with."""
 
 from __future__ import annotations
 

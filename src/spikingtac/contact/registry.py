@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
@@ -16,10 +17,7 @@ from spikingtac.contact.quiet import QuietStatistics, check_budget
 from spikingtac.contact.self_calibrating import SelfCalibratingConfig
 from spikingtac.contact.window import Window
 from spikingtac.errors import named
-from spikingtac.extensions import installed
-
-ENTRY_POINTS = "spikingtac.contact_detectors"
-"""Group of entry points under which other packages offer a :data:`DetectorBuilder`."""
+from spikingtac.plugins import with_plugins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +72,10 @@ ALIASES = {"default": "motion"}
 """Further name -> name in :data:`DETECTORS`; reports use ``default`` for the project's detector."""
 
 
-def detector_names() -> tuple[str, ...]:
-    """Return the names of all detectors, those of other installed packages included."""
-    return (*DETECTORS, *ALIASES, *sorted(installed(ENTRY_POINTS).keys() - DETECTORS.keys()))
+def detectors() -> Mapping[str, DetectorBuilder]:
+    """Return every detector by name, also those that other packages register."""
+    own = {**DETECTORS, **{alias: DETECTORS[name] for alias, name in ALIASES.items()}}
+    return with_plugins(own, plugins.DETECTORS)
 
 
 def make_detector(
@@ -98,7 +97,4 @@ def make_detector(
         ConfigError: The name is unknown, or the detector's package cannot be loaded.
         CalibrationError: The quiet windows are too few, or a calibration is missing.
     """
-    name = ALIASES.get(name, name)
-    builders = {**installed(ENTRY_POINTS), **DETECTORS}
-    known = {**builders, **{alias: builders[target] for alias, target in ALIASES.items()}}
-    return named(known, name, "contact detector")(config, calibrations, quiet)
+    return named(detectors(), name, "contact detector")(config, calibrations, quiet)

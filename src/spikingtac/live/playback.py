@@ -1,7 +1,7 @@
 """A recording or a running source, tracked forwards and revisited at any time.
 
-The tracker's state at a time depends on everything before it. Going back therefore means to take
-the last copy that was kept before that time and to track again from there: exact, because any
+The tracker's state at a time depends on everything before it. To go back, playback takes the last
+copy that was kept before that time and tracks again from there. The result is exact, because any
 cutting of the stream gives the same result.
 """
 
@@ -19,6 +19,7 @@ from spikingtac.contact.window import WINDOW_US
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame
 
 RECENT_STEPS = 2_000
@@ -35,6 +36,8 @@ class _State:
 
 class Playback:
     """Tracks a stream up to an aim, a slice of work at a time, so that its caller stays responsive.
+
+    Estimates are made at the same times as by :func:`~spikingtac.pipeline.follow.follow`.
 
     Attributes:
         store: The events.
@@ -64,16 +67,16 @@ class Playback:
             on_frame: Is given every estimate; those of repeated stretches again.
 
         Raises:
-            ValueError: The rate is not positive.
+            ConfigError: The rate is not between 0 and 1 MHz.
         """
-        if rate_hz <= 0:
-            raise ValueError(f"rate_hz is {rate_hz}, it must be positive")
+        check_rate(rate_hz)
         self.store = store
         self.contacts: dict[int, Contact] = {}
         self.steps = 0
         self._rate_hz, self._on_frame = rate_hz, on_frame
         self._make_tracker, self._make_detector = make_tracker, make_detector
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
+        self._spent_s = 0.0
         self.aim_us = store.t_start_us
         self._restart()
 
@@ -121,10 +124,10 @@ class Playback:
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
         store = self.store
-        estimate_us = store.t_start_us + int((self._step + 1) * 1e6 / self._rate_hz)
         since_us = self.position_us - store.t_start_us
         window_us = store.t_start_us + (since_us // WINDOW_US + 1) * WINDOW_US
-        edge_us = min(estimate_us, window_us)
+        estimate_us = self._next_estimate_us(window_us)
+        edge_us = window_us if estimate_us is None else min(estimate_us, window_us)
         if not store.extend_to(edge_us):
             return False
         if edge_us == window_us:
@@ -140,6 +143,15 @@ class Playback:
         self._history.offer(edge_us, store.t_start_us, state)
         return True
 
+    def _next_estimate_us(self, needed_until_us: int) -> int | None:
+        """Return the next estimate time, or None if there is no event before the given time."""
+        if self.store.first_event_us is None:
+            self.store.extend_to(needed_until_us)
+        first_us = self.store.first_event_us
+        if first_us is None:
+            return None
+        return EstimateTimes(first_us, self._rate_hz).at(self._step)
+
     def _detect(self, end_us: int) -> None:
         if self._detector is None:
             return
@@ -148,12 +160,20 @@ class Playback:
             self.contacts[contact.t_us] = contact
 
     def _track(self, edge_us: int, *, estimate: bool) -> None:
-        packet = self.store.between(self.position_us, edge_us)
+        first_us = self.store.first_event_us
+        if first_us is None or edge_us < first_us:
+            return  # tracking begins at the first event, as in `follow`
+        start_us = max(self.position_us, first_us)
+        packet = self.store.between(start_us, edge_us)
         begun_s = time.perf_counter()
-        self._tracker.absorb(packet)
+        if start_us < edge_us:
+            self._tracker.absorb(packet)
         if estimate:
             self.frame = self._tracker.estimate(edge_us)
-        self._step_s.append(time.perf_counter() - begun_s)
+        self._spent_s += time.perf_counter() - begun_s
+        if estimate:
+            self._step_s.append(self._spent_s)
+            self._spent_s = 0.0
 
     def _restart(self) -> None:
         self._history: TrackerHistory[_State] = TrackerHistory()

@@ -1,4 +1,4 @@
-"""What is looked at: a source of events, how it is tracked, and the truth where it is known."""
+"""What is viewed: a source of events, how it is tracked, and the truth where it is known."""
 
 from __future__ import annotations
 
