@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration as Calibration
     from spikingtac.config import Config as Config
     from spikingtac.config import load_config as load_config
+    from spikingtac.contact.detector import ContactDetector as ContactDetector
     from spikingtac.contact.event_count import EventCountConfig as EventCountConfig
     from spikingtac.contact.event_count import EventCountDetector as EventCountDetector
+    from spikingtac.contact.motion.sequential_detector import (
+        SequentialMotionDetector as SequentialMotionDetector,
+    )
     from spikingtac.contact.quiet import QuietStatistics as QuietStatistics
     from spikingtac.contact.registry import DetectionConfig as DetectionConfig
     from spikingtac.contact.registry import make_detector as make_detector
@@ -45,6 +49,7 @@ _HOMES = {
     "CalibrationConfig": "markers.calibration.calibrate",
     "Config": "config",
     "Contact": "types",
+    "ContactDetector": "contact.detector",
     "DetectionConfig": "contact.registry",
     "EventCountConfig": "contact.event_count",
     "EventCountDetector": "contact.event_count",
@@ -57,6 +62,7 @@ _HOMES = {
     "Pose": "types",
     "QuietStatistics": "contact.quiet",
     "SceneSource": "sim.scene.source",
+    "SequentialMotionDetector": "contact.motion.sequential_detector",
     "SpikingTacError": "errors",
     "Tracks": "tracks",
     "calibrate": "markers.calibration.calibrate",

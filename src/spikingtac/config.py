@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from spikingtac.contact.registry import DetectionConfig
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.markers.calibration.calibrate import CalibrationConfig
 from spikingtac.markers.tracking_config import TrackingConfig
@@ -25,10 +26,12 @@ class Config:
     Attributes:
         tracking: How markers are followed.
         calibration: How their rest positions are learned.
+        contact: How contacts are detected.
     """
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+    contact: DetectionConfig = field(default_factory=DetectionConfig)
 
     def with_tracking(self, **changes: Any) -> Config:
         """Return a copy with some fields of :attr:`tracking` changed; None changes nothing."""

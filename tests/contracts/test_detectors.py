@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import copy
+import json
 from functools import cache
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.contact.detector import ContactDetector, Window
-from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
+from spikingtac import plugins
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.registry import ALIASES, DetectionConfig, detectors, make_detector
+from spikingtac.contact.window import Window
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.windows import windows as cut_windows
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
+from stand_ins.plugin_package import install
 
+NAMES = sorted(detectors().keys() - ALIASES.keys())
+"""Those of this package, and of every installed package that registers one."""
 TOUCH = 500
 """Window in which the markers begin to move."""
 
@@ -47,7 +55,7 @@ def found(detector: ContactDetector, stream: tuple[Window, ...]) -> list[Contact
     return [contact for window in stream if (contact := detector.update(window)) is not None]
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_contact_is_told_once_at_the_end_of_its_window(name: str) -> None:
     detector = build(name)
     assert isinstance(detector, ContactDetector)
@@ -59,19 +67,19 @@ def test_a_contact_is_told_once_at_the_end_of_its_window(name: str) -> None:
     assert detector.in_contact
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_noise_is_no_contact(name: str) -> None:
     assert found(build(name), tuple(windows(4000, seed=3))) == []
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_silence_is_data_and_no_contact(name: str) -> None:
     detector = build(name)
     silence = tuple(EventPacket.empty(1000 * k, 1000 * (k + 1), SIZE) for k in range(600))
     assert found(detector, silence) == []
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
     detector = build(name)
     first = found(detector, touched())
@@ -80,7 +88,7 @@ def test_reset_forgets_the_windows_and_keeps_the_calibration(name: str) -> None:
     assert found(detector, touched()) == first
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("length_us", [137, 999, 5003, 1_000_000])
 def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: int) -> None:
     whole = EventPacket.concatenate(list(touched()))
@@ -95,7 +103,7 @@ def test_any_cutting_into_packets_gives_the_same_contacts(name: str, length_us: 
     assert found(build(name), stream) == found(build(name), touched())
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_copy_goes_on_by_itself(name: str) -> None:
     detector = build(name)
     for window in touched()[: TOUCH + 1]:
@@ -105,7 +113,7 @@ def test_a_copy_goes_on_by_itself(name: str) -> None:
     assert found(detector, rest) == found(other, rest)
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_two_sensors_make_one_decision(name: str) -> None:
     pairs = tuple(zip(quiet(), windows(3000, seed=4), strict=True))
     detector = make_detector(name, DetectionConfig(), [calibration()] * 2, pairs)
@@ -114,7 +122,7 @@ def test_two_sensors_make_one_decision(name: str) -> None:
     assert TOUCH * PERIOD_US < contact.t_us <= (TOUCH + 4) * PERIOD_US
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_tighter_budget_raises_the_threshold(name: str) -> None:
     thresholds = []
     for budget in (100.0, 1.0):
@@ -124,10 +132,42 @@ def test_a_tighter_budget_raises_the_threshold(name: str) -> None:
     assert thresholds[0] < thresholds[1]
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", NAMES)
 def test_too_few_quiet_windows_are_refused(name: str) -> None:
     with pytest.raises(CalibrationError, match=r"50 quiet windows are too few.*moving arm"):
         make_detector(name, DetectionConfig(), [calibration()], islice(quiet(), 50))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_summary_tells_the_rule_and_the_quiet_windows(name: str) -> None:
+    detector = build(name)
+    summary = detector.summary()
+    assert summary.rule.startswith("a contact is")
+    assert summary.quiet == QuietStatistics.of(quiet())
+    thresholds = np.ravel(summary.figures.get("thresholds", summary.figures.get("threshold")))
+    (contact, *_) = found(detector, touched())
+    assert np.isclose(thresholds, contact.threshold, atol=1e-3).any()
+    assert json.loads(json.dumps(dict(summary.figures))) == summary.figures
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_details_are_told_during_a_contact_only(name: str) -> None:
+    detector = build(name)
+    assert detector.details() is None
+    found(detector, touched()[: TOUCH + 20])
+    details = detector.details()
+    assert details is None or abs(details.onset_us - TOUCH * PERIOD_US) < 5 * PERIOD_US
+
+
+@pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_budget_that_is_no_positive_number_is_refused(budget: float) -> None:
+    with pytest.raises(ConfigError, match="must be positive"):
+        DetectionConfig(false_alarms_per_hour=budget)
+
+
+def test_default_is_another_name_of_the_sequential_motion_detector() -> None:
+    detector = make_detector("default", DetectionConfig(), [calibration()], quiet())
+    assert found(detector, touched()) == found(build("motion"), touched())
 
 
 def test_unknown_names_and_missing_calibrations_are_explained() -> None:
@@ -136,4 +176,22 @@ def test_unknown_names_and_missing_calibrations_are_explained() -> None:
     with pytest.raises(CalibrationError, match="spikingtac calibrate"):
         make_detector("default", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match="hold 2 sensors, the detector was built for 1"):
-        build("default").update((touched()[0], touched()[0]))
+        build("motion").update((touched()[0], touched()[0]))
+
+
+def test_a_detector_of_another_package_is_made_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = {"count": "my_parts:build_detector", "motion": "my_parts:build_detector"}
+    install(tmp_path, {plugins.DETECTORS: points | {"gone": "my_parts:NoSuchThing"}})
+    monkeypatch.syspath_prepend(tmp_path)
+    made = make_detector("count", DetectionConfig(), [], islice(quiet(), 200))
+    assert made.summary().figures == {"threshold": 200}
+    assert (
+        "scales_ms"
+        in make_detector("motion", DetectionConfig(), [calibration()], quiet()).summary().figures
+    )
+    with pytest.raises(ConfigError, match="my-parts"):
+        make_detector("gone", DetectionConfig(), [], quiet())
+    with pytest.raises(ConfigError, match=r"valid: event_count, motion, default, count, gone"):
+        make_detector("unheard-of", DetectionConfig(), [], quiet())

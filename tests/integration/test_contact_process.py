@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.live.contact_process import ContactProcess
+from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import NotingArm, detector, moving_ur, paced, stops
 from stand_ins.ur_controller import URController
@@ -32,9 +33,9 @@ def guard(notes: Path) -> Iterator[Any]:
     made: list[ContactProcess] = []
 
     def start(recorder: Any = None, **stream: Any) -> ContactProcess:
-        arm = Maker(function=NotingArm, arguments={"notes": str(notes)})
-        source = Maker(function=paced, arguments=stream)
-        made.append(ContactProcess(source, Maker(function=detector), arm, CALM, recorder))
+        arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
+        source = Factory(function=paced, arguments=stream)
+        made.append(ContactProcess(source, Factory(function=detector), arm, CALM, recorder))
         return made[-1]
 
     yield start
@@ -105,9 +106,9 @@ def moving(controller: URController) -> Iterator[Any]:
 
     def start(**stream: Any) -> ContactProcess:
         arguments = {"host": controller.host, "speed_mm_s": 40.0}
-        arm = Maker(function=moving_ur, arguments=arguments)
-        source = Maker(function=paced, arguments=stream)
-        made.append(ContactProcess(source, Maker(function=detector), arm, CALM))
+        arm = Factory(function=moving_ur, arguments=arguments)
+        source = Factory(function=paced, arguments=stream)
+        made.append(ContactProcess(source, Factory(function=detector), arm, CALM))
         until(lambda: controller.twin.speed_mm_s()[0] > 30.0)
         return made[-1]
 

@@ -15,7 +15,8 @@ from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
 from spikingtac.events.create import create_events
 from spikingtac.live.arrivals import stream_arrivals
-from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.live.contact_process import ContactProcess
+from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.tracks import Tracks
 from stand_ins.guarded import NotingArm, detector, stops
@@ -110,9 +111,9 @@ def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=0.9, pieces=400)
     notes = tmp_path / "stops"
     process = ContactProcess(
-        Maker(function=stream_arrivals, arguments={"path": str(tmp_path / "pipe")}),
-        Maker(function=detector),
-        Maker(function=NotingArm, arguments={"notes": str(notes)}),
+        Factory(function=stream_arrivals, arguments={"path": str(tmp_path / "pipe")}),
+        Factory(function=detector),
+        Factory(function=NotingArm, arguments={"notes": str(notes)}),
         PATIENT,
     )
     try:

@@ -17,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from spikingtac.errors import SpikingTacError
+from spikingtac.live.factory import Factory
 from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.session.wire import decode
 from spikingtac.viewer.web.page_feed import MOST_PAGES, UNACKNOWLEDGED
@@ -196,7 +197,9 @@ def test_a_token_guards_a_server_that_others_can_reach() -> None:
 
 
 def test_memory_does_not_grow_with_frames() -> None:
-    session = SessionProcess(open_circling, {"duration_us": 300_000}, repeat=True)
+    session = SessionProcess(
+        Factory(function=open_circling, arguments={"duration_us": 300_000}), repeat=True
+    )
     try:
         sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S
         while len(sizes) < WATCHED_FRAMES and time.monotonic() < until_s:
@@ -221,7 +224,7 @@ def resident_kb(pid: int | None) -> int:
 
 
 def test_a_session_that_cannot_open_says_why() -> None:
-    session = SessionProcess(open_nothing, {})
+    session = SessionProcess(Factory(function=open_nothing))
     try:
         until_s, error = time.monotonic() + PATIENCE_S, None
         while error is None and time.monotonic() < until_s:

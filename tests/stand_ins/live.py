@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from spikingtac.contact.details import ContactDetails
+from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, MarkerFrame
 
@@ -55,8 +58,20 @@ class CountingTracker:
         self.total = 0
 
 
-class BurstWatch:
+class BurstDetector:
     """Reports windows with more than five events."""
 
-    def update(self, window: EventPacket) -> Contact | None:
-        return Contact(window.t_end_us, len(window), 5) if len(window) > 5 else None
+    in_contact = False
+
+    def update(self, window: Window) -> Contact | None:
+        count = count_of(window)
+        return Contact(packets_of(window)[0].t_end_us, count, 5) if count > 5 else None
+
+    def reset(self) -> None:
+        """It keeps nothing."""
+
+    def details(self) -> ContactDetails | None:
+        return None
+
+    def summary(self) -> DetectorSummary:
+        return DetectorSummary(rule="a contact is more than 5 events in a window")

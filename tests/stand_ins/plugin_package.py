@@ -8,6 +8,7 @@ from pathlib import Path
 MODULE = '''
 import numpy as np
 
+from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.events.formats.npz import NpzSource, NpzWriter
 from spikingtac.types import MarkerFrame
 
@@ -31,6 +32,10 @@ class StillTracker:
 
 def build_tracker(config, calibration, law):
     return StillTracker(calibration)
+
+
+def build_detector(config, calibrations, quiet):
+    return EventCountDetector(EventCountConfig(threshold=len(list(quiet))))
 
 
 class MineSource(NpzSource):

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from spikingtac.viewer.session.process import Opener, SessionProcess
+from spikingtac.live.factory import Factory
+from spikingtac.viewer.session.process import SessionProcess
+from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, serve
 
 START_S = 180.0
 
 
-def run_server(opener: Opener, arguments: dict[str, Any], token: str, port: Any) -> None:
-    session = SessionProcess(opener, arguments, repeat=True)
+def run_server(
+    opener: Callable[..., ViewSource], arguments: dict[str, Any], token: str, port: Any
+) -> None:
+    session = SessionProcess(Factory(function=opener, arguments=arguments), repeat=True)
     app = make_app(session, session.command, Gate(token=token))
     try:
         serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
@@ -24,7 +28,7 @@ def run_server(opener: Opener, arguments: dict[str, Any], token: str, port: Any)
 
 
 @contextmanager
-def served(opener: Opener, token: str = "", **arguments: Any) -> Iterator[int]:
+def served(opener: Callable[..., ViewSource], token: str = "", **arguments: Any) -> Iterator[int]:
     context = multiprocessing.get_context("spawn")
     port = context.Queue()
     process = context.Process(target=run_server, args=(opener, arguments, token, port))

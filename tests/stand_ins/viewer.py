@@ -1,4 +1,4 @@
-"""A subject whose every value is known in closed form, to compare the page with."""
+"""A view whose every value is known in closed form, to compare the page with."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
+from stand_ins.live import BurstDetector
 
 SIZE = (320, 320)
 GRID = (8, 8)
@@ -106,11 +108,12 @@ class KnowingTracker:
         self.values[:] = 0
 
 
-class EverySecondWatch:
-    def update(self, window: EventPacket) -> Contact | None:
-        if window.t_end_us % PERIOD_US != 300_000:
-            return None
-        return Contact(window.t_end_us, len(window), 20.0)
+class EverySecond(BurstDetector):
+    """Reports a contact 0.3 s after each full second."""
+
+    def update(self, window: Window) -> Contact | None:
+        t_us = packets_of(window)[0].t_end_us
+        return Contact(t_us, count_of(window), 20.0) if t_us % PERIOD_US == 300_000 else None
 
 
 def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> ViewSource:
@@ -127,7 +130,7 @@ def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> ViewS
         ),
         config=Settings(),
         make_tracker=KnowingTracker,
-        make_watch=EverySecondWatch,
+        make_detector=EverySecond,
         truth=SampledTruth(times_us, np.stack([positions_px(t_us) for t_us in times_us])),
         simulated=True,
     )

@@ -1,13 +1,31 @@
-"""What a contact detector is: it sees every window, in order, and says when contact begins."""
+"""The protocol of a contact detector: it takes every window in order and reports contacts."""
 
 from __future__ import annotations
 
-from typing import Protocol, TypeAlias, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
 
-from spikingtac.types import Contact, EventPacket
+from spikingtac.contact.details import ContactDetails
+from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.window import Window
+from spikingtac.types import Contact
 
-Window: TypeAlias = EventPacket | tuple[EventPacket, ...]
-"""The events of one period: of one sensor, or one packet per sensor, in the sensors' order."""
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorSummary:
+    """What a detector was built from, and when it reports a contact.
+
+    Attributes:
+        rule: The decision rule with its threshold, one sentence for people.
+        quiet: Event counts of the quiet windows that the detector learned from; None where it was
+            given its threshold or has not learned yet.
+        figures: The detector's own figures by name, as JSON can hold them.
+    """
+
+    rule: str
+    quiet: QuietStatistics | None = None
+    figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 @runtime_checkable
@@ -24,22 +42,22 @@ class ContactDetector(Protocol):
         """Take the next window and return a contact where one begins.
 
         Args:
-            window: The events of one period; empty windows are given too, silence is data.
+            window: The events of one period. Empty windows are given too: silence is data.
         """
         ...
 
     def reset(self) -> None:
-        """Forget the past windows, not the calibration."""
+        """Forget the past windows, but keep what was learned from the quiet ones."""
         ...
 
+    def details(self) -> ContactDetails | None:
+        """Return onset and place of the present contact.
 
-def packets_of(window: Window) -> tuple[EventPacket, ...]:
-    """Return the packets of a window, one per sensor."""
-    return window if isinstance(window, tuple) else (window,)
+        Returns:
+            None where there is no contact, or where the detector does not know more about it.
+        """
+        ...
 
-
-def count_of(window: Window) -> int:
-    """Return how many events a window holds, over all sensors."""
-    if isinstance(window, tuple):
-        return sum(len(packet) for packet in window)
-    return len(window)
+    def summary(self) -> DetectorSummary:
+        """Return what the detector was built from, and its decision rule."""
+        ...

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spikingtac.contact.detector import Window, count_of, packets_of
+from spikingtac.contact.details import ContactDetails
+from spikingtac.contact.detector import DetectorSummary
 from spikingtac.contact.quiet import QuietStatistics
+from spikingtac.contact.window import Window, count_of, packets_of
+from spikingtac.errors import ConfigError
 from spikingtac.types import Contact
 
 
@@ -17,17 +20,17 @@ class EventCountConfig:
     windows of the moving arm without contact.
 
     Attributes:
-        threshold: Count that has to be exceeded.
-        release_windows: Windows in a row below the threshold after which a contact counts as ended
-            (ours: a contact that slides or bounces is one contact).
+        threshold: A contact begins where the count exceeds it.
+        release_windows: A contact ends after this many windows in a row below the threshold (ours:
+            a contact that slides or bounces is one contact).
     """
 
     threshold: float
     release_windows: int = 50
 
     def __post_init__(self) -> None:
-        if self.threshold < 0 or self.release_windows < 1:
-            raise ValueError("threshold must not be negative and release_windows be at least 1")
+        if not self.threshold >= 0 or self.release_windows < 1:
+            raise ConfigError("threshold must not be negative and release_windows be at least 1")
 
     @classmethod
     def from_quiet(
@@ -40,18 +43,22 @@ class EventCountConfig:
 class EventCountDetector:
     """Counts raw events per window; see :class:`~spikingtac.contact.detector.ContactDetector`.
 
+    Args:
+        config: Threshold and release.
+        quiet: The windows that the threshold was taken from, for the summary.
+
     Attributes:
         in_contact: True from a contact until enough quiet windows have passed.
     """
 
-    def __init__(self, config: EventCountConfig) -> None:
+    def __init__(self, config: EventCountConfig, quiet: QuietStatistics | None = None) -> None:
         self.in_contact = False
-        self._config = config
+        self._config, self._statistics = config, quiet
         self._quiet = 0
 
     @property
     def threshold(self) -> float:
-        """The count that has to be exceeded."""
+        """A contact begins where the count exceeds this."""
         return self._config.threshold
 
     def update(self, window: Window) -> Contact | None:
@@ -70,3 +77,15 @@ class EventCountDetector:
     def reset(self) -> None:
         """Forget that there was a contact."""
         self.in_contact, self._quiet = False, 0
+
+    def details(self) -> ContactDetails | None:
+        """Return None: a count tells neither onset nor place."""
+        return None
+
+    def summary(self) -> DetectorSummary:
+        """Return the threshold and the quiet windows that it was taken from."""
+        return DetectorSummary(
+            rule=f"a contact is more than {self.threshold:g} events in a window",
+            quiet=self._statistics,
+            figures={"threshold": self.threshold},
+        )

@@ -1,19 +1,20 @@
-"""What windows without contact look like, and which count they reach once in a stated time."""
+"""Event counts without contact, and the count that is exceeded once in a stated time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.contact.detector import Window, count_of, packets_of
-from spikingtac.errors import CalibrationError
+from spikingtac.contact.window import Window, count_of, packets_of
+from spikingtac.errors import CalibrationError, ConfigError
 
 SECONDS_PER_HOUR = 3600.0
 LEAST_WINDOWS = 100
-"""Fewer windows do not tell a variance to 15 %."""
+"""Fewer windows determine a variance to no better than 15 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,29 +42,14 @@ class QuietStatistics:
         Raises:
             CalibrationError: There are fewer than 100 windows.
         """
-        counts, period_us = [], 0
-        for window in windows:
-            counts.append(count_of(window))
-            first = packets_of(window)[0]
-            period_us = first.t_end_us - first.t_start_us
-        if len(counts) < LEAST_WINDOWS:
-            raise CalibrationError(
-                f"{len(counts)} quiet windows are too few, at least {LEAST_WINDOWS} are needed; "
-                "record the moving arm for longer"
-            )
-        values = np.array(counts)
-        return cls(
-            mean=float(values.mean()),
-            variance=float(values.var(ddof=1)),
-            highest=int(values.max()),
-            windows=len(values),
-            period_s=period_us * 1e-6,
-        )
+        counter = WindowCounter()
+        deque(counter.counted(windows), maxlen=0)
+        return counter.statistics()
 
     def threshold(self, false_alarms_per_hour: float) -> int:
         """Return the least count that is exceeded less often than the budget.
 
-        A negative binomial distribution with this mean and variance stands in for the counts: it is
+        A negative binomial distribution with this mean and variance models the counts: it is
         Poisson where the variance equals the mean, and has a longer tail where events come in
         bursts. Its tail beyond the recorded time is an extrapolation: check it on other data.
 
@@ -71,12 +57,11 @@ class QuietStatistics:
             false_alarms_per_hour: The budget.
 
         Raises:
-            ValueError: The budget is not positive.
+            ConfigError: The budget is not a positive number.
         """
         from scipy import stats
 
-        if not false_alarms_per_hour > 0.0:
-            raise ValueError(f"the budget is {false_alarms_per_hour}/h, it must be positive")
+        check_budget(false_alarms_per_hour)
         chance = false_alarms_per_hour * self.period_s / SECONDS_PER_HOUR
         mean = max(self.mean, 1.0 / self.windows)
         excess = self.variance - mean
@@ -84,3 +69,51 @@ class QuietStatistics:
             return int(stats.poisson.isf(min(chance, 1.0), mean))
         size = mean**2 / excess
         return int(stats.nbinom.isf(min(chance, 1.0), size, size / (size + mean)))
+
+
+class WindowCounter:
+    """Counts the events of the windows that pass through it."""
+
+    def __init__(self) -> None:
+        self._counts: list[int] = []
+        self._period_us = 0
+
+    def counted(self, windows: Iterable[Window]) -> Iterator[Window]:
+        """Yield the windows unchanged, and count each."""
+        for window in windows:
+            first = packets_of(window)[0]
+            self._period_us = first.t_end_us - first.t_start_us
+            self._counts.append(count_of(window))
+            yield window
+
+    def statistics(self) -> QuietStatistics:
+        """Return the statistics of all windows so far.
+
+        Raises:
+            CalibrationError: There are fewer than 100 windows.
+        """
+        if len(self._counts) < LEAST_WINDOWS:
+            raise CalibrationError(
+                f"{len(self._counts)} quiet windows are too few, at least {LEAST_WINDOWS} are "
+                "needed; record the moving arm for longer"
+            )
+        values = np.array(self._counts)
+        return QuietStatistics(
+            mean=float(values.mean()),
+            variance=float(values.var(ddof=1)),
+            highest=int(values.max()),
+            windows=len(values),
+            period_s=self._period_us * 1e-6,
+        )
+
+
+def check_budget(false_alarms_per_hour: float) -> None:
+    """Refuse a budget of false alarms that is not a positive number.
+
+    Raises:
+        ConfigError: It is zero, negative, infinite or not a number.
+    """
+    if not 0.0 < false_alarms_per_hour < math.inf:
+        raise ConfigError(
+            f"the budget is {false_alarms_per_hour} false contacts per hour, it must be positive"
+        )

@@ -2,35 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.motion_detector import MotionConfig, MotionDetector
-from spikingtac.contact.quiet import QuietStatistics
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.contact.motion.sequential_detector import (
+    SequentialMotionConfig,
+    SequentialMotionDetector,
+)
+from spikingtac.contact.quiet import QuietStatistics, check_budget
+from spikingtac.contact.self_calibrating import SelfCalibratingConfig
+from spikingtac.contact.window import Window
+from spikingtac.errors import named
+from spikingtac.plugins import with_plugins
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionConfig:
-    """What is asked of a contact detector.
+    """How contacts are detected.
 
     Attributes:
+        detector: Name of the detector; None is ``motion`` where the sensors are calibrated and
+            ``event_count`` otherwise.
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
-        release_windows: Of ``event_count``: quiet windows in a row after which a contact ended.
-        motion: Of ``default``.
+        release_windows: For ``event_count``: a contact ends after this many quiet windows in a row.
+        motion: For ``motion``.
+        self_calibrating: For the viewer, which has no quiet recording.
     """
 
+    detector: str | None = None
     false_alarms_per_hour: float = 1.0
     release_windows: int = 50
-    motion: MotionConfig = field(default_factory=MotionConfig)
+    motion: SequentialMotionConfig = field(default_factory=SequentialMotionConfig)
+    self_calibrating: SelfCalibratingConfig = field(default_factory=SelfCalibratingConfig)
+
+    def __post_init__(self) -> None:
+        check_budget(self.false_alarms_per_hour)
 
 
 DetectorBuilder = Callable[
     [DetectionConfig, Sequence[Calibration], Iterable[Window]], ContactDetector
 ]
+"""Builds a detector from settings, the sensors' calibrations, and quiet windows."""
 
 
 def _event_count(
@@ -39,7 +55,7 @@ def _event_count(
     statistics = QuietStatistics.of(quiet)
     threshold = statistics.threshold(config.false_alarms_per_hour)
     return EventCountDetector(
-        EventCountConfig(threshold=threshold, release_windows=config.release_windows)
+        EventCountConfig(threshold=threshold, release_windows=config.release_windows), statistics
     )
 
 
@@ -47,11 +63,19 @@ def _motion(
     config: DetectionConfig, calibrations: Sequence[Calibration], quiet: Iterable[Window]
 ) -> ContactDetector:
     budget = config.false_alarms_per_hour
-    return MotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
+    return SequentialMotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
 
 
-DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _motion}
-"""Name -> builder."""
+DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "motion": _motion}
+"""Name -> builder of the detectors of this package."""
+ALIASES = {"default": "motion"}
+"""Further name -> name in :data:`DETECTORS`; reports use ``default`` for the project's detector."""
+
+
+def detectors() -> Mapping[str, DetectorBuilder]:
+    """Return every detector by name, also those that other packages register."""
+    own = {**DETECTORS, **{alias: DETECTORS[name] for alias, name in ALIASES.items()}}
+    return with_plugins(own, plugins.DETECTORS)
 
 
 def make_detector(
@@ -63,18 +87,14 @@ def make_detector(
     """Build a detector by name.
 
     Args:
-        name: ``event_count`` (as published) or ``default``.
-        config: Budget and release.
+        name: ``event_count`` (as published), ``motion`` (also called ``default``), or the name
+            of an entry point of the group ``spikingtac.contact_detectors``.
+        config: Budget and settings.
         calibrations: Of each sensor, in the windows' order, with the probe in the grip.
         quiet: Windows of the moving arm without contact, in order; see each detector for how many.
 
     Raises:
-        ConfigError: The name is unknown.
-        CalibrationError: The quiet windows are too few.
+        ConfigError: The name is unknown, or the detector's package cannot be loaded.
+        CalibrationError: The quiet windows are too few, or a calibration is missing.
     """
-    if name not in DETECTORS:
-        raise ConfigError(
-            f"no contact detector {name!r}{nearest(name, DETECTORS)} "
-            f"(valid: {', '.join(DETECTORS)})"
-        )
-    return DETECTORS[name](config, calibrations, quiet)
+    return named(detectors(), name, "contact detector")(config, calibrations, quiet)

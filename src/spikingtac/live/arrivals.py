@@ -1,4 +1,4 @@
-"""A camera's windows with the times of their arrival, for the contact path."""
+"""Windows of a camera with the times of their arrival, for the contact path."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from spikingtac.contact.detector import Window
+from spikingtac.contact.window import Window
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival
@@ -16,10 +16,10 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     """Yield the regular windows of a camera's pipe as they become complete.
 
     A :class:`~spikingtac.live.contact_process.ContactProcess` takes it as
-    ``Maker(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
+    ``Factory(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
     process that guards.
-    A window is complete when an event after its end has come, which a sensor's noise sees to; a
-    camera that is wholly silent is a stalled stream to the watchdog.
+    A window is complete when an event after its end has come, which the sensor's noise ensures. To
+    the watchdog, a camera that is wholly silent is a stalled stream.
 
     Args:
         path: Named pipe, or anything that :func:`~spikingtac.events.open.open_events` reads.

@@ -1,7 +1,7 @@
-"""The contact path, live: each window to the detector, the arm stopped, and only then the rest.
+"""The live contact path: each window goes to the detector first, and a contact stops the arm.
 
-Whoever records, tracks or displays is offered what passed and never waited for. Not a safety
-function: see :mod:`spikingtac.robot.watchdog`.
+Recorders, trackers and displays receive the windows afterwards, and are never waited for. Not a
+safety function: see :mod:`spikingtac.robot.watchdog`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector, Window, packets_of
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.window import Window, packets_of
 from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.types import Contact
 
@@ -26,11 +27,11 @@ US_PER_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A window, and when this machine had all of it.
+    """A window and the time of its arrival.
 
     Attributes:
         window: The events.
-        received_s: On the clock of the loop, s.
+        received_s: When this machine had all of the window, on the clock of the loop, s.
     """
 
     window: Window
@@ -39,13 +40,13 @@ class Arrival:
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Where the time between a touch's events and the command to stop went.
+    """Parts of the time between the events of a contact and the command to stop.
 
     Attributes:
         window_us: The events' mean wait for the end of their window, us; None without events.
         transport_us: From the end of the window to its arrival, us, beyond the fastest transport
-            seen so far: sensor and host share no clock.
-        decision_us: From the arrival to the decision, us; a queue before the loop counts here.
+            so far: sensor and host share no clock.
+        decision_us: From the arrival to the decision, us, with any queue before the loop.
         stop_us: From the decision to the return of the arm's stop, us.
     """
 
@@ -57,17 +58,17 @@ class Latency:
 
 @dataclass(frozen=True, slots=True)
 class GuardReport:
-    """How a guarded stretch ended.
+    """State of a guard, now or at its end.
 
     Attributes:
-        health: Of the watchdog at the end.
+        health: Of the watchdog.
         reason: What tripped it; empty while OK.
         contact: What stopped the arm, or None.
         latency: Of that decision.
-        windows: How many windows were looked at.
+        windows: How many windows were processed.
         decision_p50_us: Median time to decide over the recent windows, us.
         decision_p99_us: 99th percentile of the same, us.
-        lost: Windows that each tap did not take.
+        lost: How many windows each subscriber did not take.
     """
 
     health: Health
@@ -88,8 +89,8 @@ class BoundedQueue(Protocol):
         ...
 
 
-class Tap:
-    """Offers windows to a consumer that may be slow; what it does not take is counted.
+class Subscriber:
+    """Passes windows on to a consumer that may be slow; windows that it does not take are counted.
 
     Args:
         consumer: A bounded queue that the consumer reads.
@@ -103,7 +104,7 @@ class Tap:
         self._consumer = consumer
 
     def offer(self, window: Window) -> None:
-        """Hand a window over, or count it as lost."""
+        """Pass a window on, or count it as lost."""
         try:
             self._consumer.put_nowait(window)
         except queue.Full:
@@ -114,10 +115,10 @@ class ContactLoop:
     """Decides on each window before anything else is done with it.
 
     Args:
-        detector: Decides.
-        watchdog: Armed by the caller; its stop is the arm's. Beaten with each window.
+        detector: Decides on contact.
+        watchdog: Armed by the caller; it stops the same arm. Each window is a heartbeat.
         stop: Stops the arm.
-        taps: Offered each window after the decision.
+        subscribers: Offered each window after the decision.
         clock_s: The clock of the arrivals and of the watchdog.
 
     Attributes:
@@ -129,11 +130,11 @@ class ContactLoop:
         detector: ContactDetector,
         watchdog: Watchdog,
         stop: Callable[[], None],
-        taps: Sequence[Tap] = (),
+        subscribers: Sequence[Subscriber] = (),
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
-        self._taps, self._clock_s = tuple(taps), clock_s
+        self._subscribers, self._clock_s = tuple(subscribers), clock_s
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
         self._windows = 0
         self._fastest_s = float("inf")
@@ -143,19 +144,19 @@ class ContactLoop:
     def guard(
         self,
         arrivals: Iterable[Arrival],
-        show: Callable[[ContactLoop], object] = lambda _: None,
+        after_window: Callable[[ContactLoop], object] = lambda _: None,
     ) -> GuardReport:
         """Watch a stream until a contact, a trip of the watchdog, or its end, which is a trip.
 
         Args:
             arrivals: Windows as they come; waiting for one lets the watchdog's thread work.
-            show: Called after each window; it must not block.
+            after_window: Called after each window; it must not block.
         """
         for arrival in arrivals:
-            self._look(arrival)
-            for tap in self._taps:
-                tap.offer(arrival.window)
-            show(self)
+            self._process(arrival)
+            for subscriber in self._subscribers:
+                subscriber.offer(arrival.window)
+            after_window(self)
             if self.contact is not None or self._watchdog.check() is not Health.OK:
                 return self.report()
         self._watchdog.disconnected("the event stream ended")
@@ -172,10 +173,10 @@ class ContactLoop:
             windows=self._windows,
             decision_p50_us=p50_us,
             decision_p99_us=p99_us,
-            lost=tuple(tap.lost for tap in self._taps),
+            lost=tuple(subscriber.lost for subscriber in self._subscribers),
         )
 
-    def _look(self, arrival: Arrival) -> None:
+    def _process(self, arrival: Arrival) -> None:
         begun_s = self._clock_s()
         self._watchdog.beat(begun_s - arrival.received_s)
         contact = self._detector.update(arrival.window)

@@ -1,4 +1,4 @@
-"""The contact path in a process of its own, so that no other work can hold it up."""
+"""The contact path in a process of its own, so that no other work delays it."""
 
 from __future__ import annotations
 
@@ -6,45 +6,28 @@ import json
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
-from typing import Any, Generic, TypeVar
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.live.contact_loop import Arrival, ContactLoop, GuardReport, Tap
+from spikingtac.live.contact_loop import Arrival, ContactLoop, GuardReport, Subscriber
+from spikingtac.live.factory import Factory
 from spikingtac.live.ring import SharedRing
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
 
 STATUS_BYTES = 4096
-SHOW_EVERY_S = 0.02
-"""Time between two looks around: at the controller and the parent, and for those who watch."""
+STATUS_PERIOD_S = 0.02
+"""Period at which the guard checks controller and parent, and publishes its status."""
 SHUTDOWN_S = 5.0
-T = TypeVar("T")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Maker(Generic[T]):
-    """How the process makes what it needs: a function of a module, and its keyword arguments.
-
-    Attributes:
-        function: Called once, in the process.
-        arguments: They travel to the process.
-    """
-
-    function: Callable[..., T]
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-    def __call__(self) -> T:
-        """Make it."""
-        return self.function(**self.arguments)
 
 
 class ContactProcess:
-    """Guards an arm in another process from :meth:`begin` until a contact or a fault.
+    """Guards an arm in another process from its start until a contact or a fault.
 
     Args:
-        arrivals: Makes the stream of windows, in the process: a camera is opened there.
+        arrivals: Opens the stream of windows, in the process: a camera is opened there.
         detector: Makes the detector.
         arm: Makes the arm's driver: the stop command passes through no other process.
         watchdog: When the stream counts as lost.
@@ -53,9 +36,9 @@ class ContactProcess:
 
     def __init__(
         self,
-        arrivals: Maker[Iterator[Arrival]],
-        detector: Maker[ContactDetector],
-        arm: Maker[Arm],
+        arrivals: Factory[Iterator[Arrival]],
+        detector: Factory[ContactDetector],
+        arm: Factory[Arm],
         watchdog: WatchdogConfig | None = None,
         recorder: Any = None,
     ) -> None:
@@ -90,68 +73,70 @@ class ContactProcess:
         self._process.join(SHUTDOWN_S)
 
     def close(self) -> None:
-        """End the process, if it runs still, and let go of the shared memory."""
+        """End the process, if it still runs, and release the shared memory."""
         self._process.terminate()
         self._process.join(SHUTDOWN_S)
         self._ring.close()
 
 
-class _Look:
-    """Between two windows, now and then: shows the loop's state, and sees who is still there."""
+class _Status:
+    """Publishes the loop's state, and checks regularly that controller and parent are there."""
 
     def __init__(self, ring: SharedRing) -> None:
         self._ring = ring
         self._due_s = 0.0
         self._parent = multiprocessing.parent_process()
 
-    def around(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
+    def check(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
         if time.monotonic() < self._due_s:
             return
-        self._due_s = time.monotonic() + SHOW_EVERY_S
+        self._due_s = time.monotonic() + STATUS_PERIOD_S
         if self._parent is not None and not self._parent.is_alive():
             watchdog.disconnected("the process that asked for the guard is gone")
         state = arm.state()
         if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
             watchdog.disconnected(f"the arm's controller: {state.value}")
-        self.tell("ready", loop.report())
+        self.publish("ready", loop.report())
 
-    def tell(self, phase: str, report: GuardReport | None = None, reason: str = "") -> None:
+    def publish(self, phase: str, report: GuardReport | None = None, reason: str = "") -> None:
         fields = {} if report is None else asdict(report) | {"health": report.health.value}
         state = {"phase": phase, "reason": reason, "at_s": time.monotonic()} | fields
         self._ring.publish(json.dumps(state).encode())
 
 
 def _guard(
-    arrivals: Maker[Iterator[Arrival]],
-    make_detector: Maker[ContactDetector],
-    make_arm: Maker[Arm],
+    arrivals: Factory[Iterator[Arrival]],
+    make_detector: Factory[ContactDetector],
+    make_arm: Factory[Arm],
     config: WatchdogConfig,
     recorder: Any,
     ring_name: str,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    look = _Look(SharedRing.attach(ring_name, STATUS_BYTES))
+    status = _Status(SharedRing.attach(ring_name, STATUS_BYTES))
     try:
         detector, arm = make_detector(), make_arm()
-    except Exception as error:  # told to the parent, who has no other way to learn of it
-        look.tell("failed", reason=f"{type(error).__name__}: {error}")
+    except Exception as error:  # the parent has no other way to learn of it
+        status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
-    taps = [] if recorder is None else [Tap(recorder)]
+    subscribers = [] if recorder is None else [Subscriber(recorder)]
     watchdog = Watchdog(config, arm.stop, time.monotonic)
-    loop = ContactLoop(detector, watchdog, arm.stop, taps)
+    loop = ContactLoop(detector, watchdog, arm.stop, subscribers)
     try:
         stream = arrivals()
-        first = next(stream)  # opening a camera takes longer than any silence that is allowed
-        detector.update(first.window)  # and so does compiling for its arrays
+        first = next(stream)  # opening a camera takes longer than the allowed silence
+        detector.update(first.window)  # compiling takes as long
         detector.reset()
         watchdog.self_test()
         watchdog.arm()
         with WatchdogThread(watchdog):
-            report = loop.guard(_with(first, stream), lambda loop: look.around(loop, arm, watchdog))
-        look.tell("ended", report, report.reason)
+            report = loop.guard(
+                _with(first, stream), lambda loop: status.check(loop, arm, watchdog)
+            )
+        status.publish("ended", report, report.reason)
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
-        look.tell("failed", loop.report(), watchdog.reason)
+        status.publish("failed", loop.report(), watchdog.reason)
         raise
     finally:
         if recorder is not None:

@@ -1,4 +1,4 @@
-"""Events on disk with random access in time, so that a replay needs no memory of its own."""
+"""Events on disk with random access in time, so that a replay needs little memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COLUMNS = ("x", np.uint16), ("y", np.uint16), ("p", np.bool_), ("t", np.int64)
 
 
 class EventStore:
-    """Keeps every event that a source has given, in a temporary folder, and cuts it at any time.
+    """Stores every event of a source in a temporary folder, and returns any stretch of time.
 
     A source that goes on (a camera, a simulation) is pulled only as far as is asked for.
 
@@ -50,6 +50,11 @@ class EventStore:
     def t_start_us(self) -> int:
         """First microsecond of the stream."""
         return 0 if self._span is None else self._span[0]
+
+    @property
+    def first_event_us(self) -> int | None:
+        """Time of the first event, or None while none has been pulled."""
+        return int(self._columns["t"][0]) if self._events else None
 
     @property
     def t_end_us(self) -> int:

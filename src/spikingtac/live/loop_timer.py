@@ -1,4 +1,4 @@
-"""One owner of pacing: periods, overruns and step times of a live loop."""
+"""Pacing of a live loop: periods, overruns and step times."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LoopReport:
 
 
 class LoopTimer:
-    """Runs a loop at a steady period; a late step delays, it is never made up for in a burst.
+    """Runs a loop at a steady period; a late step delays the loop, no burst makes up for it.
 
     Example:
         >>> timer = LoopTimer(period_s=0.001)

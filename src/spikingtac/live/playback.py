@@ -1,7 +1,7 @@
 """A recording or a running source, tracked forwards and revisited at any time.
 
-The tracker's state at a time depends on everything before it. Going back therefore means to take
-the last copy that was kept before that time and to track again from there: exact, because any
+The tracker's state at a time depends on everything before it. To go back, playback takes the last
+copy that was kept before that time and tracks again from there. The result is exact, because any
 cutting of the stream gives the same result.
 """
 
@@ -11,39 +11,33 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.window import WINDOW_US
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.types import Contact, EventPacket, MarkerFrame
+from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
+from spikingtac.types import Contact, MarkerFrame
 
-WINDOW_US = 1_000
-"""Contact windows: raw events are counted in 1 ms (paper section V-B)."""
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""
-
-
-class ContactWatch(Protocol):
-    """What playback asks of a contact detector."""
-
-    def update(self, window: EventPacket) -> Contact | None:
-        """Take the next window; return the contact that begins in it, if one does."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
     tracker: MarkerTracker
-    watch: ContactWatch | None
+    detector: ContactDetector | None
     step: int
     frame: MarkerFrame | None
 
 
 class Playback:
     """Tracks a stream up to an aim, a slice of work at a time, so that its caller stays responsive.
+
+    Estimates are made at the same times as by :func:`~spikingtac.pipeline.follow.follow`.
 
     Attributes:
         store: The events.
@@ -58,7 +52,7 @@ class Playback:
         self,
         store: EventStore,
         make_tracker: Callable[[], MarkerTracker],
-        make_watch: Callable[[], ContactWatch | None] = lambda: None,
+        make_detector: Callable[[], ContactDetector | None] = lambda: None,
         *,
         rate_hz: float,
         on_frame: Callable[[MarkerFrame], None] = lambda _: None,
@@ -68,21 +62,21 @@ class Playback:
         Args:
             store: The events.
             make_tracker: Builds the tracker, anew at each :meth:`retune`.
-            make_watch: Builds the contact detector, or returns None.
+            make_detector: Builds the contact detector, or returns None.
             rate_hz: Estimates per second of data time.
             on_frame: Is given every estimate; those of repeated stretches again.
 
         Raises:
-            ValueError: The rate is not positive.
+            ConfigError: The rate is not between 0 and 1 MHz.
         """
-        if rate_hz <= 0:
-            raise ValueError(f"rate_hz is {rate_hz}, it must be positive")
+        check_rate(rate_hz)
         self.store = store
         self.contacts: dict[int, Contact] = {}
         self.steps = 0
         self._rate_hz, self._on_frame = rate_hz, on_frame
-        self._make_tracker, self._make_watch = make_tracker, make_watch
+        self._make_tracker, self._make_detector = make_tracker, make_detector
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
+        self._spent_s = 0.0
         self.aim_us = store.t_start_us
         self._restart()
 
@@ -101,7 +95,7 @@ class Playback:
             self._rewind()  # the later copies stay valid: the same events give the same states
             return
         self.position_us, state = found
-        self._tracker, self._watch = state.tracker, state.watch
+        self._tracker, self._detector = state.tracker, state.detector
         self._step, self.frame = state.step, state.frame
 
     def retune(self, make_tracker: Callable[[], MarkerTracker]) -> None:
@@ -130,14 +124,14 @@ class Playback:
     def _advance(self) -> bool:
         """Go on to the next estimate time or window's end; False where the source has ended."""
         store = self.store
-        estimate_us = store.t_start_us + int((self._step + 1) * 1e6 / self._rate_hz)
         since_us = self.position_us - store.t_start_us
         window_us = store.t_start_us + (since_us // WINDOW_US + 1) * WINDOW_US
-        edge_us = min(estimate_us, window_us)
+        estimate_us = self._next_estimate_us(window_us)
+        edge_us = window_us if estimate_us is None else min(estimate_us, window_us)
         if not store.extend_to(edge_us):
             return False
         if edge_us == window_us:
-            self._watch_window(window_us)
+            self._detect(window_us)
         self._track(edge_us, estimate=edge_us == estimate_us)
         self.position_us = edge_us
         if edge_us == estimate_us:
@@ -145,30 +139,47 @@ class Playback:
             self.steps += 1
             if self.frame is not None:
                 self._on_frame(self.frame)
-        state = _State(self._tracker, self._watch, self._step, self.frame)
+        state = _State(self._tracker, self._detector, self._step, self.frame)
         self._history.offer(edge_us, store.t_start_us, state)
         return True
 
-    def _watch_window(self, end_us: int) -> None:
-        if self._watch is None:
+    def _next_estimate_us(self, needed_until_us: int) -> int | None:
+        """Return the next estimate time, or None if there is no event before the given time."""
+        if self.store.first_event_us is None:
+            self.store.extend_to(needed_until_us)
+        first_us = self.store.first_event_us
+        if first_us is None:
+            return None
+        return EstimateTimes(first_us, self._rate_hz).at(self._step)
+
+    def _detect(self, end_us: int) -> None:
+        if self._detector is None:
             return
-        contact = self._watch.update(self.store.between(end_us - WINDOW_US, end_us))
+        contact = self._detector.update(self.store.between(end_us - WINDOW_US, end_us))
         if contact is not None:
             self.contacts[contact.t_us] = contact
 
     def _track(self, edge_us: int, *, estimate: bool) -> None:
-        packet = self.store.between(self.position_us, edge_us)
+        first_us = self.store.first_event_us
+        if first_us is None or edge_us < first_us:
+            return  # tracking begins at the first event, as in `follow`
+        start_us = max(self.position_us, first_us)
+        packet = self.store.between(start_us, edge_us)
         begun_s = time.perf_counter()
-        self._tracker.absorb(packet)
+        if start_us < edge_us:
+            self._tracker.absorb(packet)
         if estimate:
             self.frame = self._tracker.estimate(edge_us)
-        self._step_s.append(time.perf_counter() - begun_s)
+        self._spent_s += time.perf_counter() - begun_s
+        if estimate:
+            self._step_s.append(self._spent_s)
+            self._spent_s = 0.0
 
     def _restart(self) -> None:
         self._history: TrackerHistory[_State] = TrackerHistory()
         self._rewind()
 
     def _rewind(self) -> None:
-        self._tracker, self._watch = self._make_tracker(), self._make_watch()
+        self._tracker, self._detector = self._make_tracker(), self._make_detector()
         self.position_us, self._step = self.store.t_start_us, 0
         self.frame: MarkerFrame | None = None

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from spikingtac.errors import SpikingTacError
+from spikingtac.live.factory import Factory
 from spikingtac.types import EventPacket, LossCounters
 
 ITEMS_AHEAD = 256
@@ -20,48 +21,44 @@ ITEMS_AHEAD = 256
 POLL_S = 0.1
 SHUTDOWN_S = 2.0
 
-Maker = Callable[..., Iterable[tuple[EventPacket, Any]]]
-"""Yields packets with what belongs to them; a function of a module, called with keywords."""
+Stream = Iterable[tuple[EventPacket, Any]]
+"""Packets, each with side data that belong to it (or None)."""
 
 
 class ProcessSource:
-    """An :class:`~spikingtac.events.source.EventSource` whose packets are made in another process.
+    """An :class:`~spikingtac.events.source.EventSource` whose packets come from another process.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
-        losses: Nothing is lost on the way; what the maker loses it tells by its companions.
+        losses: Nothing is lost between the processes; losses of the stream are in its side data.
     """
 
     def __init__(
         self,
-        maker: Maker,
-        arguments: dict[str, Any],
+        open_stream: Factory[Stream],
         size: tuple[int, int],
-        companion: Callable[[Any], None] = lambda _: None,
+        take_side_data: Callable[[Any], None] = lambda _: None,
     ) -> None:
-        """Start making.
+        """Start the other process.
 
         Args:
-            maker: Yields ``(packet, companion)``.
-            arguments: Its keyword arguments; they travel to the other process.
-            size: Of the packets.
-            companion: Is given each packet's companion before the packet is.
+            open_stream: Opens the stream, in the other process.
+            size: Size of the packets, ``(width, height)``, px.
+            take_side_data: Called with each packet's side data before the packet is yielded.
         """
         context = multiprocessing.get_context("spawn")
         self.size, self.losses = size, LossCounters()
-        self._companion = companion
+        self._take_side_data = take_side_data
         self._items = context.Queue(ITEMS_AHEAD)
-        self._process = context.Process(
-            target=_make, args=(maker, arguments, self._items), daemon=True
-        )
+        self._process = context.Process(target=_make, args=(open_stream, self._items), daemon=True)
         self._process.start()
 
     def __iter__(self) -> Iterator[EventPacket]:
         while (item := self._next()) is not None:
             if isinstance(item, Exception):
                 raise item
-            packet, companion = item
-            self._companion(companion)
+            packet, side_data = item
+            self._take_side_data(side_data)
             yield packet
 
     def close(self) -> None:
@@ -80,7 +77,7 @@ class ProcessSource:
                     return RuntimeError("the process that makes the events has ended")
 
 
-def _make(maker: Maker, arguments: dict[str, Any], items: Any) -> None:
+def _make(open_stream: Factory[Stream], items: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the reader decides when to stop
     parent = multiprocessing.parent_process()
 
@@ -90,12 +87,12 @@ def _make(maker: Maker, arguments: dict[str, Any], items: Any) -> None:
                 return items.put(item, timeout=POLL_S)
             except queue.Full:
                 continue
-        raise SystemExit  # nobody is left to read
+        raise SystemExit  # the reader is gone
 
     try:
-        for item in maker(**arguments):
+        for item in open_stream():
             put(item)
         put(None)
-    except Exception as error:  # handed to the reader, who raises it
+    except Exception as error:  # sent to the reader, which raises it
         known = isinstance(error, SpikingTacError | OSError)
         put(error if known else RuntimeError(f"{type(error).__name__}: {error}"))

@@ -1,8 +1,8 @@
 """A ring in shared memory through which one process shows its latest state to others.
 
-The writer never waits and never learns who reads. A reader takes the latest message or nothing;
-what it missed is gone, which is what a display wants. A slot carries its sequence number and a
-checksum, so that a message overwritten while it was read is noticed and not used.
+The writer never waits and does not know its readers. A reader gets the latest message or nothing;
+messages that it missed are gone, as a display needs it. A slot carries its sequence number and a
+checksum, so that a reader detects and drops a message that was overwritten meanwhile.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from multiprocessing.shared_memory import SharedMemory
 from typing import Protocol
 
 SLOTS = 4
-"""The writer is three messages away before it touches the slot of the latest one again."""
+"""The writer publishes three more messages before it overwrites the slot of the latest one."""
 _LATEST = struct.Struct("<Q")
 _HEADER = struct.Struct("<QII")  # sequence, length, checksum
 _HEAD_BYTES = 64  # a cache line of its own for the number that both sides watch
@@ -49,7 +49,7 @@ class SharedRing:
 
     @classmethod
     def create(cls, slot_bytes: int) -> SharedRing:
-        """Make a ring for messages of at most ``slot_bytes``; its maker removes it."""
+        """Make a ring for messages of at most ``slot_bytes``; its creator removes it."""
         size = _HEAD_BYTES + SLOTS * (_HEADER.size + slot_bytes)
         memory = SharedMemory(create=True, size=size)
         _buffer_of(memory)[:_HEAD_BYTES] = bytes(_HEAD_BYTES)
@@ -97,7 +97,7 @@ class SharedRing:
         return (sequence, message) if zlib.crc32(message) == checksum else None
 
     def close(self) -> None:
-        """Let go of the memory; the maker also removes it."""
+        """Release the memory; its creator also removes it."""
         self._buffer.release()
         self._memory.close()
         if self._owner:

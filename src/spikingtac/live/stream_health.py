@@ -1,8 +1,8 @@
-"""Whether a live source still delivers: the robot's watchdog, with the patience of a display.
+"""Health of a live source in the viewer: the robot's watchdog with a longer time limit.
 
-Its clock is the time spent waiting for the source. So a tracker that is slow, a pause or a first
-compilation is no silence of the sensor, and silence is no fault as long as the source answers with
-empty packets. A fault stays until it is reset, so that one that has passed is still seen.
+Its clock is the time spent waiting for the source. A slow tracker, a pause or a first compilation
+is therefore no silence of the sensor, and silence is no fault while the source delivers empty
+packets. A fault stays until it is reset, so that a past one is still visible.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from collections.abc import Callable
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 
 STALE_S = 0.5
-"""Waiting for so long is seen as a standstill; an arm is given ten milliseconds (ours)."""
+"""Waiting this long counts as a standstill, s; an arm is stopped after 10 ms (ours)."""
 
 
 class StreamHealth:
-    """Follows one live source; it stops nothing, since a display has nothing to stop."""
+    """Monitors one live source; it stops nothing, since a display has nothing to stop."""
 
     def __init__(self, waited_s: Callable[[], float]) -> None:
-        """Begin to watch.
+        """Begin to monitor.
 
         Args:
             waited_s: Seconds spent waiting for the source so far.
@@ -37,18 +37,18 @@ class StreamHealth:
         """The fault in words, or an empty string."""
         return self._watchdog.reason
 
-    def answered(self) -> None:
-        """Say that the source has given everything that was asked of it."""
+    def delivered(self) -> None:
+        """Report that the source has delivered everything that was asked of it."""
         self._watchdog.check()
         self._watchdog.beat()
 
     def lost(self, reason: str) -> None:
-        """Say that the source has failed for good."""
-        self._watchdog.reset()  # an earlier fault has lost its interest
+        """Report that the source has failed for good."""
+        self._watchdog.reset()  # the loss replaces an earlier fault
         self._watchdog.disconnected(reason)
 
     def reset(self) -> None:
-        """Forget a fault that was seen; a source that is lost stays lost."""
+        """Clear a fault; a source that is lost stays lost."""
         if self.health is Health.DISCONNECTED:
             return
         self._watchdog.disarm()

@@ -1,4 +1,4 @@
-"""Copies of a tracker along its stream, bounded in bytes, from which an earlier time is reached.
+"""Copies of a tracker along its stream, bounded in bytes, to resume from an earlier time.
 
 Most of what a tracker holds never changes (its calibration, its tables, its work space). An array
 that equals the one of the copy before is not stored again, which makes a copy a sixth as large.
@@ -20,9 +20,9 @@ T = TypeVar("T")
 FIRST_DISTANCE_US = 250_000
 """First distance between kept copies; tracking 0.25 s again takes a fraction of it."""
 MOST_BYTES = 64 << 20
-"""Bytes of arrays in all kept copies; beyond it every other one goes, and the distance doubles."""
+"""Most bytes of arrays in all copies; beyond it every other copy goes, and the distance doubles."""
 MOST_COPIES = 64
-"""The same bound for trackers that hold next to nothing: more would make no place nearer."""
+"""The same bound for trackers with little state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class _Copy(Generic[T]):
 
 
 class TrackerHistory(Generic[T]):
-    """Keeps copies of a state, sparser as they become many, so that memory stays bounded.
+    """Keeps copies of a state, thinned out as they become many, so that memory stays bounded.
 
     Attributes:
         distance_us: Time between two kept copies.
@@ -42,7 +42,7 @@ class TrackerHistory(Generic[T]):
     def __init__(self) -> None:
         self.distance_us = FIRST_DISTANCE_US
         self._copies: list[_Copy[T]] = []
-        self._twins: list[tuple[ref[NDArray[Any]], NDArray[Any]]] = []
+        self._pairs: list[tuple[ref[NDArray[Any]], NDArray[Any]]] = []
         self._possible = True
 
     def __len__(self) -> int:
@@ -73,7 +73,7 @@ class TrackerHistory(Generic[T]):
             self._possible = False
             return
         pairs = [*shared.values(), *_copied(memo)]
-        self._twins = [(ref(live), kept) for live, kept in pairs]
+        self._pairs = [(ref(live), kept) for live, kept in pairs]
         self._copies.append(_Copy(t_us, kept_parts, {id(kept): kept for _, kept in pairs}))
         self._thin_out()
 
@@ -87,12 +87,12 @@ class TrackerHistory(Generic[T]):
             return None
         memo: dict[int, Any] = {}
         parts = copy.deepcopy(found[-1].parts, memo)
-        self._twins = [(ref(live), kept) for kept, live in _copied(memo)]
+        self._pairs = [(ref(live), kept) for kept, live in _copied(memo)]
         return found[-1].t_us, parts
 
     def _alive(self) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
         """Yield the arrays of the state that are still in use, with their latest kept copies."""
-        for reference, kept in self._twins:
+        for reference, kept in self._pairs:
             live = reference()
             if live is not None:
                 yield live, kept

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from spikingtac.denoise.registry import DENOISERS
 from spikingtac.markers.anchored_law import AnchoredLawConfig
 from spikingtac.markers.graded.centroid_locator import CentroidLocatorConfig
 from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
@@ -21,7 +22,7 @@ class TrackingConfig:
         method: ``disc``, ``centroid`` or ``blobs``, or the name of another package's tracker.
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
-        denoiser: For ``blobs``: ``none``, ``median3``, ``box7``, ``network`` or ``network-int8``.
+        denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.registry.DENOISERS`.
         disc: For ``disc``.
         centroid: For ``centroid``.
         blobs: For ``blobs``.
@@ -34,7 +35,7 @@ class TrackingConfig:
     method: str = "disc"
     rate_hz: float = 1_000.0
     hysteresis: str = field(default="none", metadata={"choices": ("none", "paper", "anchored")})
-    denoiser: str = field(default="box7", metadata={"choices": ("none", "median3", "box7")})
+    denoiser: str = field(default="box7", metadata={"choices": tuple(DENOISERS)})
     disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
     centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)

@@ -1,7 +1,7 @@
 """The paper's pipeline in one screen: events in, marker frames out.
 
 One driver cuts the stream at the estimate times, so that estimates never depend on how the events
-were packed. Times are data times; nothing here looks at a clock.
+were packed. Times are data times; nothing here reads a clock.
 """
 
 from __future__ import annotations
@@ -9,24 +9,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 
-from spikingtac.errors import ConfigError
 from spikingtac.events.windows import cut
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
 from spikingtac.types import EventPacket, MarkerFrame
-
-LARGEST_RATE_HZ = 1.0e6
-"""Events carry microseconds; no estimate can be asked for more often."""
-
-
-def estimate_times_us(first_us: int, rate_hz: float) -> Iterator[int]:
-    """Yield t_k = first + floor(k * 1e6 / rate) without end.
-
-    Raises:
-        ConfigError: The rate is not between 0 and 1 MHz.
-    """
-    if not 0.0 < rate_hz <= LARGEST_RATE_HZ:
-        raise ConfigError(f"rate_hz is {rate_hz:g}, it must be above 0 and at most 1e6")
-    return (first_us + int(k * 1e6 // rate_hz) for k in itertools.count())
 
 
 def follow(
@@ -34,8 +20,8 @@ def follow(
 ) -> Iterator[MarkerFrame]:
     """Track a stream and yield the markers at a regular rate.
 
-    The first estimate is at the first event, the last one at most a period before the last event;
-    silence in between is filled with estimates too.
+    The first estimate is at the first event, the last one at most a period before the end of the
+    stream. Silence in between is filled with estimates too.
 
     Args:
         packets: Packets in order of time, of any length.
@@ -45,15 +31,16 @@ def follow(
     Raises:
         ConfigError: The rate is not between 0 and 1 MHz.
     """
+    check_rate(rate_hz)
     stream = iter(packets)
     first = next((packet for packet in stream if len(packet)), None)
-    times_us = estimate_times_us(int(first.t[0]) if first else 0, rate_hz)
     if first is None:
         return
-    yield tracker.estimate(int(first.t[0]))
-    edges_us, wanted_us = itertools.tee(times_us)
-    next(wanted_us)
-    for window in cut(itertools.chain([first], stream), edges_us):
+    times = EstimateTimes(int(first.t[0]), rate_hz)
+    yield tracker.estimate(times.first_us)
+    next_us = iter(times)
+    next(next_us)
+    for window in cut(itertools.chain([first], stream), iter(times)):
         tracker.absorb(window)
-        if window.t_end_us == next(wanted_us):
+        if window.t_end_us == next(next_us):
             yield tracker.estimate(window.t_end_us)

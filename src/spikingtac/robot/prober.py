@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import Window, count_of
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import ConfigError, DeviceError, SearchError
 from spikingtac.robot.approach import ApproachConfig, Approacher
 from spikingtac.robot.arm import Arm
@@ -20,18 +21,6 @@ from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact
 
 Vector = NDArray[np.float64]
-
-
-class TouchDetector(Protocol):
-    """A contact detector that can be told to start afresh; those of the registry fit."""
-
-    def update(self, window: Window) -> Contact | None:
-        """Take the next window and return a contact, once it is found."""
-        ...
-
-    def reset(self) -> None:
-        """Forget the past windows, not the calibration."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +155,7 @@ class ArmProber:
 
     arm: Arm
     windows: Iterator[Window]
-    detector: TouchDetector
+    detector: ContactDetector
     config: ProbingConfig
     watchdog: Watchdog | None = None
     free_travel: FreeTravel | None = None
@@ -255,7 +244,7 @@ class ArmProber:
 class _Ear:
     """A detector that counts what it heard, to know a dead sensor from a silent one."""
 
-    def __init__(self, detector: TouchDetector) -> None:
+    def __init__(self, detector: ContactDetector) -> None:
         self.heard = 0
         self._events = 0
         self._detector = detector

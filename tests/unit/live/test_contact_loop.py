@@ -7,7 +7,7 @@ from itertools import islice
 import pytest
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.live.contact_loop import Arrival, ContactLoop, Tap
+from spikingtac.live.contact_loop import Arrival, ContactLoop, Subscriber
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import windows
@@ -24,7 +24,7 @@ class Clock:
 class Bench:
     """A loop over a clock that only the stream moves, 1 ms per window plus a transport."""
 
-    def __init__(self, taps: tuple[Tap, ...] = ()) -> None:
+    def __init__(self, subscribers: tuple[Subscriber, ...] = ()) -> None:
         self.clock, self.order = Clock(), list[str]()
         stop = lambda: self.order.append("stop")  # noqa: E731
         self.watchdog = Watchdog(WatchdogConfig(), stop, self.clock)
@@ -32,7 +32,7 @@ class Bench:
         self.watchdog.arm()
         self.order.clear()
         detector = EventCountDetector(EventCountConfig(threshold=40))
-        self.loop = ContactLoop(detector, self.watchdog, stop, taps, self.clock)
+        self.loop = ContactLoop(detector, self.watchdog, stop, subscribers, self.clock)
 
     def arrivals(self, late_s: float = 0.0, queued_s: float = 0.0) -> Iterator[Arrival]:
         for window in windows(200, seed=1, speed=lambda k: (0.1 * (k >= 100), 0.0)):
@@ -48,19 +48,19 @@ def test_the_stop_is_sent_before_anything_else_is_done_with_the_window() -> None
 
     class Consumer:
         def put_nowait(self, item: EventPacket) -> None:
-            bench.order.append("tap")
+            bench.order.append("subscriber")
 
     bench.loop = ContactLoop(
         EventCountDetector(EventCountConfig(threshold=40)),
         bench.watchdog,
         lambda: bench.order.append("stop"),
-        (Tap(Consumer()),),
+        (Subscriber(Consumer()),),
         bench.clock,
     )
     report = bench.loop.guard(bench.arrivals(), lambda _: bench.order.append("show"))
     assert report.contact is not None
     assert report.contact.t_us == 101_000
-    assert bench.order[-3:] == ["stop", "tap", "show"]
+    assert bench.order[-3:] == ["stop", "subscriber", "show"]
     assert bench.order.count("stop") == 1
     assert report.windows == 101
     assert report.health is Health.OK
@@ -68,7 +68,7 @@ def test_the_stop_is_sent_before_anything_else_is_done_with_the_window() -> None
 
 def test_a_consumer_that_never_reads_loses_windows_and_delays_nothing() -> None:
     blocked: queue.Queue[EventPacket] = queue.Queue(maxsize=5)
-    bench = Bench((Tap(blocked),))
+    bench = Bench((Subscriber(blocked),))
     report = bench.loop.guard(bench.arrivals())
     assert report.contact is not None
     assert report.contact.t_us == 101_000

@@ -1,17 +1,21 @@
 import numpy as np
 import pytest
 
+from spikingtac.contact.window import WINDOW_US
+from spikingtac.errors import ConfigError
 from spikingtac.live import tracker_history as history
 from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import WINDOW_US, Playback
-from stand_ins.live import BurstWatch, CountingTracker, random_source
+from spikingtac.live.playback import Playback
+from spikingtac.pipeline.follow import follow
+from spikingtac.types import MarkerFrame
+from stand_ins.live import BurstDetector, CountingTracker, random_source
 
 FOREVER_S = 3600.0
 
 
 def playback(rate_hz: float = 1000.0, packets: int = 60) -> Playback:
     store = EventStore(random_source(seed=3, packets=packets))
-    return Playback(store, CountingTracker, BurstWatch, rate_hz=rate_hz)
+    return Playback(store, CountingTracker, BurstDetector, rate_hz=rate_hz)
 
 
 def tracked_to(play: Playback, t_us: int) -> np.ndarray:
@@ -79,7 +83,7 @@ def test_work_stops_when_its_time_is_up() -> None:
     play = playback()
     play.aim(play.store.t_start_us + 500_000)
     assert not play.work(0.0)
-    assert play.position_us == play.store.t_start_us + WINDOW_US
+    assert play.position_us == play.store.first_event_us < play.store.t_start_us + WINDOW_US
 
 
 def test_the_end_of_the_source_ends_the_aim() -> None:
@@ -102,5 +106,17 @@ def test_contacts_are_found_once_however_often_a_stretch_is_played() -> None:
 
 
 def test_a_rate_of_zero_is_refused() -> None:
-    with pytest.raises(ValueError, match="must be positive"):
+    with pytest.raises(ConfigError, match="must be above 0"):
         playback(rate_hz=0.0)
+
+
+def test_estimates_begin_at_the_first_event_and_keep_the_times_of_follow() -> None:
+    frames: list[MarkerFrame] = []
+    store = EventStore(random_source(seed=3, packets=60))
+    play = Playback(store, CountingTracker, rate_hz=350.0, on_frame=frames.append)
+    play.aim(10**12)
+    play.work(FOREVER_S)
+    expected = list(follow(random_source(seed=3, packets=60), CountingTracker(), 350.0))
+    assert [frame.t_us for frame in frames] == [frame.t_us for frame in expected]
+    for one, other in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(one.detected_px, other.detected_px)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.pipeline.follow import estimate_times_us, follow
+from spikingtac.pipeline.estimate_times import EstimateTimes
+from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket, MarkerFrame
 
 SIZE = (8, 8)
@@ -44,7 +45,7 @@ def counts(packets: list[EventPacket], rate_hz: float) -> list[tuple[int, int]]:
 
 
 def test_estimates_follow_the_contracts_times() -> None:
-    times = list(itertools.islice(estimate_times_us(400, 350.0), 4))
+    times = list(itertools.islice(EstimateTimes(400, 350.0), 4))
     assert times == [400, 400 + 2857, 400 + 5714, 400 + 8571]
 
 

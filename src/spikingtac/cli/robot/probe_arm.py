@@ -17,8 +17,9 @@ from spikingtac.cli.robot.probe_search import (
     resolved_config,
     search,
 )
-from spikingtac.contact.detector import ContactDetector, Window, count_of
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import CalibrationError, DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel

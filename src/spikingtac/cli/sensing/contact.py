@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -15,8 +15,9 @@ from spikingtac.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.contact.detector import ContactDetector
+    from spikingtac.contact.detector import ContactDetector, DetectorSummary
     from spikingtac.contact.recording import FoundContact
+    from spikingtac.contact.registry import DetectionConfig
     from spikingtac.events.formats.file_source import FileSource
 
 SECOND_SENSOR = "events_1.raw"
@@ -27,37 +28,40 @@ CALIBRATION_NAMES = "calibration.json", "calibration_1.json"
 class Args:
     """Find the contacts in a recording: not a safety function, see the how-to.
 
-    A recording begins with a stretch without contact, from which the thresholds are taken, or a
-    quiet one of the moving arm is given beside it. The default detector looks at the rims of the
-    markers and needs a calibration of each sensor; without one, raw events are counted.
+    The thresholds are learned from the beginning of the recording, which must be free of contact,
+    or from a recording of the moving arm that is given with --quiet. The default detector uses
+    the rims of the markers and needs a calibration of each sensor; without one, raw events are
+    counted.
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
     """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a named
     pipe or - for RAW as it comes, with --quiet."""
     calibration: tuple[Path, ...] = ()
-    """calibration.json of each sensor; calibration.json and calibration_1.json beside the recording
-    are found by themselves."""
+    """calibration.json of each sensor; unless given, calibration.json and calibration_1.json beside
+    the recording are used."""
     quiet: Path | None = None
     """Recording of the moving arm without contact; the beginning of RECORDING unless given."""
-    detector: Literal["default", "event_count"] | None = None
-    """default (signed, sequential) or event_count (as published); default where there is a
-    calibration, event_count otherwise."""
-    budget: float = 1.0
-    """False contacts per hour of free motion that are put up with."""
+    preset: str = "default"
+    """Settings of the detectors: a preset, or a TOML file with a table [contact]."""
+    detector: str | None = None
+    """motion (a sequential test of signed evidence, also called default), event_count (as
+    published), or a detector of another installed package. Unless given or set in the preset:
+    default where there is a calibration, event_count otherwise."""
+    budget: float | None = None
+    """Allowed false contacts per hour of free motion; the preset's (1) unless given."""
     strict: bool = False
-    """Refuse a damaged recording instead of mending it."""
+    """Refuse a damaged recording instead of repairing it."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Learn what is quiet, find the contacts, and say what was found."""
+    """Learn from the quiet windows, find the contacts, and report them."""
     from spikingtac.contact.recording import find_contacts
     from spikingtac.events.formats.evt.raw_stream import is_stream
 
-    if not args.budget > 0.0:
-        raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+    config = _config(args)
     live = is_stream(args.recording)
     if live and args.quiet is None:
         raise ConfigError(
@@ -66,10 +70,11 @@ def run(args: Args) -> int:
         )
     sources = _sources(args.recording, args.strict)
     calibrations = _calibrations(args, sources)
-    name = args.detector or ("default" if calibrations else "event_count")
-    detector, quiet = _learn(args, name, sources, calibrations)
+    name = config.detector or ("default" if calibrations else "event_count")
+    detector = _learn(args, replace(config, detector=name), sources, calibrations)
+    learned = detector.summary()
     found = []
-    with progress(f"looking for contacts in {args.recording.name}") as advance:
+    with progress(f"finding contacts in {args.recording.name}") as advance:
         for contact in find_contacts(sources, detector):
             found.append(contact)
             if live:
@@ -79,40 +84,54 @@ def run(args: Args) -> int:
         "contacts": [_contact(contact) for contact in found],
         "detector": name,
         "sensors": len(sources),
-        "budget_per_hour": args.budget,
-        "quiet": quiet | _learned(detector),
+        "budget_per_hour": config.false_alarms_per_hour,
+        "rule": learned.rule,
+        "quiet": _quiet(args, learned),
         "anomalies": _anomalies(sources),
     }
     if args.json:
         emit_json(summary)
     else:
-        _print(summary, args, fallback=args.detector is None and not calibrations)
+        _print(summary, args, fallback=config.detector is None and not calibrations)
     return 0
 
 
+def _config(args: Args) -> DetectionConfig:
+    """Return the preset's settings with what the command line changes."""
+    from spikingtac.config import load_config
+
+    config = load_config(args.preset).contact
+    if args.budget is not None:
+        config = replace(config, false_alarms_per_hour=args.budget)
+    return config if args.detector is None else replace(config, detector=args.detector)
+
+
 def _learn(
-    args: Args, name: str, sources: Sequence[FileSource], calibrations: Sequence[Calibration]
-) -> tuple[ContactDetector, dict[str, Any]]:
-    """Return the detector, and the statistics of the windows that it was built from."""
-    from spikingtac.contact.quiet import QuietStatistics
+    args: Args,
+    config: DetectionConfig,
+    sources: Sequence[FileSource],
+    calibrations: Sequence[Calibration],
+) -> ContactDetector:
+    """Build the detector from the quiet windows."""
     from spikingtac.contact.recording import leading_quiet, paired_windows
-    from spikingtac.contact.registry import DetectionConfig, make_detector
+    from spikingtac.contact.registry import make_detector
 
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
         raise ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
     length = leading_quiet(sources) if args.quiet is None else None
-    statistics = QuietStatistics.of(islice(paired_windows(given), length))
-    config = DetectionConfig(false_alarms_per_hour=args.budget)
-    detector = make_detector(name, config, calibrations, islice(paired_windows(given), length))
-    return detector, {
-        "source": "beginning" if args.quiet is None else args.quiet.name,
-        "windows": statistics.windows,
-        "seconds": round(statistics.windows * statistics.period_s, 6),
-        "mean": statistics.mean,
-        "variance": statistics.variance,
-        "highest": statistics.highest,
-    }
+    quiet = islice(paired_windows(given), length)
+    return make_detector(config.detector or "default", config, calibrations, quiet)
+
+
+def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
+    """Return the statistics of the quiet windows and the figures that they gave."""
+    statistics: dict[str, Any] = {"source": "beginning" if args.quiet is None else args.quiet.name}
+    if learned.quiet is not None:
+        counts = asdict(learned.quiet)
+        seconds = round(counts.pop("period_s") * learned.quiet.windows, 6)
+        statistics |= {"seconds": seconds, **counts}
+    return statistics | dict(learned.figures)
 
 
 def _sources(path: Path, strict: bool) -> list[FileSource]:
@@ -155,22 +174,7 @@ def _contact(found: FoundContact) -> dict[str, Any]:
         "count": contact.count,
         "threshold": contact.threshold,
         "end_us": found.end_us,
-    } | found.details
-
-
-def _learned(detector: ContactDetector) -> dict[str, Any]:
-    from spikingtac.contact.event_count import EventCountDetector
-    from spikingtac.contact.motion_detector import MotionDetector
-
-    if isinstance(detector, MotionDetector):
-        return {
-            "hot_pixels": list(detector.hot_pixels),
-            "scales_ms": detector.test.windows.tolist(),
-            "thresholds": [round(float(value), 3) for value in detector.test.threshold],
-        }
-    if isinstance(detector, EventCountDetector):
-        return {"threshold": detector.threshold}
-    return {}
+    } | (found.details.as_mapping() if found.details else {})
 
 
 def _anomalies(sources: Sequence[FileSource]) -> dict[str, int]:
@@ -192,9 +196,14 @@ def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
     quiet = summary["quiet"]
     title = (
         f"contacts in {args.recording.name} by {summary['detector']}, at most "
-        f"{summary['budget_per_hour']:g} false an hour; quiet: {quiet['seconds']:g} s, "
-        f"{quiet['mean']:.2f} events/ms, variance {quiet['variance']:.2f}"
+        f"{summary['budget_per_hour']:g} false per hour"
     )
+    if "mean" in quiet:
+        title += (
+            f"; quiet: {quiet['seconds']:g} s, {quiet['mean']:.2f} events/ms, "
+            f"variance {quiet['variance']:.2f}"
+        )
+    remark(summary["rule"])
     emit_table(
         title,
         ("t ms", "ends ms", "statistic", "threshold", "where px"),

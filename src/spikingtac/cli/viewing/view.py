@@ -1,10 +1,10 @@
-"""``spikingtac view``: look at a recording or a scene in the browser."""
+"""``spikingtac view``: view a recording or a scene in the browser."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,7 +17,7 @@ HEADLESS_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Look at a recording, a recording folder or a scene of the twin in the browser."""
+    """View a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
     """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
@@ -30,8 +30,8 @@ class Args:
     """Estimates per second; the preset's unless given."""
     seed: int = 0
     """Of a scene."""
-    camera: Literal["clean", "typical", "noisy"] | None = None
-    """Camera of a scene; its own unless given."""
+    camera: str | None = None
+    """Camera preset of a scene (an unknown name lists all); its own unless given."""
     host: str = "127.0.0.1"
     """Address to serve on; beyond loopback the printed address carries a random token."""
     port: int = 8765
@@ -53,7 +53,7 @@ class Args:
 
 
 def run(args: Args) -> int:
-    """Serve the page; print what was seen once it ends."""
+    """Serve the page; print a summary at the end."""
     check_seconds(args.seconds)
     arguments = {
         "source": args.source,
@@ -74,7 +74,7 @@ def run(args: Args) -> int:
 
 
 def check_seconds(seconds: float | None) -> None:
-    """Refuse a showing of no length.
+    """Refuse a session of no length.
 
     Raises:
         ConfigError: ``seconds`` is not above 0.
@@ -98,11 +98,12 @@ def show_source(
     arguments: dict[str, Any], args: Any, *, repeat: bool, tracks: Path | None = None
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
+    from spikingtac.live.factory import Factory
     from spikingtac.viewer.session.opening import open_view_source
-    from spikingtac.viewer.web.show import Showing, show
+    from spikingtac.viewer.web.show import PageOptions, show
 
     check_seconds(args.seconds)
-    showing = Showing(
+    options = PageOptions(
         host=args.host,
         port=args.port,
         browser=not (args.no_browser or args.headless),
@@ -111,11 +112,12 @@ def show_source(
         picture=args.picture,
         tracks=tracks,
     )
-    return show(open_view_source, arguments, showing, remark)
+    open_view = Factory(function=open_view_source, arguments=arguments)
+    return show(open_view, options, remark)
 
 
 def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
-    """Print the summary of what was seen, as a table or as JSON."""
+    """Print the summary of the session, as a table or as JSON."""
     if as_json:
         emit_json({"source": source, **summary})
         return

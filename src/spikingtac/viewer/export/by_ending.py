@@ -10,11 +10,11 @@ from spikingtac.viewer.session.source import ViewSource
 ENDINGS = (".mcap", ".rrd", ".gif")
 
 
-def export(subject: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a subject into a file; return the number of messages or pictures.
+def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a view into a file; return the number of messages or pictures.
 
     Args:
-        subject: From :func:`spikingtac.viewer.session.opening.open_view_source`.
+        view: From :func:`spikingtac.viewer.session.opening.open_view_source`.
         path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun) or ``.gif``.
         seconds: Length of the stretch from its beginning; None is all of it.
 
@@ -27,14 +27,14 @@ def export(subject: ViewSource, path: str | Path, *, seconds: float | None = Non
     if target.suffix == ".mcap":
         from spikingtac.viewer.export.mcap import export_mcap
 
-        return export_mcap(subject, target, seconds=seconds)
+        return export_mcap(view, target, seconds=seconds)
     if target.suffix == ".rrd":
         from spikingtac.viewer.export.rrd import export_rrd
 
-        return export_rrd(subject, target, seconds=seconds)
+        return export_rrd(view, target, seconds=seconds)
     from spikingtac.viewer.export.gif import export_gif
 
-    return export_gif(subject, target, seconds=seconds)
+    return export_gif(view, target, seconds=seconds)
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:

@@ -8,67 +8,53 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
 from spikingtac.plots.summary import DPI, PANEL, Picture, draw_sensor
+from spikingtac.viewer.export.stretch import Stretch, open_stretch
 from spikingtac.viewer.session.layers import OFF_CODE, activity, unpack, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
 
 FRAME_MS = 50
 """Twenty frames per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms."""
-EXPOSURE_US = 30_000
 SIDE_IN = 3.4
-BUDGET_S = 3600.0
 LONGEST_S = 60.0
 """A GIF of a minute has tens of megabytes already."""
 MOST_COLORS = 32
 
 
-def export_gif(subject: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a subject and write what a page would show; return the number of pictures.
+def export_gif(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a view and write what a page would show; return the number of pictures.
 
     Args:
-        subject: From :func:`spikingtac.viewer.session.opening.open_view_source`.
+        view: From :func:`spikingtac.viewer.session.opening.open_view_source`.
         path: File to write.
         seconds: Length of the stretch from its beginning; None is all of it, a minute at most.
 
     Raises:
         ConfigError: The source does not end and no length was given, or nothing was tracked.
     """
-    if seconds is None and not subject.ends:
-        raise ConfigError("this source does not end by itself; say how long: --seconds N")
-    store = EventStore(subject.source)
-    playback = Playback(
-        store, lambda: subject.make_tracker(subject.config), rate_hz=subject.rate_hz
-    )
     pictures = []
-    try:
+    with open_stretch(view, seconds) as stretch:
         for _ in range(int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / FRAME_MS)):
-            playback.aim(playback.position_us + FRAME_MS * 1000)
-            before_us = playback.position_us
-            playback.work(BUDGET_S)
-            if playback.position_us == before_us or playback.frame is None:
+            if not stretch.advance(FRAME_MS * 1000) or stretch.playback.frame is None:
                 break
-            pictures.append(_picture(subject, playback))
-    finally:
-        store.close()
+            pictures.append(_picture(stretch))
     if not pictures:
-        raise ConfigError(f"{subject.label}: too short, nothing was tracked")
+        raise ConfigError(f"{view.label}: too short, nothing was tracked")
     first, *rest = pictures
     first.save(path, save_all=True, append_images=rest, duration=FRAME_MS, loop=0, optimize=True)
     return len(pictures)
 
 
-def _picture(subject: ViewSource, playback: Playback) -> Any:
+def _picture(stretch: Stretch) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image
 
-    frame, store, calibration = playback.frame, playback.store, subject.calibration
+    frame, store = stretch.playback.frame, stretch.playback.store
+    calibration = stretch.view.calibration
     assert frame is not None
     size, step = view_size(store.size), view_step(store.size)
-    exposed = store.between(playback.position_us - EXPOSURE_US, playback.position_us)
-    codes = unpack(activity(exposed), size)
+    codes = unpack(activity(stretch.exposed()), size)
     figure = Figure(figsize=(SIDE_IN, SIDE_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
     canvas = FigureCanvasAgg(figure)
     draw_sensor(

@@ -12,21 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.errors import MissingExtraError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.live.event_store import EventStore
 from spikingtac.live.playback import Playback
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.export.ros_messages import DEFINITIONS, FLOAT32
-from spikingtac.viewer.session.layers import OFF_CODE, activity, unpack, view_size
+from spikingtac.viewer.export.stretch import US_PER_S, Stretch, open_stretch
+from spikingtac.viewer.session.layers import grey_image
 from spikingtac.viewer.session.source import ViewSource
 
 MESSAGE_US = 10_000
 """Span of a message: 100 per second, what a display needs and a bag likes."""
-EXPOSURE_US = 30_000
-BUDGET_S = 3600.0
-GREY, ON_GREY, OFF_GREY = 128, 255, 0
-NS_PER_US, US_PER_S = 1_000, 1_000_000
+NS_PER_US = 1_000
 FRAME = "tactile_sensor"
 TYPES = {
     "events": "event_camera_msgs/msg/EventPacket",
@@ -40,13 +37,13 @@ FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv"
 u, v and displacement du, dv in px, and 1 where it was seen."""
 
 
-def export_mcap(subject: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a subject and write what a page would show; return the number of messages.
+def export_mcap(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
+    """Track a view and write what a page would show; return the number of messages.
 
     Args:
-        subject: From :func:`spikingtac.viewer.session.opening.open_view_source`.
+        view: From :func:`spikingtac.viewer.session.opening.open_view_source`.
         path: File to write.
-        seconds: Length of the stretch; None is all of it, which a source that goes on has not.
+        seconds: Length of the stretch; None is all of it, where the source ends.
 
     Raises:
         MissingExtraError: The extra ``[formats]`` is not installed.
@@ -56,42 +53,30 @@ def export_mcap(subject: ViewSource, path: str | Path, *, seconds: float | None 
         from mcap_ros2.writer import Writer
     except ImportError as error:
         raise MissingExtraError("MCAP needs: pip install 'spikingtac[formats]'") from error
-    if seconds is None and not subject.ends:
-        raise ConfigError("this source does not end by itself; say how long: --seconds N")
-    store = EventStore(subject.source)
-    if subject.ends:
-        store.extend_to_end()
-    playback = Playback(
-        store, lambda: subject.make_tracker(subject.config), rate_hz=subject.rate_hz
-    )
-    end_us = store.t_end_us if seconds is None else store.t_start_us + round(seconds * US_PER_S)
-    try:
-        with open(path, "wb") as file:
-            writer = Writer(file)
-            messages = _write(_Topics(writer), subject, playback, end_us)
-            writer.finish()
-    finally:
-        store.close()
+    with open_stretch(view, seconds) as stretch, open(path, "wb") as file:
+        writer = Writer(file)
+        messages = _write(_Topics(writer), stretch)
+        writer.finish()
     return messages
 
 
-def _write(topics: _Topics, subject: ViewSource, playback: Playback, end_us: int) -> int:
-    store, encoder = playback.store, Evt3Encoder()
-    start_us = store.t_start_us
-    while start_us < end_us and playback.position_us == start_us:
-        playback.aim(min(start_us + MESSAGE_US, end_us))
-        playback.work(BUDGET_S)
-        now_us = playback.position_us
+def _write(topics: _Topics, stretch: Stretch) -> int:
+    playback, encoder = stretch.playback, Evt3Encoder()
+    store, start_us = playback.store, playback.position_us
+    while start_us < stretch.end_us:
+        advanced_us = stretch.advance(MESSAGE_US)
+        now_us = start_us + advanced_us
         # The events after the last whole step belong to the last message.
-        until_us = end_us if now_us < start_us + MESSAGE_US else now_us
-        packet = store.between(start_us, until_us)
+        last = advanced_us < MESSAGE_US
+        packet = store.between(start_us, stretch.end_us if last else now_us)
         topics.write("events", now_us, _events(packet, encoder, store.t_start_us))
         if playback.frame is not None:
-            topics.write("field", now_us, _field(playback.frame, subject.calibration))
-        exposed = store.between(now_us - EXPOSURE_US, now_us)
-        topics.write("image", now_us, _image(exposed))
-        topics.write("diagnostics", now_us, _diagnostics(subject, playback))
-        if now_us < start_us + MESSAGE_US:
+            topics.write(
+                "field", playback.frame.t_us, _field(playback.frame, stretch.view.calibration)
+            )
+        topics.write("image", now_us, _image(stretch.exposed()))
+        topics.write("diagnostics", now_us, _diagnostics(stretch.view, playback))
+        if last:
             break
         start_us = now_us
     return topics.written
@@ -166,29 +151,28 @@ def _about_centre(calibration: Calibration) -> NDArray[np.float64]:
 
 
 def _image(exposed: EventPacket) -> dict[str, Any]:
-    width, height = view_size(exposed.size)
-    codes = unpack(activity(exposed), (width, height))
-    grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
+    grey = grey_image(exposed)
+    height, width = grey.shape
     return {
         "height": height,
         "width": width,
         "encoding": "mono8",
         "is_bigendian": 0,
         "step": width,
-        "data": grey.astype(np.uint8).tobytes(),
+        "data": grey.tobytes(),
     }
 
 
-def _diagnostics(subject: ViewSource, playback: Playback) -> dict[str, Any]:
+def _diagnostics(view: ViewSource, playback: Playback) -> dict[str, Any]:
     p50_us, p99_us = playback.step_percentiles_us()
-    figures = {"step_p50_us": p50_us, "step_p99_us": p99_us, **subject.source.losses}
+    figures = {"step_p50_us": p50_us, "step_p99_us": p99_us, **view.source.losses}
     values = [{"key": key, "value": f"{value:g}"} for key, value in figures.items()]
     coasted = int(playback.frame.coasted.sum()) if playback.frame else 0
     status = {
         "level": 1 if coasted else 0,
         "name": "spikingtac: tracking",
         "message": f"{coasted} markers held" if coasted else "all markers seen",
-        "hardware_id": subject.label,
+        "hardware_id": view.label,
         "values": values,
     }
     return {"status": [status]}

@@ -14,6 +14,8 @@ AGE_BINS = 7
 OFF_CODE = 8
 MOST_EVENTS = 200_000
 """Events drawn in one image; older ones of a burst would be painted over anyway."""
+GREY, ON_GREY, OFF_GREY = 128, 255, 0
+"""Grey values of a pixel without event, and of one whose last event was ON or OFF."""
 LEVELS = 15
 """Code of a white pixel in the state map's image."""
 
@@ -48,6 +50,13 @@ def activity(packet: EventPacket) -> NDArray[np.uint8]:
     # Events are in order of time, and NumPy assigns in order: the last event of a pixel stays.
     image[packet.y[recent] // step, packet.x[recent] // step] = code
     return pack(image)
+
+
+def grey_image(packet: EventPacket) -> NDArray[np.uint8]:
+    """Return ``(height, width)`` grey values of the displayed image: OFF dark, ON bright."""
+    codes = unpack(activity(packet), view_size(packet.size))
+    grey = np.where(codes == 0, GREY, np.where(codes < OFF_CODE, ON_GREY, OFF_GREY))
+    return grey.astype(np.uint8)
 
 
 def state_image(values: NDArray[np.floating]) -> NDArray[np.uint8]:

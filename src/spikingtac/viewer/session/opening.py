@@ -1,4 +1,4 @@
-"""From what a user names (an event file, a recording folder, a scene) to a subject to look at."""
+"""Open what a user names: an event file, a recording folder, a camera's pipe, or a scene."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
+from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
-from spikingtac.viewer.session.first_windows import FirstWindowsWatch
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
@@ -40,9 +41,9 @@ def open_view_source(
 
     Args:
         source: Path, or name of a scene.
-        calibration: Path of a calibration; a folder's own unless told, and a scene brings its own.
+        calibration: Path of a calibration; a folder's own unless given; a scene brings its own.
         preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
-        rate_hz: Estimates per second; the preset's unless told.
+        rate_hz: Estimates per second; the preset's unless given.
         seed: Of a scene.
         camera: Camera preset of a scene.
 
@@ -54,29 +55,31 @@ def open_view_source(
     """
     path = Path(source)
     if is_stream(path):
-        subject = _open_stream(path, calibration)
+        view = _open_stream(path, calibration)
     elif path.suffix == ".toml" or not path.exists():
         _refuse_missing_file(path)
-        subject = _open_scene(source, seed, camera)
+        view = _open_scene(source, seed, camera)
     elif camera is not None:
         raise ConfigError(
             f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
         )
     else:
-        subject = _open_recording(path, calibration)
+        view = _open_recording(path, calibration)
     if calibration is not None:
-        subject = replace(subject, calibration=Calibration.load(calibration))
-    if tuple(subject.calibration.size) != tuple(subject.source.size):
+        view = replace(view, calibration=Calibration.load(calibration))
+    if tuple(view.calibration.size) != tuple(view.source.size):
         raise CalibrationError(
-            f"the calibration is for {subject.calibration.size}, "
-            f"the recording has {subject.source.size}"
+            f"the calibration is for {view.calibration.size}, the recording has {view.source.size}"
         )
-    config = load_config(preset).with_tracking(rate_hz=rate_hz).tracking
+    settings = load_config(preset).with_tracking(rate_hz=rate_hz)
+    config, contact = settings.tracking, settings.contact
     return replace(
-        subject,
+        view,
         config=config,
-        make_tracker=partial(_tracker, subject.calibration),
-        make_watch=FirstWindowsWatch,
+        make_tracker=partial(_tracker, view.calibration),
+        make_detector=partial(
+            SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
+        ),
         rate_hz=config.rate_hz,
     )
 
@@ -121,7 +124,10 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     chosen = Calibration.load(calibration)
     return ViewSource(
         label=path.name,
-        source=ProcessSource(stream_packets, {"path": str(path), "size": chosen.size}, chosen.size),
+        source=ProcessSource(
+            Factory(function=stream_packets, arguments={"path": str(path), "size": chosen.size}),
+            chosen.size,
+        ),
         calibration=chosen,
         config=None,
         make_tracker=_unchosen,
@@ -160,7 +166,9 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     return ViewSource(
         label=Path(name).stem,
         source=ProcessSource(
-            scene_packets, arguments, scene.size, lambda rows: truth.append(rows[0], rows[1])
+            Factory(function=scene_packets, arguments=arguments),
+            scene.size,
+            lambda rows: truth.append(rows[0], rows[1]),
         ),
         calibration=Calibration(
             reference_px=at_rest.reference_px,

@@ -1,7 +1,7 @@
-"""The session's own process: a slow page, a slow server or a busy terminal never holds it up.
+"""The session's own process: a slow page, server or terminal never delays it.
 
-A busy thread beside the tracking loop would stretch a step of half a millisecond to several (they
-share one interpreter lock), so the loop shares no process with the server.
+A busy thread beside the tracking loop would stretch a step of half a millisecond to several, since
+threads share one interpreter lock. The loop therefore runs in another process than the server.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import json
 import multiprocessing
 import queue
 import signal
-from collections.abc import Callable
 from multiprocessing.synchronize import Event
 from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
+from spikingtac.live.factory import Factory
 from spikingtac.live.ring import SharedRing
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.snapshot import starting
@@ -31,12 +31,9 @@ FRAME_BYTES = 2 << 20
 """Largest frame: two packed images of 640x640, and the markers of any grid in use."""
 GREETING_BYTES = 1 << 20
 MOST_COMMANDS = 64
-"""Commands that wait for the loop; a page that sends faster loses the surplus."""
+"""Commands that may wait for the loop; a page that sends faster loses the surplus."""
 SHUTDOWN_S = 20.0
-"""A loaded machine may take seconds to complete the tracks; an idle one a tenth of one."""
-
-Opener = Callable[..., ViewSource]
-"""Makes the subject inside the session's process; a function of a module, called with keywords."""
+"""Longest wait for the session to complete its tracks; an idle machine needs 0.1 s."""
 
 
 class SessionProcess:
@@ -48,8 +45,7 @@ class SessionProcess:
 
     def __init__(
         self,
-        opener: Opener,
-        arguments: dict[str, Any],
+        open_view: Factory[ViewSource],
         *,
         repeat: bool = False,
         tracks: Path | None = None,
@@ -57,8 +53,7 @@ class SessionProcess:
         """Start.
 
         Args:
-            opener: A function of a module that returns the subject.
-            arguments: Its keyword arguments; they travel to the other process.
+            open_view: Opens what is viewed, in the session's process.
             repeat: Begin again at the end.
             tracks: File for every estimate, complete once :meth:`close` has returned True.
         """
@@ -71,10 +66,10 @@ class SessionProcess:
         self._stopped = context.Event()
         names = self._frames.name, self._greetings.name
         channels = names, self._commands, self._failures, self._stopped
-        work = opener, arguments, {"repeat": repeat, "tracks": tracks}
-        self._process = context.Process(target=_run, args=(*work, channels))
+        options = {"repeat": repeat, "tracks": tracks}
+        self._process = context.Process(target=_run, args=(open_view, options, channels))
         self._process.start()
-        # Not a daemon, since a daemon may start no process for a simulated sensor; so it is told
+        # Not a daemon: a daemon may start no process for a simulated sensor. It is therefore asked
         # to end before the interpreter waits for it.
         Finalize(None, self._stopped.set, exitpriority=1)
 
@@ -111,7 +106,7 @@ class SessionProcess:
         return self._process.pid
 
     def close(self) -> bool:
-        """Stop the process and let go of the shared memory; True where it ended in good order."""
+        """Stop the process and release the shared memory; True where it ended without an error."""
         self._stopped.set()
         self._process.join(SHUTDOWN_S)
         if self._process.is_alive():
@@ -125,23 +120,23 @@ class SessionProcess:
         return self._process.exitcode == 0
 
 
-def _run(opener: Opener, arguments: dict[str, Any], options: dict[str, Any], channels: Any) -> None:
+def _run(open_view: Factory[ViewSource], options: dict[str, Any], channels: Any) -> None:
     # Ctrl-C reaches the whole terminal group; the parent decides when this process ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     (frames_name, greetings_name), commands, failures, stopped = channels
     frames = SharedRing.attach(frames_name, FRAME_BYTES)
     greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
     try:
-        subject = opener(**arguments)
-        greetings.publish(json.dumps(starting(subject)).encode())
-        warm_up(subject)
-        keeper = _keeper(options["tracks"], subject)
-        session = Session(subject, frames, greetings, repeat=options["repeat"], keeper=keeper)
+        view = open_view()
+        greetings.publish(json.dumps(starting(view)).encode())
+        warm_up(view)
+        recorder = _recorder(options["tracks"], view)
+        session = Session(view, frames, greetings, repeat=options["repeat"], recorder=recorder)
         _serve(session, commands, stopped)
         session.close()
         if session.failure is not None:
             raise session.failure
-    except Exception as error:  # handed to the parent, which reports it
+    except Exception as error:  # sent to the parent, which reports it
         failures.put(_portable(error))
         raise SystemExit(1) from error
     finally:
@@ -149,10 +144,10 @@ def _run(opener: Opener, arguments: dict[str, Any], options: dict[str, Any], cha
         greetings.close()
 
 
-def _keeper(tracks: Path | None, subject: ViewSource) -> TrackRecorder:
+def _recorder(tracks: Path | None, view: ViewSource) -> TrackRecorder:
     if tracks is None:
         return NullTrackRecorder()
-    return FileTrackRecorder(tracks, subject.calibration.reference_px)
+    return FileTrackRecorder(tracks, view.calibration.reference_px)
 
 
 def _serve(session: Session, commands: Any, stopped: Event) -> None:
@@ -160,11 +155,11 @@ def _serve(session: Session, commands: Any, stopped: Event) -> None:
     while not stopped.is_set() and (parent is None or parent.is_alive()):
         for name, value in _waiting(commands):
             session.command(name, value)
-        session.turn()
+        session.step()
 
 
 def _waiting(commands: Any) -> list[tuple[str, Any]]:
-    """Return the waiting commands; of a dragged slider or timeline only its last place."""
+    """Return the waiting commands; of a dragged slider or timeline only the last position."""
     latest: dict[tuple[str, Any], tuple[str, Any]] = {}
     while True:
         try:
@@ -175,7 +170,7 @@ def _waiting(commands: Any) -> list[tuple[str, Any]]:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that survives the way to another process."""
+    """Return an error that can be sent to another process."""
     from spikingtac.errors import SpikingTacError
 
     if isinstance(error, SpikingTacError | OSError):

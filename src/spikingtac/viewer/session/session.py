@@ -31,66 +31,66 @@ WORK_SHARE = 0.7
 GREETING_S = 0.5
 """How often the greeting is renewed while the length of the source still grows."""
 CATCHING_UP_US = 50_000
-"""Further behind its aim, tracking is repeating a stretch; the page keeps the picture it has."""
+"""Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile."""
 SLACK_US = 40_000
-"""A hold-up of so long is made up for; a longer one stretches the time."""
+"""A delay of up to this is made up for; a longer one stretches the time."""
 DEFAULT_EXPOSURE_US = 30_000
 """Events of the last two frames of an ordinary camera: enough to see an edge, too few to smear."""
 
 
 class Session:
-    """One subject, played under the commands of its pages.
+    """One view, played under the commands of its pages.
 
     Attributes:
         playback: The tracked stream.
         playing: False while paused.
         speed: Seconds of the recording per second.
-        failure: What ended a live source, or None; what came before it can still be looked at.
+        failure: What ended a live source, or None; what came before it can still be viewed.
     """
 
     def __init__(
         self,
-        subject: ViewSource,
+        view: ViewSource,
         frames: Publisher,
         greetings: Publisher,
         *,
         repeat: bool = False,
-        keeper: TrackRecorder | None = None,
+        recorder: TrackRecorder | None = None,
     ) -> None:
-        """Open a subject.
+        """Open a view.
 
         Args:
-            subject: What is shown.
+            view: What is shown.
             frames: Takes the frame messages.
             greetings: Takes the greeting, as JSON.
             repeat: Begin again at the end instead of pausing there.
-            keeper: Takes every estimate; None keeps nothing.
+            recorder: Takes every estimate; None records nothing.
         """
-        self._keeper = keeper or NullTrackRecorder()
-        store = EventStore(subject.source)
-        if subject.ends:
+        self._recorder = recorder or NullTrackRecorder()
+        store = EventStore(view.source)
+        if view.ends:
             store.extend_to_end()
-        self._subject, self._config = subject, subject.config
+        self._view, self._config = view, view.config
         self._frames, self._greetings, self._repeat = frames, greetings, repeat
         self.playback = Playback(
             store,
             self._tracker,
-            subject.make_watch,
-            rate_hz=subject.rate_hz,
-            on_frame=self._keeper.take,
+            view.make_detector,
+            rate_hz=view.rate_hz,
+            on_frame=self._recorder.take,
         )
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = DEFAULT_EXPOSURE_US, False
-        self._head_us = float(store.t_start_us)
+        self._playhead_us = float(store.t_start_us)
         self._timer = LoopTimer(period_s=1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._notice, self._retuned = "", False
         self._greeted_s = 0.0
         self.failure: Exception | None = None
-        self._health = None if subject.ends else StreamHealth(lambda: store.waited_s)
+        self._health = None if view.ends else StreamHealth(lambda: store.waited_s)
 
     def command(self, name: str, value: Any) -> None:
-        """Obey one command of a page (already parsed); what cannot be done is said in a notice."""
+        """Carry out a command of a page (already parsed); a refusal becomes a notice."""
         actions: dict[str, Callable[[Any], None]] = {
             "play": self._play,
             "speed": lambda speed: setattr(self, "speed", float(speed)),
@@ -98,40 +98,40 @@ class Session:
             "exposure_us": lambda exposure: setattr(self, "_exposure_us", exposure),
             "map": lambda shown: setattr(self, "_with_map", shown),
             "set": self._set,
-            "defaults": lambda _: self._retune(self._subject.config),
+            "defaults": lambda _: self._retune(self._view.config),
             "reset": lambda _: self._health.reset() if self._health else None,
         }
         if name in actions:
             actions[name](value)
 
-    def turn(self) -> None:
-        """Play on by one frame, publish it, and wait for the next one's time."""
+    def step(self) -> None:
+        """Play on by one frame, publish it, and wait for the time of the next one."""
         self._timer.begin()
         start_us = self.playback.position_us
-        # Where tracking cannot keep up the head waits: time slows down, no event is skipped.
+        # Where tracking cannot keep up, the playhead waits: time slows down, no event is skipped.
         if self.playing and self.playback.aim_us - start_us <= SLACK_US:
-            self._head_us += self.speed * 1e6 / FRAME_HZ
-            self.playback.aim(int(self._head_us))
+            self._playhead_us += self.speed * 1e6 / FRAME_HZ
+            self.playback.aim(int(self._playhead_us))
         reached = self._work()
-        if self.playing and reached and self._head_us >= self._last_us():
+        if self.playing and reached and self._playhead_us >= self._last_us():
             self._end()
         self._publish(start_us, reached)
         self._timer.end()
         self._timer.wait()
 
     def close(self) -> None:
-        """Complete what was kept, remove the stored events, end a source that runs by itself."""
-        self._keeper.close(
+        """Complete the tracks, remove the stored events, end a source that runs by itself."""
+        self._recorder.close(
             {
-                **self._subject.provenance,
+                **self._view.provenance,
                 "config": {"tracking": to_mapping(self._config)},
-                "losses": dict(self._subject.source.losses),
-                "simulated": self._subject.simulated,
+                "losses": dict(self._view.source.losses),
+                "simulated": self._view.simulated,
                 "retuned": self._retuned,
             }
         )
         self.playback.store.close()
-        end = getattr(self._subject.source, "close", None)
+        end = getattr(self._view.source, "close", None)
         if end is not None:
             end()
 
@@ -146,26 +146,26 @@ class Session:
             self._health.lost(str(error))
             self.playback.aim(self.playback.position_us)
             return True
-        self._health.answered()
+        self._health.delivered()
         return reached
 
     def _tracker(self) -> MarkerTracker:
-        return self._subject.make_tracker(self._config)
+        return self._view.make_tracker(self._config)
 
     def _play(self, playing: bool) -> None:
-        if playing and self._head_us >= self._last_us():
+        if playing and self._playhead_us >= self._last_us():
             self._seek(self.playback.store.t_start_us)
         self.playing = playing
 
     def _seek(self, t_us: int) -> None:
         store = self.playback.store
-        self._head_us = float(min(max(t_us, store.t_start_us), store.t_end_us))
-        self.playback.aim(int(self._head_us))
+        self._playhead_us = float(min(max(t_us, store.t_start_us), store.t_end_us))
+        self.playback.aim(int(self._playhead_us))
 
     def _last_us(self) -> float:
-        """Return where playing ends: the last whole step, or never while the source goes on."""
+        """Return where playing ends: at the end of the source, or never while it goes on."""
         store = self.playback.store
-        return store.t_end_us - 1e6 / self._subject.rate_hz if store.ended else float("inf")
+        return store.t_end_us if store.ended else float("inf")
 
     def _end(self) -> None:
         if self._repeat:
@@ -190,12 +190,12 @@ class Session:
         behind_us = self.playback.aim_us - self.playback.position_us
         catching_up = not reached and behind_us > CATCHING_UP_US
         if not catching_up or self._shown is None:
-            self._shown = self._look()
+            self._shown = self._snapshot()
         scalars, arrays = self._shown
         advanced_us = self.playback.position_us - start_us
         state = "OK" if reached else "CATCHING UP" if catching_up else "OVERLOAD"
         state = "DISCONNECTED" if self.failure is not None else state
-        moment = {
+        status = {
             "stamp_ms": round(time.time() * 1e3, 3),
             "playing": self.playing,
             "speed": self.speed,
@@ -207,11 +207,11 @@ class Session:
             "exposure_us": self._exposure_us,
             "notice": self._notice,
         }
-        if not self._frames.publish(encode({**scalars, **moment}, arrays)):
+        if not self._frames.publish(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")
 
     def _watchdog(self) -> dict[str, str] | None:
-        """Return what the watchdog of a live source says; recordings have none."""
+        """Return the state of a live source's watchdog; recordings have none."""
         if self._health is None:
             return None
         return {"health": self._health.health.name, "reason": self._health.reason}
@@ -220,13 +220,13 @@ class Session:
         now_s = time.monotonic()
         growing = not self.playback.store.ended and now_s - self._greeted_s > GREETING_S
         if not self._greeted_s or growing:
-            document = greeting(self._subject, self.playback, self._config)
+            document = greeting(self._view, self.playback, self._config)
             self._greetings.publish(json.dumps(document).encode())
             self._greeted_s = now_s
 
-    def _look(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        scalars, arrays = moving(self._subject, self.playback)
-        scalars["losses"] = dict(self._subject.source.losses)
+    def _snapshot(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        scalars, arrays = moving(self._view, self.playback)
+        scalars["losses"] = dict(self._view.source.losses)
         state_map = _map_of(self.playback.tracker) if self._with_map else None
         return scalars, {**arrays, **images(self.playback, self._exposure_us, state_map)}
 

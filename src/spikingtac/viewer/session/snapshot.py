@@ -1,4 +1,4 @@
-"""What a page is told: once what stands still, and at each frame what moves."""
+"""The messages to a page: a greeting with what is constant, and frames with what changes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.live.playback import WINDOW_US, Playback
+from spikingtac.contact.window import WINDOW_US
+from spikingtac.live.playback import Playback
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
@@ -26,21 +27,21 @@ FULL = 255
 """Confidence 1 as a byte."""
 
 
-def starting(subject: ViewSource) -> dict[str, Any]:
-    """Return what a page is told while the session still gets ready."""
+def starting(view: ViewSource) -> dict[str, Any]:
+    """Return the greeting while the session still gets ready."""
     return {
-        "label": subject.label,
-        "simulated": subject.simulated,
+        "label": view.label,
+        "simulated": view.simulated,
         "starting": "getting ready; the first start on a machine compiles for some seconds",
     }
 
 
-def greeting(subject: ViewSource, playback: Playback, config: Any) -> dict[str, Any]:
-    """Return what a page needs to know before the first frame."""
-    store, calibration = playback.store, subject.calibration
+def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any]:
+    """Return what a page needs before the first frame."""
+    store, calibration = playback.store, view.calibration
     return {
-        "label": subject.label,
-        "simulated": subject.simulated,
+        "label": view.label,
+        "simulated": view.simulated,
         "size": list(store.size),
         "view_size": list(view_size(store.size)),
         "view_step": view_step(store.size),
@@ -48,17 +49,15 @@ def greeting(subject: ViewSource, playback: Playback, config: Any) -> dict[str, 
         "reference_px": np.round(calibration.reference_px, 3).tolist(),
         "radius_px": np.round(calibration.radius_px, 3).tolist(),
         "px_per_mm": calibration.px_per_mm,
-        "rate_hz": subject.rate_hz,
-        "truth": subject.truth is not None,
+        "rate_hz": view.rate_hz,
+        "truth": view.truth is not None,
         "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
     }
 
 
-def moving(
-    subject: ViewSource, playback: Playback
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def moving(view: ViewSource, playback: Playback) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the scalars and arrays of the playback's present state, without images."""
     now_us, store = playback.position_us, playback.store
     p50_us, p99_us = playback.step_percentiles_us()
@@ -69,6 +68,7 @@ def moving(
     latest = playback.contacts[contacts[-1]] if contacts else None
     scalars = {
         "t_us": now_us,
+        "estimate_us": playback.frame.t_us if playback.frame else None,
         "aim_us": playback.aim_us,
         "t_start_us": store.t_start_us,
         "t_end_us": store.t_end_us,
@@ -80,7 +80,7 @@ def moving(
         "contacts_us": contacts,
         "contact": asdict(latest) if latest else None,
     }
-    return scalars, {"counts": counts, **_markers(subject, playback.frame)}
+    return scalars, {"counts": counts, **_markers(view, playback.frame)}
 
 
 def images(
@@ -93,7 +93,7 @@ def images(
     return layers if state_map is None else {**layers, "map": state_image(state_map)}
 
 
-def _markers(subject: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
+def _markers(view: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
     if frame is None:
         return {}
     arrays: dict[str, NDArray[Any]] = {
@@ -102,7 +102,7 @@ def _markers(subject: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArra
         "held": frame.coasted.astype(np.uint8),
         "confidence": np.round(np.clip(frame.confidence, 0, 1) * FULL).astype(np.uint8),
     }
-    truth = subject.truth.at(frame.t_us) if subject.truth else None
+    truth = view.truth.at(frame.t_us) if view.truth else None
     return arrays if truth is None else {**arrays, "truth_px": truth.astype(np.float32)}
 
 

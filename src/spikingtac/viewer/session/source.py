@@ -1,4 +1,4 @@
-"""What is looked at: a source of events, how it is tracked, and the truth where it is known."""
+"""What is viewed: a source of events, how it is tracked, and the truth where it is known."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
-from spikingtac.live.playback import ContactWatch
 from spikingtac.markers.tracker import MarkerTracker
 
 FIRST_ROWS = 4_096
@@ -38,7 +38,7 @@ class ViewSource:
         calibration: Where the markers rest.
         config: Settings of the tracker; those with metadata become controls.
         make_tracker: Builds a tracker from settings.
-        make_watch: Builds the contact detector, or returns None.
+        make_detector: Builds the contact detector, or returns None.
         truth: True positions, or None.
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
@@ -52,7 +52,7 @@ class ViewSource:
     calibration: Calibration
     config: Any
     make_tracker: Callable[[Any], MarkerTracker]
-    make_watch: Callable[[], ContactWatch | None] = field(default=lambda: None)
+    make_detector: Callable[[], ContactDetector | None] = field(default=lambda: None)
     truth: Truth | None = None
     rate_hz: float = 1_000.0
     simulated: bool = False

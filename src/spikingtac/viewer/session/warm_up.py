@@ -1,7 +1,7 @@
-"""Play a moment of nothing, so that everything is compiled and loaded before the real stream.
+"""Track a short silent stream, so that all kernels are compiled before the real stream begins.
 
-A simulated sensor compiles its kernels in a process of its own; rehearsing meanwhile, instead of
-waiting for its first event, halves the first start.
+A simulated sensor compiles its kernels in a process of its own. Warming up meanwhile, instead of
+waiting for its first event, halves the time of the first start.
 """
 
 from __future__ import annotations
@@ -21,39 +21,40 @@ from spikingtac.viewer.session.source import ViewSource
 if TYPE_CHECKING:
     from spikingtac.sim.scene.scene import Scene
 
-REHEARSED_US = 320_000
-"""Long enough for a contact detector that learns from its first 0.3 s."""
+WARM_UP_US = 320_000
+"""Long enough for a contact detector that learns from the first 0.3 s."""
 PACKET_US = 10_000
 BUDGET_S = 600.0
 TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
-"""A scene of ours touches within its first second; coarse steps, since nobody looks."""
+"""Every scene of the package touches within its first second; coarse steps will do."""
 EXPOSURE_US = 10_000
 
 
-def warm_up(subject: ViewSource) -> None:
-    """Track a nearly silent stream with a tracker of the subject's, and let go of both."""
-    store = EventStore(PacketSource(list(_silence(subject.source.size)), subject.source.size))
+def warm_up(view: ViewSource) -> None:
+    """Track a nearly silent stream with a tracker of the view's, and discard both."""
+    store = EventStore(PacketSource(list(_silence(view.source.size)), view.source.size))
     try:
         playback = Playback(
             store,
-            lambda: subject.make_tracker(subject.config),
-            subject.make_watch,
-            rate_hz=subject.rate_hz,
+            lambda: view.make_tracker(view.config),
+            view.make_detector,
+            rate_hz=view.rate_hz,
         )
-        playback.aim(REHEARSED_US)
+        playback.aim(WARM_UP_US)
         playback.work(BUDGET_S)
-        moving(subject, playback)
+        moving(view, playback)
         images(playback, EXPOSURE_US, None)
     finally:
         store.close()
-    subject.prepare()
+    view.prepare()
 
 
 def touch_once(scene: Scene, seed: int) -> None:
-    """Press a scene's first contact into a gel, so that the gel's kernels are in the cache.
+    """Simulate a scene's first contact with the gel, so that the gel's kernels are in the cache.
 
-    The camera's kernels take the simulated sensor's process as long as the tracker's and the gel's
-    together take this one; where the sensor then reaches its first contact, it finds the gel's.
+    Compiling the camera's kernels takes the simulated sensor's process as long as compiling the
+    tracker's and the gel's takes this one. When the sensor reaches its first contact, the gel's
+    kernels are in the cache.
     """
     from spikingtac.sim.gel.gel import Gel
     from spikingtac.sim.scene.timeline import Timeline
@@ -67,6 +68,6 @@ def _silence(size: tuple[int, int]) -> Iterator[EventPacket]:
     """Yield two events in each packet: kernels are compiled by what they are called with."""
     x, y = (np.full(2, side // 2, np.uint16) for side in size)
     both = np.array([True, False])
-    for start_us in range(0, REHEARSED_US + PACKET_US, PACKET_US):
+    for start_us in range(0, WARM_UP_US + PACKET_US, PACKET_US):
         t_us = np.array([start_us, start_us + 1], np.int64)
         yield EventPacket(x, y, both, t_us, start_us, start_us + PACKET_US, size)

@@ -1,4 +1,4 @@
-"""Every page gets the latest frame that it has time for; none can slow another or the session."""
+"""Send every page the latest frame that it can take; none slows another or the session."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from contextlib import suppress
 from typing import Protocol
 
 POLL_S = 0.002
-"""How often the ring is looked at; a tenth of a frame's time."""
+"""How often the ring is polled; a tenth of a frame's time."""
 UNACKNOWLEDGED = 2
-"""Frames on their way to a page; one is drawn while the next travels."""
+"""Most frames on their way to a page; one is drawn while the next travels."""
 WAKE_S = 1.0
-"""How often a page without frames is looked after."""
+"""How often a page without frames is checked."""
 MOST_PAGES = 32
 SILENT_S = 60.0
-"""A page that acknowledges nothing for so long is let go."""
+"""A page that acknowledges nothing for this long is disconnected."""
 
 
 class Feed(Protocol):
@@ -57,7 +57,7 @@ class Page:
 
 
 class PageFeeds:
-    """Keeps the latest frame and greeting, and the pages that want them.
+    """Keeps the latest frame and greeting, and the connected pages.
 
     Attributes:
         frame: ``(number, message)`` of the latest frame.

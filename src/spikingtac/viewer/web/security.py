@@ -1,8 +1,8 @@
-"""Who may look: the checks that keep other web pages and other machines out.
+"""Access control: keep other web pages and other machines out.
 
-A loopback port is reachable from any page in the user's browser. The Host header defeats rebound
-names, the Origin header foreign pages, and a random token is asked for wherever the server is
-bound to more than loopback.
+Any page in the user's browser can reach a loopback port. The Host header is checked against DNS
+rebinding and the Origin header against foreign pages. A random token is required wherever the
+server is bound to more than loopback.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _HOST = re.compile(r"[A-Za-z0-9.\-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gate:
-    """Decides over requests by their headers.
+    """Accepts or refuses requests by their headers.
 
     Attributes:
         token: Needed in the query, or an empty string where the server is bound to loopback.

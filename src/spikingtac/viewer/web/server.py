@@ -30,9 +30,9 @@ KINDS = {
 CLOSED_BY_POLICY, CLOSED_AS_BUSY = 1008, 1013
 """WebSocket close codes (RFC 6455 section 7.4.1; 1013 is registered as "try again later")."""
 SHUTDOWN_S = 1
-"""Pages never close by themselves; the server does not wait for them."""
+"""Pages never close by themselves, so the server does not wait for them at its end."""
 ALIVE_S = 0.05
-"""How often the session is looked after while serving."""
+"""How often the session is polled while serving."""
 
 Command = Callable[[str, Any], None]
 
@@ -43,13 +43,13 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
     Args:
         feed: Where frames and greetings come from.
         command: Takes the pages' commands; must not wait.
-        gate: Decides who may look.
+        gate: Decides who may view.
     """
-    hub = PageFeeds(feed)
+    feeds = PageFeeds(feed)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        polling = asyncio.create_task(hub.poll())
+        polling = asyncio.create_task(feeds.poll())
         yield
         polling.cancel()
         with suppress(asyncio.CancelledError):
@@ -62,11 +62,11 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
         return PlainTextResponse(refusal + "\n", 403) if refusal else _file(request, name)
 
     async def serve_socket(socket: WebSocket) -> None:
-        if _refusal(gate, socket) or len(hub.pages) >= MOST_PAGES:
+        if _refusal(gate, socket) or len(feeds.pages) >= MOST_PAGES:
             await socket.close(CLOSED_AS_BUSY if not _refusal(gate, socket) else CLOSED_BY_POLICY)
             return
         await socket.accept()
-        await _attend(hub, socket, command)
+        await _attend(feeds, socket, command)
 
     routes = [
         Route("/", serve_file),
@@ -76,16 +76,16 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
     return Starlette(routes=routes, lifespan=lifespan)
 
 
-async def _attend(hub: PageFeeds, socket: WebSocket, command: Command) -> None:
-    """Serve one page until it leaves, falls silent, or sends what is no command."""
+async def _attend(feeds: PageFeeds, socket: WebSocket, command: Command) -> None:
+    """Serve one page until it leaves, stops acknowledging, or sends no valid command."""
     page = Page()
-    hub.pages.add(page)
+    feeds.pages.add(page)
     listening = asyncio.create_task(_listen(socket, page, command))
-    serving = asyncio.create_task(hub.serve(page, socket.send_text, socket.send_bytes))
+    serving = asyncio.create_task(feeds.serve(page, socket.send_text, socket.send_bytes))
     try:
         await asyncio.wait((listening, serving), return_when=asyncio.FIRST_COMPLETED)
     finally:
-        hub.pages.discard(page)
+        feeds.pages.discard(page)
         for task in (listening, serving):
             task.cancel()
         await asyncio.gather(listening, serving, return_exceptions=True)
@@ -123,7 +123,7 @@ def _file(request: Request, name: str) -> Response:
 
 
 class _Server(uvicorn.Server):
-    """Ends quietly at a signal; the original repeats the signal, which would skip the clean-up."""
+    """Ends quietly at a signal; uvicorn's own server repeats it, which skips the clean-up."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -139,14 +139,14 @@ class _Server(uvicorn.Server):
 def serve(
     app: Starlette, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
 ) -> None:
-    """Serve until interrupted, or until there is nothing left to serve.
+    """Serve until interrupted, or until the session has ended.
 
     Args:
         app: From :func:`make_app`.
         host: Address to bind to.
         port: Port, or 0 for any free one.
         ready: Called with the port once the server listens.
-        alive: Asked now and then; False ends the serving.
+        alive: Polled regularly; False ends the serving.
 
     Raises:
         DeviceError: The port is taken.
@@ -155,7 +155,7 @@ def serve(
         app,
         host=host,
         port=port,
-        log_level="critical",  # what goes wrong is raised or told to the page
+        log_level="critical",  # errors are raised or sent to the page
         ws="websockets-sansio",
         ws_max_size=4 * LONGEST_COMMAND,
         ws_per_message_deflate=False,
@@ -177,7 +177,7 @@ def serve(
 
     try:
         asyncio.run(run())
-    except SystemExit as stop:  # how the server says that it could not bind
+    except SystemExit as stop:  # how uvicorn reports that it could not bind
         raise DeviceError(
             f"port {port} of {host} cannot be used; give another one: --port N"
         ) from stop

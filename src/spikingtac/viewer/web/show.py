@@ -1,4 +1,4 @@
-"""Open a subject, serve its page, and say at the end what was seen."""
+"""Open a view, serve its page, and summarize the session at the end."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import DeviceError
+from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture, check_tracks
 from spikingtac.viewer.export.summary import Record
-from spikingtac.viewer.session.process import Opener, SessionProcess
+from spikingtac.viewer.session.process import SessionProcess
+from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, serve
 
 OPENING_S = 120.0
-"""Kernels that are compiled for the first time take up to half of it."""
+"""Longest wait for the view; compiling all kernels takes up to half of it."""
 WAIT_S = 0.02
 NICENESS = 5
-"""Steps below ordinary programs: a third of their share where all are busy (ours)."""
+"""Nice value of the server: a third of an ordinary program's share on a busy machine (ours)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Showing:
+class PageOptions:
     """How a page is served.
 
     Attributes:
@@ -51,59 +53,57 @@ class Showing:
 
 
 def show(
-    opener: Opener, arguments: dict[str, Any], showing: Showing, say: Callable[[str], None]
+    open_view: Factory[ViewSource], options: PageOptions, report: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Serve a subject until interrupted or until the time is up; return the summary.
+    """Serve a view until interrupted or until the time is up; return the summary.
 
     Args:
-        opener: Makes the subject, in the session's process.
-        arguments: Its keyword arguments.
-        showing: How.
-        say: Takes the lines for the user.
+        open_view: Opens the view, in the session's process.
+        options: How the page is served.
+        report: Takes the lines for the user.
 
     Raises:
-        SpikingTacError: The subject cannot be opened, a file cannot be written where it was asked
-            for, or the port is taken.
+        SpikingTacError: The view cannot be opened, a file cannot be written, or the port is taken.
     """
-    if showing.picture is not None:
-        check_picture(showing.picture)
-    if showing.tracks is not None:
-        check_tracks(showing.tracks)
-    session = SessionProcess(opener, arguments, repeat=showing.repeat, tracks=showing.tracks)
+    if options.picture is not None:
+        check_picture(options.picture)
+    if options.tracks is not None:
+        check_tracks(options.tracks)
+    session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
     ended_well = False
     try:
-        summary = _served(session, showing, say)
+        summary = _served(session, options, report)
     finally:
         ended_well = session.close()
-    if showing.tracks is not None and ended_well:
-        summary["tracks"] = str(showing.tracks)
+    if options.tracks is not None and ended_well:
+        summary["tracks"] = str(options.tracks)
     return summary
 
 
 def _served(
-    session: SessionProcess, showing: Showing, say: Callable[[str], None]
+    session: SessionProcess, options: PageOptions, report: Callable[[str], None]
 ) -> dict[str, Any]:
-    gate, watch = Gate.for_host(showing.host), _Watch(session, showing.seconds)
+    gate, monitor = Gate.for_host(options.host), _SessionMonitor(session, options.seconds)
 
     def ready(port: int) -> None:
-        for line in addresses(showing.host, port, gate.token):
-            say(line)
-        if showing.browser:
+        for line in addresses(options.host, port, gate.token):
+            report(line)
+        if options.browser:
             webbrowser.open(_url("127.0.0.1", port, gate.token))
 
-    watch.await_subject()
-    _give_way_to_tracking()
+    monitor.await_view()
+    _lower_priority()
     app = make_app(session, session.command, gate)
-    serve(app, showing.host, showing.port, ready, watch.look)
+    serve(app, options.host, options.port, ready, monitor.poll)
     _raise_failure(session)
-    summary = watch.record.summary()
-    if showing.picture is not None and watch.save_picture(showing.picture):
-        summary["picture"] = str(showing.picture)
+    summary = monitor.record.summary()
+    if options.picture is not None and monitor.save_picture(options.picture):
+        summary["picture"] = str(options.picture)
     return summary
 
 
-class _Watch:
-    """Follows a session from beside the server: keeps the record and says when to end."""
+class _SessionMonitor:
+    """Follows a session beside the server: keeps its record and decides when to end."""
 
     def __init__(self, session: SessionProcess, seconds: float | None) -> None:
         self.record = Record()
@@ -111,21 +111,21 @@ class _Watch:
         self._hello: dict[str, Any] | None = None
         self._until_s = time.monotonic() + OPENING_S
 
-    def await_subject(self) -> None:
-        """Wait until the subject is open, so that a page is never shown for what is not there."""
+    def await_view(self) -> None:
+        """Wait until the view is open, so that no page is served without one."""
         while self._session.greeting(0) is None:
             _raise_failure(self._session)
             self._expect_life()
             time.sleep(WAIT_S)
 
-    def look(self) -> bool:
+    def poll(self) -> bool:
         """Take the latest frame; False once the session or its time has ended."""
         if self._hello is None and not self._greeted():
             self._expect_life()
             return True
         frame = self._session.frame(self.record.number)
         if frame is not None:
-            # The time that was asked for is time to look, not to compile.
+            # The given time is viewing time; compiling does not count.
             if not self.record.number:
                 self._until_s = time.monotonic() + self._seconds
             self.record.take(frame, self._reference_px)
@@ -162,8 +162,8 @@ def addresses(host: str, port: int, token: str) -> list[str]:
     ]
 
 
-def _give_way_to_tracking() -> None:
-    """Serve pages with what the session and a simulated sensor leave of a busy machine."""
+def _lower_priority() -> None:
+    """Let the session and a simulated sensor go first on a busy machine."""
     if hasattr(os, "nice"):  # the session's processes have started, and keep their own
         os.nice(NICENESS)
 

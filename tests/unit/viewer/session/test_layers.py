@@ -66,10 +66,10 @@ def test_large_sensors_are_thinned() -> None:
 
 @pytest.mark.parametrize("preset", ["default", "fast", "paper"])
 def test_every_preset_shows_the_map_that_it_tracks_on(preset: str) -> None:
-    subject = open_circling(duration_us=10_000)
-    tracker = make_tracker(load_config(preset).tracking, subject.calibration)
+    view = open_circling(duration_us=10_000)
+    tracker = make_tracker(load_config(preset).tracking, view.calibration)
     painted = tracker.state_map.values.copy()
-    for packet in subject.source:
+    for packet in view.source:
         tracker.absorb(packet)
     assert painted.shape == (320, 320)
     assert (tracker.state_map.values != painted).any()

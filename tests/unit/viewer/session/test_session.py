@@ -21,8 +21,6 @@ from stand_ins.viewer import (
     reference_px,
 )
 
-TURNS = 600
-
 
 class Kept:
     """A publisher that keeps the last message."""
@@ -37,7 +35,7 @@ class Kept:
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
-    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a turn always reaches its aim
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     frames, greetings = Kept(), Kept()
     session = Session(open_circling(duration_us=1_000_000), frames, greetings)
     monkeypatch.setattr(session._timer, "wait", lambda: None)
@@ -45,14 +43,14 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kep
     session.close()
 
 
-def turned(opened: tuple[Session, Kept, Kept], turns: int = 1) -> tuple[dict, dict]:
-    for _ in range(turns):
-        opened[0].turn()
+def stepped(opened: tuple[Session, Kept, Kept], steps: int = 1) -> tuple[dict, dict]:
+    for _ in range(steps):
+        opened[0].step()
     return decode(opened[1].message)
 
 
 def test_the_greeting_says_what_stands_still(opened: tuple[Session, Kept, Kept]) -> None:
-    turned(opened)
+    stepped(opened)
     hello = json.loads(opened[2].message)
     assert (hello["label"], hello["simulated"], hello["truth"]) == ("circling dots", True, True)
     assert hello["size"] == list(SIZE)
@@ -62,8 +60,8 @@ def test_the_greeting_says_what_stands_still(opened: tuple[Session, Kept, Kept])
 
 
 def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> None:
-    meta, arrays = turned(opened, 20)
-    expected = positions_px(meta["t_us"])
+    meta, arrays = stepped(opened, 20)
+    expected = positions_px(meta["estimate_us"])
     np.testing.assert_allclose(arrays["position_px"], expected, atol=1e-4)
     np.testing.assert_allclose(arrays["truth_px"], expected, atol=0.01)
     assert arrays["held"].tolist() == [int(marker == 9) for marker in range(64)]
@@ -79,79 +77,79 @@ def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> Non
 
 
 def test_contacts_appear_when_they_have_happened(opened: tuple[Session, Kept, Kept]) -> None:
-    assert turned(opened, 17)[0]["contacts_us"] == []
-    meta, _ = turned(opened, 3)
+    assert stepped(opened, 17)[0]["contacts_us"] == []
+    meta, _ = stepped(opened, 3)
     assert meta["contacts_us"] == [300_000]
     assert meta["contact"]["threshold"] == 20.0
     opened[0].command("seek_us", 100_000)
-    assert turned(opened)[0]["contacts_us"] == []
+    assert stepped(opened)[0]["contacts_us"] == []
 
 
 def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, Kept]) -> None:
-    turned(opened, 5)
+    stepped(opened, 5)
     opened[0].command("play", False)
-    before = turned(opened)[0]["t_us"]
-    assert turned(opened, 3)[0]["t_us"] == before
+    before = stepped(opened)[0]["t_us"]
+    assert stepped(opened, 3)[0]["t_us"] == before
     opened[0].command("seek_us", 750_000)
-    meta, arrays = turned(opened)
+    meta, arrays = stepped(opened)
     assert meta["t_us"] == 750_000
-    np.testing.assert_allclose(arrays["position_px"], positions_px(750_000), atol=1e-4)
+    np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
     opened[0].command("seek_us", 10**15)
-    assert turned(opened)[0]["t_us"] == 1_000_000
+    assert stepped(opened)[0]["t_us"] == 1_000_000
 
 
 def test_speed_scales_time(opened: tuple[Session, Kept, Kept]) -> None:
     opened[0].command("speed", 0.25)
-    assert turned(opened, 24)[0]["t_us"] == pytest.approx(0.1e6, abs=1000)
+    assert stepped(opened, 24)[0]["t_us"] == pytest.approx(0.1e6, abs=1000)
 
 
 def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> None:
-    turned(opened, 10)
+    stepped(opened, 10)
     opened[0].command("play", False)
     opened[0].command("set", ["gain", 2.0])
-    meta, arrays = turned(opened)
-    moved = positions_px(meta["t_us"]) - reference_px()
+    meta, arrays = stepped(opened)
+    moved = positions_px(meta["estimate_us"]) - reference_px()
     np.testing.assert_allclose(arrays["position_px"] - reference_px(), 2 * moved, atol=1e-3)
     assert json.loads(opened[2].message)["controls"][0]["value"] == 2.0
     opened[0].command("defaults", True)
-    _, arrays = turned(opened)
+    _, arrays = stepped(opened)
     np.testing.assert_allclose(arrays["position_px"] - reference_px(), moved, atol=1e-3)
 
 
 def test_a_wrong_control_is_said_and_changes_nothing(opened: tuple[Session, Kept, Kept]) -> None:
     opened[0].command("set", ["gain", 99.0])
-    assert "0 to 2" in turned(opened)[0]["notice"]
+    assert "0 to 2" in stepped(opened)[0]["notice"]
     opened[0].command("set", ["gain", 1.5])
-    assert turned(opened)[0]["notice"] == ""
+    assert stepped(opened)[0]["notice"] == ""
 
 
 def test_the_state_map_is_sent_only_when_asked_for(opened: tuple[Session, Kept, Kept]) -> None:
     opened[0].command("map", True)
-    _, arrays = turned(opened, 10)
+    _, arrays = stepped(opened, 10)
     shown = unpack(arrays["map"], SIZE)
     tracker = opened[0].playback.tracker
     np.testing.assert_array_equal(shown > 0, tracker.state_map.values > 0)
 
 
 def test_at_the_end_it_stops_and_begins_again_on_demand(opened: tuple[Session, Kept, Kept]) -> None:
-    meta, _ = turned(opened, 70)
+    meta, _ = stepped(opened, 70)
     assert (meta["playing"], meta["t_us"]) == (False, PERIOD_US)
     opened[0].command("play", True)
-    assert turned(opened)[0]["t_us"] < 50_000
+    assert stepped(opened)[0]["t_us"] < 50_000
 
 
 def test_far_behind_its_aim_the_picture_stays(
     opened: tuple[Session, Kept, Kept], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before, arrays = turned(opened, 3)
+    before, arrays = stepped(opened, 3)
     monkeypatch.setattr(module, "WORK_SHARE", 0.0)
     opened[0].command("seek_us", 900_000)
-    meta, held = turned(opened)
+    meta, held = stepped(opened)
     assert meta["state"] == "CATCHING UP"
     assert meta["t_us"] == before["t_us"]
     np.testing.assert_array_equal(held["position_px"], arrays["position_px"])
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)
-    meta, _ = turned(opened)
+    meta, _ = stepped(opened)
     assert meta["state"] == "OK"
     assert meta["t_us"] >= 900_000
 
@@ -184,30 +182,30 @@ def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]
 def test_a_standstill_of_a_live_source_is_seen_until_it_is_reset(
     live: tuple[Session, Kept, Kept],
 ) -> None:
-    assert turned(live, 3)[0]["watchdog"] == {"health": "OK", "reason": ""}
-    meta, _ = turned(live, 6)
+    assert stepped(live, 3)[0]["watchdog"] == {"health": "OK", "reason": ""}
+    meta, _ = stepped(live, 6)
     assert meta["watchdog"]["health"] == "STALE"
     assert "600.0 ms" in meta["watchdog"]["reason"]
     assert meta["state"] == "OK"  # it has passed
     live[0].command("reset", True)
-    assert turned(live)[0]["watchdog"]["health"] == "OK"
+    assert stepped(live)[0]["watchdog"]["health"] == "OK"
 
 
 def test_what_came_before_a_source_was_lost_can_be_looked_at(
     live: tuple[Session, Kept, Kept],
 ) -> None:
-    meta, _ = turned(live, 20)
+    meta, _ = stepped(live, 20)
     assert meta["state"] == "DISCONNECTED"
     assert meta["watchdog"] == {"health": "DISCONNECTED", "reason": "the sensor was unplugged"}
     assert isinstance(live[0].failure, DeviceError)
     live[0].command("reset", True)
     live[0].command("seek_us", 50_000)
     live[0].command("play", False)
-    meta, arrays = turned(live)
+    meta, arrays = stepped(live)
     assert meta["watchdog"]["health"] == "DISCONNECTED"
     assert meta["t_us"] == 50_000
-    np.testing.assert_allclose(arrays["position_px"], positions_px(50_000), atol=1e-4)
+    np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
 
 
 def test_a_recording_has_no_watchdog(opened: tuple[Session, Kept, Kept]) -> None:
-    assert turned(opened)[0]["watchdog"] is None
+    assert stepped(opened)[0]["watchdog"] is None

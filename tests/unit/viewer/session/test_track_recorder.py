@@ -19,10 +19,10 @@ def frame(t_us: int) -> MarkerFrame:
 
 
 def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) -> None:
-    keeper = FileTrackRecorder(tmp_path / "x.npz", REST)
+    recorder = FileTrackRecorder(tmp_path / "x.npz", REST)
     for t_us in (1, 2, 3, 2, 3, 4, 1, 5):
-        keeper.take(frame(t_us))
-    keeper.close({"seed": 3})
+        recorder.take(frame(t_us))
+    recorder.close({"seed": 3})
     tracks = Tracks.load(tmp_path / "x.npz")
     assert tracks.t_us.tolist() == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(tracks.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
@@ -31,8 +31,8 @@ def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) ->
 
 
 def test_tracks_of_another_verb_are_not_for_the_demo(tmp_path: Path) -> None:
-    keeper = FileTrackRecorder(tmp_path / "x.npz", REST)
-    keeper.close({"made_by": "somebody"})
+    recorder = FileTrackRecorder(tmp_path / "x.npz", REST)
+    recorder.close({"made_by": "somebody"})
     with pytest.raises(ConfigError, match=r"x\.npz"):
         check_tracks(tmp_path / "x.npz")
 

@@ -2,8 +2,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from spikingtac.config import PRESETS, load_config
+from spikingtac.denoise.registry import DENOISERS
 from spikingtac.errors import ConfigError
-from spikingtac.viewer.session.tuning import controls, with_value
+from spikingtac.viewer.session.tuning import controls, in_use, with_value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,3 +65,18 @@ def test_a_value_is_set_at_its_place_and_nowhere_else() -> None:
 def test_what_does_not_fit_is_refused(name: str, value: object, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         with_value(Outer(), name, value)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_control_takes_the_presets_own_value(preset: str) -> None:
+    config = load_config(preset).tracking
+    made = list(in_use(config))
+    assert len(made) > 5
+    for control in made:
+        assert with_value(config, control.name, control.value) == config
+
+
+def test_the_denoisers_to_choose_from_are_those_of_the_registry() -> None:
+    made = {control.name: control for control in controls(load_config("paper").tracking)}
+    assert made["denoiser"].choices == tuple(DENOISERS)
+    assert made["denoiser"].value == "network-int8"

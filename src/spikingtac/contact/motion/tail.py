@@ -1,4 +1,4 @@
-"""Which value is exceeded once in a stated time, from a recording that is much shorter."""
+"""Extrapolate the value that is exceeded once in a stated time from a much shorter recording."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 TAIL_SHARES = (0.05, 0.02, 0.01)
-"""Which of the highest blocks make the tail. Rare swings of an arm stand out from the noise of the
-pixels only at the outermost ones; each share gives a threshold, and the highest is taken."""
+"""Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
+of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken."""
 WHOLE_TAIL, LEAST_TAIL = 10, 6
-"""Fewest blocks of the first share, to which a short recording falls back, and of the others: the
-mean excess of so few is known to a third and to two fifths."""
+"""Fewest blocks of the first share, which a short recording uses too, and of the other shares.
+Their mean excess is known to a third and to two fifths."""
 STANDARD_ERRORS = 2.0
+"""The mean excess is raised by this many of its standard errors (ours)."""
 
 
 def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:

@@ -1,11 +1,9 @@
 import numpy as np
 
+from spikingtac.contact.self_calibrating import SelfCalibratingConfig, SelfCalibratingDetector
 from spikingtac.types import EventPacket
-from spikingtac.viewer.session.first_windows import (
-    FIRST_WINDOWS,
-    RELEASE_WINDOWS,
-    FirstWindowsWatch,
-)
+
+CONFIG = SelfCalibratingConfig()
 
 QUIET_COUNT, SLIDE_COUNT, PRESS_COUNT = 18, 46, 120
 """Events per ms on a simulated typical camera: at rest, in a slow slide, while pressing."""
@@ -13,17 +11,17 @@ QUIET_COUNT, SLIDE_COUNT, PRESS_COUNT = 18, 46, 120
 
 def begun_at(counts: list[int]) -> list[int]:
     """Return the windows in which contacts begin, the first windows quiet before them."""
-    watch, found = FirstWindowsWatch(), []
+    detector, found = SelfCalibratingDetector(CONFIG), []
     rng = np.random.default_rng(0)
-    for index, mean in enumerate([QUIET_COUNT] * FIRST_WINDOWS + counts):
+    for index, mean in enumerate([QUIET_COUNT] * CONFIG.quiet_windows + counts):
         n = int(rng.poisson(mean)) if mean == QUIET_COUNT else mean
         zero = np.zeros(n, np.uint16)
         t_us = np.full(n, index * 1_000, np.int64)
         window = EventPacket(
             zero, zero, zero.astype(bool), t_us, index * 1_000, index * 1_000 + 1_000, (4, 4)
         )
-        if watch.update(window) is not None:
-            found.append(index - FIRST_WINDOWS)
+        if detector.update(window) is not None:
+            found.append(index - CONFIG.quiet_windows)
     return found
 
 
@@ -33,7 +31,7 @@ def test_a_contact_that_slides_slowly_is_one_contact() -> None:
 
 
 def test_a_finger_that_left_and_comes_back_is_two_contacts() -> None:
-    pause = [QUIET_COUNT] * (RELEASE_WINDOWS + 100)
+    pause = [QUIET_COUNT] * (CONFIG.release_windows + 100)
     press = [PRESS_COUNT] * 200
     assert begun_at(press + pause + press) == [0, 200 + len(pause)]
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from spikingtac.contact.motion_detector import MotionDetector
+from spikingtac.contact.motion.release import ReleaseConfig
+from spikingtac.contact.motion.sequential_detector import SequentialMotionDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.contact.release import ReleaseConfig
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import calibration, windows
 
@@ -22,20 +22,20 @@ def press_and_back(window: int) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def built() -> MotionDetector:
+def built() -> SequentialMotionDetector:
     detector = make_detector("default", DetectionConfig(), [calibration()], windows(3000, seed=1))
-    assert isinstance(detector, MotionDetector)
+    assert isinstance(detector, SequentialMotionDetector)
     return detector
 
 
 @pytest.fixture
-def detector(built: MotionDetector) -> MotionDetector:
+def detector(built: SequentialMotionDetector) -> SequentialMotionDetector:
     built.reset()
     return built
 
 
 def course(
-    detector: MotionDetector, stream: Iterator[EventPacket]
+    detector: SequentialMotionDetector, stream: Iterator[EventPacket]
 ) -> tuple[list[Contact], list[int]]:
     contacts, ends = [], []
     for number, window in enumerate(stream):
@@ -48,14 +48,14 @@ def course(
     return contacts, ends
 
 
-def test_two_contacts_begin_and_end(detector: MotionDetector) -> None:
+def test_two_contacts_begin_and_end(detector: SequentialMotionDetector) -> None:
     contacts, ends = course(detector, windows(1400, seed=2, speed=press_and_back))
     assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401, 1001], abs=3)
     rest = ReleaseConfig().rest_windows
     assert ends == pytest.approx([550 + rest, 1150 + rest], abs=25)
 
 
-def test_a_contact_that_is_held_goes_on_in_silence(detector: MotionDetector) -> None:
+def test_a_contact_that_is_held_goes_on_in_silence(detector: SequentialMotionDetector) -> None:
     hold = windows(4000, seed=3, speed=lambda k: (0.05 * (100 <= k < 140), 0.0))
     contacts, ends = course(detector, hold)
     assert len(contacts) == 1
@@ -69,14 +69,15 @@ def test_a_vibration_is_no_contact_where_it_was_learned() -> None:
 
     quiet = windows(3000, seed=4, speed=shake)
     detector = make_detector("default", DetectionConfig(), [calibration()], quiet)
-    assert isinstance(detector, MotionDetector)
+    assert isinstance(detector, SequentialMotionDetector)
     assert course(detector, windows(3000, seed=5, speed=shake)) == ([], [])
 
 
-def test_details_tell_onset_place_and_direction(detector: MotionDetector) -> None:
+def test_details_tell_onset_place_and_direction(detector: SequentialMotionDetector) -> None:
     for window in windows(440, seed=6, speed=lambda k: (0.03 * (k >= 400), 0.03 * (k >= 400))):
         detector.update(window)
     details = detector.details()
+    assert details is not None
     assert details.onset_us == pytest.approx(400_000, abs=3_000)
     (touch,) = details.touches
     assert touch is not None
@@ -86,7 +87,7 @@ def test_details_tell_onset_place_and_direction(detector: MotionDetector) -> Non
     assert touch.turn == pytest.approx(0.0, abs=0.15)
 
 
-def test_a_local_touch_is_found_where_it_is(detector: MotionDetector) -> None:
+def test_a_local_touch_is_found_where_it_is(detector: SequentialMotionDetector) -> None:
     def one_marker(stream: Iterator[EventPacket]) -> Iterator[EventPacket]:
         for number, window in enumerate(stream):
             near = (window.x < 47) & (window.y < 47)
@@ -94,16 +95,18 @@ def test_a_local_touch_is_found_where_it_is(detector: MotionDetector) -> None:
 
     for window in one_marker(windows(230, seed=7, speed=lambda k: (0.06 * (k >= 200), 0.0))):
         detector.update(window)
-    (touch,) = detector.details().touches
+    details = detector.details()
+    assert details is not None
+    (touch,) = details.touches
     assert touch is not None
     assert touch.place_px == pytest.approx((28.0, 28.0), abs=8.0)
     assert touch.push[0] > 0.8
     assert abs(touch.push[1]) < 0.3
 
 
-def test_there_is_nothing_to_describe_without_contact(detector: MotionDetector) -> None:
-    with pytest.raises(ValueError, match="no contact to describe"):
-        detector.details()
+def test_there_is_nothing_to_describe_without_contact(detector: SequentialMotionDetector) -> None:
+    detector.update(next(windows(1, seed=8)))
+    assert detector.details() is None
 
 
 def test_release_settings_are_checked() -> None:

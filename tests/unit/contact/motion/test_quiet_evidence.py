@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from spikingtac.contact.quiet_votes import LearningConfig, quiet_votes, scale_test
-from spikingtac.contact.rim_votes import AFFINE_MODES, OFF_RIM, RimConfig, rim_table
-from spikingtac.contact.scales import ScaleSums
-from spikingtac.contact.tail import tail_threshold
+from spikingtac.contact.motion.quiet_evidence import LearningConfig, quiet_evidence, scale_test
+from spikingtac.contact.motion.rim_evidence import AFFINE_MODES, OFF_RIM, RimConfig, rim_table
+from spikingtac.contact.motion.scales import ScaleSums
+from spikingtac.contact.motion.tail import tail_threshold
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import GRID, calibration, windows
 
@@ -26,7 +26,7 @@ def with_hot_pixel(packet: EventPacket) -> EventPacket:
 
 
 def test_hot_pixels_on_the_rims_lose_their_say() -> None:
-    quiet = quiet_votes([TABLE], map(with_hot_pixel, windows(3000, seed=1)), CONFIG)
+    quiet = quiet_evidence([TABLE], map(with_hot_pixel, windows(3000, seed=1)), CONFIG)
     assert quiet.hot_pixels == (1,)
     assert TABLE.row[HOT[1], HOT[0]] != OFF_RIM
     assert quiet.tables[0].row[HOT[1], HOT[0]] == OFF_RIM
@@ -34,22 +34,22 @@ def test_hot_pixels_on_the_rims_lose_their_say() -> None:
 
 
 def test_a_short_recording_allows_for_fewer_scales() -> None:
-    quiet = quiet_votes([TABLE], windows(300, seed=1), CONFIG)
+    quiet = quiet_evidence([TABLE], windows(300, seed=1), CONFIG)
     assert scale_test(quiet, CONFIG, 1.0).windows.tolist() == [1, 2, 4, 8, 16, 32]
 
 
-def test_whitened_votes_of_other_quiet_windows_have_unit_variance_at_most() -> None:
-    test = scale_test(quiet_votes([TABLE], windows(6000, seed=1), CONFIG), CONFIG, 1.0)
-    fresh = quiet_votes([TABLE], windows(6000, seed=2), CONFIG).votes
+def test_whitened_evidence_of_other_quiet_windows_has_unit_variance_at_most() -> None:
+    test = scale_test(quiet_evidence([TABLE], windows(6000, seed=1), CONFIG), CONFIG, 1.0)
+    fresh = quiet_evidence([TABLE], windows(6000, seed=2), CONFIG).evidence
     sums = ScaleSums(test)
-    values = np.array([sums.add(votes).copy() for votes in fresh])[256:]
+    values = np.array([sums.add(evidence).copy() for evidence in fresh])[256:]
     # A chi-square of six; below it where the long scales leave room for the leak.
     assert values.mean(axis=0)[:6] == pytest.approx(AFFINE_MODES, rel=0.35)
     assert (values.mean(axis=0) < 1.4 * AFFINE_MODES).all()
 
 
-def test_the_leak_weighs_on_the_on_votes_of_the_long_scales_only() -> None:
-    test = scale_test(quiet_votes([TABLE], windows(6000, seed=1), CONFIG), CONFIG, 1.0)
+def test_the_leak_weighs_on_the_on_evidence_of_the_long_scales_only() -> None:
+    test = scale_test(quiet_evidence([TABLE], windows(6000, seed=1), CONFIG), CONFIG, 1.0)
     weight = (test.whiten**2).sum(axis=1).reshape(len(test.windows), 2, AFFINE_MODES).sum(axis=2)
     share = weight[:, 1] / weight[:, 0]
     assert share[0] > 0.3

@@ -23,9 +23,9 @@ class ScaleTest(NamedTuple):
 
     Attributes:
         windows: ``int64[s]`` how many windows each scale sums, increasing.
-        whiten: ``(s, d, length)`` maps the votes of a scale to d numbers, each of variance 1 or
+        whiten: ``(s, d, length)`` maps the evidence of a scale to d numbers, each of variance 1 or
             less without contact.
-        mean: ``(length,)`` votes per window without contact.
+        mean: ``(length,)`` evidence per window without contact.
         threshold: ``(s,)`` squared length that calls a contact.
     """
 
@@ -36,7 +36,7 @@ class ScaleTest(NamedTuple):
 
 
 class ScaleSums:
-    """Keeps the running sums of the votes, and applies the tests to them.
+    """Keeps running sums of the evidence, and applies the tests to them.
 
     Args:
         test: The tests.
@@ -48,39 +48,39 @@ class ScaleSums:
         self._values = np.zeros(len(test.windows))
         self._seen = 0
 
-    def add(self, votes: Vector) -> Vector:
-        """Take the votes of the next window; return the statistic of each scale.
+    def add(self, evidence: Vector) -> Vector:
+        """Take the evidence of the next window; return the statistic of each scale.
 
-        Scales longer than what was seen since the start have the statistic 0. The array is written
-        anew by the next call.
+        Scales longer than the time since the start have the statistic 0. The next call overwrites
+        the array.
         """
         test = self._test
         self._seen = scales_kernel(
-            votes, test.windows, test.whiten, test.mean, self._ring, self._seen, self._values
+            evidence, test.windows, test.whiten, test.mean, self._ring, self._seen, self._values
         )
         return self._values
 
     def total(self, scale: int) -> Vector:
-        """Return the votes ``(length,)`` of the windows that a scale sums now."""
+        """Return the evidence ``(length,)`` of the windows that a scale sums now."""
         now = self._seen % len(self._ring)
         start = (self._seen - int(self._test.windows[scale])) % len(self._ring)
         return self._ring[now] - self._ring[start]
 
     def course(self, along: Vector) -> Vector:
-        """Return the running sum along a direction ``(n + 1,)`` over all windows that are kept."""
+        """Return the running sum along a direction ``(n + 1,)`` over all kept windows."""
         kept = min(self._seen, len(self._ring) - 1)
         slots = np.arange(self._seen - kept, self._seen + 1) % len(self._ring)
         return self._ring[slots] @ along
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Forget all sums."""
         self._ring[:] = 0.0
         self._seen = 0
 
 
 @njit(cache=True)
 def scales_kernel(
-    votes: Vector,
+    evidence: Vector,
     windows: NDArray[np.int64],
     whiten: Vector,
     mean: Vector,
@@ -91,12 +91,12 @@ def scales_kernel(
     """Add a window to the ring of running sums; write each scale's squared whitened sum.
 
     Returns:
-        How many windows were seen, with this one.
+        The number of windows so far, this one included.
     """
     slots = ring.shape[0]
     before, now = seen % slots, (seen + 1) % slots
-    for part in range(len(votes)):
-        ring[now, part] = ring[before, part] + votes[part] - mean[part]
+    for part in range(len(evidence)):
+        ring[now, part] = ring[before, part] + evidence[part] - mean[part]
     seen += 1
     for scale in range(len(values)):
         values[scale] = 0.0
@@ -105,7 +105,7 @@ def scales_kernel(
         start = (seen - windows[scale]) % slots
         for row in range(whiten.shape[1]):
             total = 0.0
-            for part in range(len(votes)):
+            for part in range(len(evidence)):
                 total += whiten[scale, row, part] * (ring[now, part] - ring[start, part])
             values[scale] += total * total
     return seen

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.contact.quiet_votes import _holding_shorter
-from spikingtac.contact.tail import tail_threshold
+from spikingtac.contact.motion.quiet_evidence import _at_least_shorter
+from spikingtac.contact.motion.tail import tail_threshold
 
 BLOCK, PER_BLOCK = 100, 1e-5
 
@@ -69,5 +69,5 @@ def test_a_short_recording_gives_a_threshold_or_infinity(blocks, known):
 
 def test_a_longer_sum_holds_what_a_shorter_one_held():
     whiten = np.eye(3)[None] / np.sqrt([1.0, 2.0, 4.0, 8.0])[:, None, None]
-    raised = _holding_shorter(np.array([9.0, 40.0, 5.0, 30.0]), whiten)
+    raised = _at_least_shorter(np.array([9.0, 40.0, 5.0, 30.0]), whiten)
     np.testing.assert_allclose(raised, [9.0, 40.0, 20.0, 30.0])

@@ -1,15 +1,21 @@
-"""What events on a rim vote for."""
+"""What events on a rim say about the motion of their marker."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spikingtac.contact.rim_votes import AFFINE_MODES, OFF_RIM, RimConfig, affine_field, rim_table
+from spikingtac.contact.motion.rim_evidence import (
+    AFFINE_MODES,
+    OFF_RIM,
+    RimConfig,
+    affine_field,
+    rim_table,
+)
 from stand_ins.moving_rims import GRID, RADIUS_PX, SIZE, calibration
 
 
-def test_the_leading_rim_votes_for_the_motion_when_it_brightens() -> None:
+def test_a_leading_rim_that_brightens_is_evidence_for_the_motion() -> None:
     table = rim_table(calibration(), RimConfig())
     x, y = GRID[4]
     for offset, normal in (((8, 0), (1, 0)), ((-8, 0), (-1, 0)), ((0, 7), (0, 1))):

@@ -1,9 +1,10 @@
-"""What an event on a marker's rim says about the marker's motion.
+"""The signed evidence that an event on a marker's rim gives for a motion of the marker.
 
 A bright disc that moves in direction d brightens the pixels of its leading rim and darkens those of
-its trailing rim. An event of polarity p = +-1 at the angle phi of the rim therefore votes for a
-motion along p (cos phi, sin phi). Events that do not come from motion (background, leak, flicker of
-the light) cancel around the rim.
+its trailing rim. An event of polarity p = +-1 at the angle phi of the rim is therefore evidence for
+a motion along p (cos phi, sin phi): to first order this vector is the event's contribution to the
+log-likelihood ratio of a small motion. Events that do not come from motion (background, leak,
+flicker of the light) cancel around the rim.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-
-Vector = NDArray[np.float64]
+from spikingtac.contact.motion.scales import Vector
 
 AFFINE_MODES = 6
 """Motions of the whole field that a sensor is tested for: see :func:`affine_field`."""
@@ -27,8 +27,8 @@ OFF_RIM = -1
 class RimConfig:
     """Which pixels count as a marker's rim.
 
-    The first events of a contact come from where the light's logarithm is steepest: at the rim, and
-    a little outside it, where the ground is dark.
+    The first events of a contact come from where the logarithm of the light is steepest: at the rim
+    and a little outside it, where the ground is dark.
 
     Attributes:
         inside_px: How far the rim reaches towards the disc's centre, px.
@@ -49,9 +49,9 @@ class RimTable(NamedTuple):
     Attributes:
         row: ``int32[height, width]`` row of each pixel in the other columns, or :data:`OFF_RIM`.
         marker: ``int32[n]`` the marker on whose rim a pixel lies.
-        modes: ``float32[n, AFFINE_MODES]`` what an ON event of the pixel votes for, along each
-            motion of the whole field; an OFF event votes for the opposite. The first two are the
-            translations: there the vote is the rim's outward unit vector, in image axes.
+        modes: ``float32[n, AFFINE_MODES]`` evidence of an ON event of the pixel for each
+            motion of the whole field; an OFF event gives the opposite. The first two modes are the
+            translations: there the evidence is the rim's outward unit vector, in image axes.
         center_px: ``(m, 2)`` the markers.
     """
 
@@ -61,7 +61,7 @@ class RimTable(NamedTuple):
     center_px: Vector
 
     def without(self, pixels: NDArray[np.bool_]) -> RimTable:
-        """Return a table in which the given pixels ``bool[height, width]`` have no say."""
+        """Return a table that ignores the given pixels ``bool[height, width]``."""
         return self._replace(row=np.where(pixels, OFF_RIM, self.row).astype(np.int32))
 
 
@@ -87,10 +87,10 @@ def rim_table(calibration: Calibration, config: RimConfig) -> RimTable:
     on_rim = np.flatnonzero(marker != OFF_RIM)
     row = np.full(width * height, OFF_RIM, np.int32)
     row[on_rim] = np.arange(len(on_rim), dtype=np.int32)
-    votes = normal[on_rim] * (-1.0 if calibration.polarity == "dark" else 1.0)
+    outward = normal[on_rim] * (-1.0 if calibration.polarity == "dark" else 1.0)
     of_marker = marker[on_rim]
     modes = affine_field(calibration.reference_px)[of_marker]
-    along = np.einsum("na,nak->nk", votes, modes).astype(np.float32)
+    along = np.einsum("na,nak->nk", outward, modes).astype(np.float32)
     return RimTable(
         row.reshape(height, width), of_marker, along, np.asarray(calibration.reference_px)
     )

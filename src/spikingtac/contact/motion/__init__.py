@@ -1,0 +1,1 @@
+"""The sequential test of the markers' signed evidence for a common motion."""

@@ -1,0 +1,198 @@
+"""A sequential test of the markers' signed evidence for a common motion: the project's detector.
+
+Arm vibration moves the markers to and fro, so its evidence cancels within a period. Noise of the
+pixels cancels around each rim. A contact moves the field one way, so its evidence adds up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.contact.details import ContactDetails
+from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.motion.description import gel_touch, likeliest_onset
+from spikingtac.contact.motion.evidence_sums import EvidenceSums
+from spikingtac.contact.motion.quiet_evidence import (
+    LearningConfig,
+    QuietEvidence,
+    quiet_evidence,
+    scale_test,
+)
+from spikingtac.contact.motion.release import ReleaseConfig, ReleaseMonitor
+from spikingtac.contact.motion.rim_evidence import RimConfig, rim_table
+from spikingtac.contact.motion.scales import ScaleSums, ScaleTest, Vector, exceeded_kernel
+from spikingtac.contact.quiet import WindowCounter, check_budget
+from spikingtac.contact.window import Window, packets_of
+from spikingtac.errors import CalibrationError
+from spikingtac.types import Contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequentialMotionConfig:
+    """Settings of the sequential motion detector.
+
+    Attributes:
+        rim: Which pixels count as a marker's rim.
+        learning: How the thresholds are made from quiet windows.
+        release: When a contact has ended.
+    """
+
+    rim: RimConfig = field(default_factory=RimConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    release: ReleaseConfig = field(default_factory=ReleaseConfig)
+
+
+class SequentialMotionDetector:
+    """Finds contacts by the markers' common motion; see the module.
+
+    Args:
+        config: How contacts end; the rest was used in learning.
+        learned: Evidence of the quiet windows, with rims and hot pixels.
+        test: The tests with their thresholds, made from the same windows.
+
+    Attributes:
+        in_contact: True from a contact until its end.
+        hot_pixels: How many hot pixels of each sensor's rims are ignored.
+        test: As given.
+    """
+
+    def __init__(
+        self, config: SequentialMotionConfig, learned: QuietEvidence, test: ScaleTest
+    ) -> None:
+        self.in_contact = False
+        self.hot_pixels, self.test = learned.hot_pixels, test
+        self._config = config
+        self._period_us = round(learned.period_s * 1e6)
+        self._noise = [learned.marker_noise(sensor) for sensor in range(len(learned.tables))]
+        self._evidence = EvidenceSums(learned.tables, int(test.windows[-1]))
+        self._sums = ScaleSums(test)
+        self._release: ReleaseMonitor | None = None
+        self._begun: tuple[int, Vector] | None = None
+        self._along = test.mean
+        self._calm: int | None = None
+        self._end_us = 0
+        self._summary = DetectorSummary(
+            rule="a contact is a common motion of the markers whose squared whitened evidence "
+            f"exceeds its threshold, {test.threshold.min():.0f} or more, on one of "
+            f"{len(test.windows)} time scales",
+            figures={
+                "hot_pixels": list(self.hot_pixels),
+                "scales_ms": [int(n * self._period_us / 1e3) for n in test.windows],
+                "thresholds": [round(float(value), 3) for value in test.threshold],
+            },
+        )
+        exceeded_kernel(np.zeros(len(test.threshold)), test.threshold)  # compiled now, not later
+
+    @classmethod
+    def from_quiet(
+        cls,
+        config: SequentialMotionConfig,
+        calibrations: Sequence[Calibration],
+        quiet: Iterable[Window],
+        alarms_per_hour: float,
+    ) -> SequentialMotionDetector:
+        """Build a detector from quiet windows of the moving arm.
+
+        Args:
+            config: Its settings.
+            calibrations: Of each sensor, in the windows' order, as the markers rest in the grip.
+            quiet: At least 0.2 s of windows; a minute is good.
+            alarms_per_hour: Budget of false contacts.
+
+        Raises:
+            CalibrationError: There is no calibration, or the quiet windows are too few.
+            ConfigError: The budget is not a positive number.
+        """
+        check_budget(alarms_per_hour)
+        if not calibrations:
+            raise CalibrationError(
+                "the sequential motion detector uses the markers' rims and needs a calibration "
+                "of each sensor; make one with: spikingtac calibrate RECORDING -o calibration.json"
+            )
+        tables = [rim_table(calibration, config.rim) for calibration in calibrations]
+        counter = WindowCounter()
+        learned = quiet_evidence(tables, counter.counted(quiet), config.learning)
+        detector = cls(config, learned, scale_test(learned, config.learning, alarms_per_hour))
+        detector._summary = replace(detector._summary, quiet=counter.statistics())
+        return detector
+
+    def update(self, window: Window) -> Contact | None:
+        """Return the contact that begins in a window, if one does."""
+        self._prepare_release()
+        evidence = self._evidence.add(window)
+        values = self._sums.add(evidence)
+        self._end_us = packets_of(window)[0].t_end_us
+        scale = exceeded_kernel(values, self.test.threshold)
+        if self._release is not None:
+            scale = self._follow(self._release, evidence, scale)
+        return None if scale < 0 else self._begin(scale, values)
+
+    def details(self) -> ContactDetails | None:
+        """Return onset and place of the present contact, or None without one.
+
+        It looks back over the longest scale, 0.26 s; the estimate improves while the contact
+        lasts. Ask after the stop was sent.
+        """
+        self._prepare_release()
+        if self._release is None:
+            return None
+        course = self._sums.course(self._along)
+        windows = len(course) - 1 - likeliest_onset(course)
+        recent = self._evidence.recent(windows)
+        touches = tuple(
+            gel_touch(evidence, table.center_px, windows * noise)
+            for evidence, table, noise in zip(
+                recent, self._evidence.tables, self._noise, strict=True
+            )
+        )
+        return ContactDetails(self._end_us - windows * self._period_us, touches)
+
+    def summary(self) -> DetectorSummary:
+        """Return hot pixels, time scales and thresholds, and the quiet windows they came from."""
+        return self._summary
+
+    def reset(self) -> None:
+        """Forget the past windows, but keep what was learned from the quiet ones."""
+        self.in_contact = False
+        self._release, self._calm, self._begun = None, None, None
+        self._evidence.reset()
+        self._sums.reset()
+
+    def _begin(self, scale: int, values: Vector) -> Contact:
+        self._begun = scale, self._sums.total(scale)
+        self.in_contact, self._calm = True, None
+        return Contact(self._end_us, float(values[scale]), float(self.test.threshold[scale]))
+
+    def _prepare_release(self) -> None:
+        """Begin to follow a contact; done after the stop was sent, since it takes a while."""
+        if self._begun is None:
+            return
+        (scale, total), self._begun = self._begun, None
+        markers = sum(len(table.center_px) for table in self._evidence.tables)
+        self._release = ReleaseMonitor(self._config.release, self.test.mean, total, markers)
+        self._along = self.test.whiten[scale].T @ (self.test.whiten[scale] @ total)
+
+    def _follow(self, release: ReleaseMonitor, evidence: Vector, scale: int) -> int:
+        """Follow a contact; return the scale that found the next one, or -1.
+
+        Once the markers have come back, the contact ends when they rest or move away again.
+        """
+        release.add(evidence)
+        back = scale >= 0 and release.motion(self._sums.total(scale))
+        if self._calm is None:
+            if release.left():
+                self._calm = 0
+                self._sums.reset()
+            return -1
+        if scale >= 0 and not back:
+            return scale
+        self._calm = 0 if back else self._calm + 1
+        if back:
+            self._sums.reset()  # the same windows must not find the same motion again
+        if self._calm >= self._config.release.rest_windows:
+            self._release, self._calm, self.in_contact = None, None, False
+        return -1

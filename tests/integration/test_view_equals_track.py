@@ -1,0 +1,70 @@
+"""A recording that is viewed leaves the same tracks as one that is tracked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import load_config
+from spikingtac.events.create import create_events
+from spikingtac.events.open import open_events
+from spikingtac.pipeline.recording_tracks import track_to_file
+from spikingtac.tracks import Tracks
+from spikingtac.viewer.session import session as module
+from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.session.session import Session
+from spikingtac.viewer.session.track_recorder import FileTrackRecorder
+from stand_ins.viewer import CirclingDots, open_circling
+
+QUIET_US = 4_321
+"""The first event comes this long after the start of the stream, off every grid."""
+
+
+class Dropped:
+    """A publisher whose messages nobody reads."""
+
+    def publish(self, message: bytes) -> bool:
+        return True
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording that begins with silence, and its calibration."""
+    made = tmp_path_factory.mktemp("recording")
+    source = CirclingDots(duration_us=400_000, noise_per_ms=5)
+    with create_events(made / "events.raw", source.size) as writer:
+        for packet in source:
+            writer.write(packet.select(packet.t >= QUIET_US))
+    open_circling().calibration.save(made / "calibration.json")
+    return made
+
+
+@pytest.mark.parametrize("preset", ["default", "fast", "paper"])
+def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
+    preset: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calibration = Calibration.load(folder / "calibration.json")
+    config = load_config(preset).tracking
+    track_to_file(open_events(folder), tmp_path / "tracked.npz", config, calibration)
+
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
+    recorder = FileTrackRecorder(tmp_path / "viewed.npz", calibration.reference_px)
+    source = open_view_source(str(folder), preset=preset)
+    session = Session(source, Dropped(), Dropped(), recorder=recorder)
+    monkeypatch.setattr(session._timer, "wait", lambda: None)
+    while session.playing:
+        session.step()
+        if session.playback.position_us == 250_000:  # going back adds nothing and changes nothing
+            session.command("seek_us", 100_000)
+    session.close()
+
+    one, other = Tracks.load(tmp_path / "tracked.npz"), Tracks.load(tmp_path / "viewed.npz")
+    np.testing.assert_array_equal(one.t_us, other.t_us)
+    assert one.t_us[0] >= QUIET_US
+    assert len(one.t_us) > 100
+    np.testing.assert_array_equal(one.detected_px, other.detected_px)
+    np.testing.assert_array_equal(one.position_px, other.position_px)
+    np.testing.assert_array_equal(one.coasted, other.coasted)
