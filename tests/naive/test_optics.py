@@ -67,5 +67,5 @@ def assert_recorded(image: MarkerImage) -> None:
     scale = np.sqrt(np.abs(np.linalg.det(image.shape)))
     np.testing.assert_allclose(records["scale"], scale, rtol=1e-12)
     chord = np.tile([0.0, 0.0, np.inf], (len(records), 1)) if image.chord is None else image.chord
-    cuts = np.stack([records[name] for name in ("chord_x", "cut_y", "cut")], axis=1)
+    cuts = np.stack([records[name] for name in ("chord_x", "chord_y", "chord_px")], axis=1)
     np.testing.assert_array_equal(cuts, chord)
