@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
-Vector = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
 
 SECONDS_PER_HOUR = 3600.0
 MIN_FRAMES = 50
@@ -51,13 +50,13 @@ class FrameSamplingConfig:
         return 1e6 / self.rate_hz
 
 
-def displacement_sum_px(frames_px: Vector, initial_px: Vector) -> Vector:
+def displacement_sum_px(frames_px: FloatArray, initial_px: FloatArray) -> FloatArray:
     """Return the published ``D(t)`` ``(n,)`` of frames ``(n, m, 2)``, px."""
     away = frames_px - initial_px
     return np.hypot(away[:, :, 0], away[:, :, 1]).sum(axis=1)
 
 
-def exposures_us(config: FrameSamplingConfig, phase: float, from_us: int, to_us: int) -> Vector:
+def exposures_us(config: FrameSamplingConfig, phase: float, from_us: int, to_us: int) -> FloatArray:
     """Return the times of the frames in ``[from_us, to_us)``, us.
 
     Args:
@@ -72,9 +71,9 @@ def exposures_us(config: FrameSamplingConfig, phase: float, from_us: int, to_us:
 
 
 def measured_px(
-    config: FrameSamplingConfig, times_us: Vector, truth: tuple[Vector, Vector],
+    config: FrameSamplingConfig, times_us: FloatArray, truth: tuple[FloatArray, FloatArray],
     rng: np.random.Generator,
-) -> Vector:  # fmt: skip
+) -> FloatArray:  # fmt: skip
     """Return the measured centres ``(n, m, 2)`` in frames, px.
 
     Args:
@@ -85,13 +84,13 @@ def measured_px(
     """
     known_us, centers = truth
     right = np.clip(np.searchsorted(known_us, times_us), 1, len(known_us) - 1)
-    share = (times_us - known_us[right - 1]) / (known_us[right] - known_us[right - 1])
-    weight = np.clip(share, 0.0, 1.0)[:, None, None]
+    fraction = (times_us - known_us[right - 1]) / (known_us[right] - known_us[right - 1])
+    weight = np.clip(fraction, 0.0, 1.0)[:, None, None]
     exact = (1.0 - weight) * centers[right - 1] + weight * centers[right]
     return exact + rng.normal(0.0, config.noise_px, exact.shape)
 
 
-def quiet_threshold_px(config: FrameSamplingConfig, sums_px: Sequence[float] | Vector) -> float:
+def quiet_threshold_px(config: FrameSamplingConfig, sums_px: Sequence[float] | FloatArray) -> float:
     """Return the upper bound of the displacement sum without contact, px.
 
     It is the highest sum in the frames, or the normal tail at the budget if that is higher: the
@@ -133,12 +132,12 @@ class FrameSampler:
         self._phase, self._rng = phase, rng
         self._initial = np.empty(0)
 
-    def start(self, centers_px: Vector) -> None:
+    def start(self, centers_px: FloatArray) -> None:
         """Set the initial coordinates ``(m, 2)``, px: a mean over some frames without contact."""
         spread = self._config.noise_px / math.sqrt(self._config.first_frames)
         self._initial = centers_px + self._rng.normal(0.0, spread, centers_px.shape)
 
-    def look(self, truth: tuple[Vector, Vector]) -> float | None:
+    def look(self, truth: tuple[FloatArray, FloatArray]) -> float | None:
         """Return the exposure at which contact shows, us, or None.
 
         Args:
