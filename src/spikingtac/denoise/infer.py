@@ -45,7 +45,6 @@ MANIFEST = "weights.json"
 SHIPPED = {
     "network": "lean.onnx",
     "network-int8": "lean-int8.onnx",
-    "supervised": "supervised.onnx",
 }
 """Name of a denoiser -> file among the weights of the package."""
 _LOG_FATAL_ONLY = 4
