@@ -120,7 +120,7 @@ class Gel:
         Args:
             dt_s: Length of the step, s (ours: 2 to 4 ms; a quarter period to show ringing).
             indenter: The body that may touch, or None.
-            pose: Where that body is at the end of the step, or None.
+            pose: Pose of that body at the end of the step, or None.
 
         Raises:
             SpikingTacError: The contact covers more of the grid than can be solved.

@@ -200,7 +200,7 @@ def _plane_mm(x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64])
 
 
 def _arc_mm(distance_mm: FloatArray, radius_mm: float) -> FloatArray:
-    """Return how far a circular arc has fallen at a distance from its top."""
+    """Return the height of a circular arc at a distance from its top, mm (zero or negative)."""
     root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0)) - radius_mm
     return np.where(distance_mm < radius_mm, root, NO_SURFACE_MM)
 

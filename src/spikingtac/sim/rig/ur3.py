@@ -73,13 +73,17 @@ class UR3Twin:
         return other
 
     def advance_to(self, t_us: int) -> None:
-        """Let the time pass until ``t_us``; it never goes back."""
+        """Advance the time to ``t_us``.
+
+        Raises:
+            ValueError: ``t_us`` is before the present time.
+        """
         if t_us < self._now_us:
             raise ValueError(f"the twin's clock stands at {self._now_us} us, not before {t_us} us")
         self._now_us = t_us
 
     def position_at_mm(self, t_us: float) -> FloatArray:
-        """Return the true position ``(3,)`` at a time up to now (or planned beyond), mm."""
+        """Return the true position ``(3,)`` at ``t_us``, mm; in the future, the planned one."""
         setpoint_s = t_us * 1e-6 - self._lag_s
         return self._segment(setpoint_s).position_mm(setpoint_s)
 
@@ -118,12 +122,12 @@ class UR3Twin:
         self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
 
     def stop(self) -> None:
-        """Brake from the next cycle on; see :class:`~spikingtac.robot.arm.Arm`."""
+        """Brake from the next controller cycle; see :class:`~spikingtac.robot.arm.Arm`."""
         self._require_connection()
         self._brake(self._command_time_s())
 
     def state(self) -> ArmState:
-        """Return what the arm did at the last controller cycle."""
+        """Return the state of the arm at the last controller cycle."""
         if self._fault is not None:
             return self._fault
         at_rest = self._last_cycle_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
@@ -172,7 +176,7 @@ class UR3Twin:
         return self._segments[0]
 
     def _command_time_s(self) -> float:
-        """Controller time of the first cycle at which a command sent now can act, s."""
+        """Return the time of the first controller cycle that can execute a command sent now, s."""
         arrival_s = self._now_us * 1e-6 + self._config.network_s
         cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
         return self._phase_s + cycles * self._config.cycle_s
