@@ -49,20 +49,20 @@ SLICED_HZ = 250.0
 
 GRIDS: dict[str, dict[str, list[Any]]] = {
     "evetac": {
-        "reach_share": [1.8, 2.2, 2.6, 3.0],
+        "reach_ratio": [1.8, 2.2, 2.6, 3.0],
         "gain": [0.001, 0.002, 0.003],
         "gate": [4, 10],
         "regularizer": [7.5e-5],
     },
     "evetac-filter": {
-        "reach_share": [2.2],
+        "reach_ratio": [2.2],
         "gain": [0.002],
         "gate": [4],
         "regularizer": [7.5e-5],
         "support_us": [5_000, 20_000, 50_000, 100_000],
     },
     "evetac-strong": {
-        "reach_share": [2.2, 2.6],
+        "reach_ratio": [2.2, 2.6],
         "gain": [0.00003, 0.0001, 0.0003],
         "gate": [4, 10],
         "regularizer": [7.5e-5 / 0.003],

@@ -57,24 +57,24 @@ def test_regularizer() -> None:
     rest = np.array([[37.0 * i, 37.0 * j] for i in range(3) for j in range(3)])
     index, distance = neighbours(rest, 60.0)
     center = rest + rng.normal(0.0, 2.0, rest.shape)
-    tension = np.empty((9, 2))
-    regularizer_kernel(center, index, distance, tension)
+    regularizer = np.empty((9, 2))
+    regularizer_kernel(center, index, distance, regularizer)
     for i in range(9):
         near = index[i][index[i] >= 0]
         total = np.zeros(2)
         for j, d in zip(near, distance[i], strict=False):
             offset = center[j] - center[i]
             total += 4.0 * offset * (offset @ offset - d * d)
-        np.testing.assert_allclose(tension[i], 8.0 / len(near) * total, rtol=1e-9)
-    regularizer_kernel(rest, index, distance, tension)
-    np.testing.assert_allclose(tension, 0.0, atol=1e-6)
+        np.testing.assert_allclose(regularizer[i], 8.0 / len(near) * total, rtol=1e-9)
+    regularizer_kernel(rest, index, distance, regularizer)
+    np.testing.assert_allclose(regularizer, 0.0, atol=1e-6)
 
 
 def test_a_lone_dot_has_no_tension() -> None:
     index, distance = neighbours(np.array([[5.0, 5.0]]), 60.0)
-    tension = np.empty((1, 2))
-    regularizer_kernel(np.array([[9.0, 9.0]]), index, distance, tension)
-    np.testing.assert_array_equal(tension, 0.0)
+    regularizer = np.empty((1, 2))
+    regularizer_kernel(np.array([[9.0, 9.0]]), index, distance, regularizer)
+    np.testing.assert_array_equal(regularizer, 0.0)
 
 
 @pytest.mark.parametrize("velocity", [(0.002, 0.0), (0.0, -0.001), (0.001, 0.001)])

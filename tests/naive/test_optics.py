@@ -15,7 +15,7 @@ LENSES = [
 ]
 
 
-def plain_bend(lens: OpticsConfig, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def plain_distort(lens: OpticsConfig, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return px ``(n, 2)`` and d px / d mm ``(n, 2, 2)`` at ``(n, 3)`` points."""
     scale = 1.0 / (lens.distance_mm - points_mm[:, 2])
     x, y = points_mm[:, :2].T * scale
@@ -49,11 +49,10 @@ def test_markers_are_projected_and_recorded_as_on_arrays(lens: OpticsConfig) -> 
         image = Optics(lens, seed=4).project(skin)
         place = skin.marker_mm.copy()
         place[:, :2] += np.einsum("mij,mj->mi", skin.gradient, discs.offset_mm)
-        center, jacobian = plain_bend(lens, place)
+        center, jacobian = plain_distort(lens, place)
         shape = lens.px_per_mm * np.linalg.inv(jacobian @ skin.gradient)
         np.testing.assert_allclose(image.center_px, center, rtol=0, atol=1e-9)
         np.testing.assert_allclose(image.shape, shape, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(Optics(lens).project_points(place), center, rtol=0, atol=1e-9)
         assert_recorded(image)
 
 
@@ -67,5 +66,5 @@ def assert_recorded(image: MarkerImage) -> None:
     scale = np.sqrt(np.abs(np.linalg.det(image.shape)))
     np.testing.assert_allclose(records["scale"], scale, rtol=1e-12)
     chord = np.tile([0.0, 0.0, np.inf], (len(records), 1)) if image.chord is None else image.chord
-    cuts = np.stack([records[name] for name in ("chord_x", "cut_y", "cut")], axis=1)
+    cuts = np.stack([records[name] for name in ("chord_x", "chord_y", "chord_px")], axis=1)
     np.testing.assert_array_equal(cuts, chord)

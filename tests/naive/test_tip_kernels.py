@@ -22,7 +22,7 @@ from spikingtac.sim.rig.walls import HexBit, HoleWall, PlaneWall, RoundBit, Wall
 Array = np.ndarray
 
 
-def plain_bent(
+def plain_stiffened(
     mount: CompliantMount, points: TipPoints, wall: LinearisedWall, tip: Array
 ) -> CompliantMount:
     pressure = np.maximum((points.force_n * wall.normal).sum(axis=1), 0.0)
@@ -32,7 +32,7 @@ def plain_bent(
     return CompliantMount(free, compliance, mount.stiffness + curvature)
 
 
-def plain_hold(
+def plain_point_force(
     mount: CompliantMount, free: Array, normal: Array, anchor: Array, friction: float
 ) -> Array:
     stick = mount.stiffness @ (anchor - free)
@@ -58,7 +58,7 @@ def plain_hold(
     return force
 
 
-def plain_press(
+def plain_solve_linearised(
     points: TipPoints,
     wall: LinearisedWall,
     mount: CompliantMount,
@@ -67,7 +67,7 @@ def plain_press(
     fraction: float,
 ) -> Array:
     """Return the new tip; the corners' forces are overwritten."""
-    stiffened = plain_bent(mount, points, wall, tip)
+    stiffened = plain_stiffened(mount, points, wall, tip)
     reach = wall.normal @ tip - wall.gap_mm
     for _ in range(SWEEPS):
         change = 0.0
@@ -77,7 +77,7 @@ def plain_press(
             if reach[k] - normal @ others > 0.0:
                 anchor = points.anchor_mm[k] if points.stuck[k] else others
                 anchor = anchor + normal * (reach[k] - normal @ anchor)
-                force = plain_hold(stiffened, others, normal, anchor, friction)
+                force = plain_point_force(stiffened, others, normal, anchor, friction)
             change = max(change, np.abs(force - points.force_n[k]).max())
             points.force_n[k] = force
         if change < TOLERANCE_N or len(wall.normal) == 1:
@@ -86,7 +86,7 @@ def plain_press(
     return tip + fraction * (there - tip)
 
 
-def plain_remember(points: TipPoints, normal: Array, friction: float, tip: Array) -> None:
+def plain_update_anchors(points: TipPoints, normal: Array, friction: float, tip: Array) -> None:
     pressure = (points.force_n * normal).sum(axis=1)
     tangential = np.linalg.norm(points.force_n - pressure[:, None] * normal, axis=1)
     slipped = tangential > friction * pressure * SLIP_FRACTION
@@ -121,7 +121,7 @@ def test_hold_sticks_slips_or_jams(friction: float) -> None:
         normal /= np.linalg.norm(normal)
         free, anchor = rng.normal(size=(2, 3))
         anchor += normal * max(normal @ (free - anchor) + 0.1, 0.0)
-        plain = plain_hold(mount, free, normal, anchor, friction)
+        plain = plain_point_force(mount, free, normal, anchor, friction)
         fast = point_force_kernel(mount, tuple(free), tuple(normal), tuple(anchor), friction)
         np.testing.assert_allclose(fast, plain, rtol=1e-6, atol=1e-7)
         stuck += np.allclose(plain, mount.stiffness @ (anchor - free))
@@ -148,21 +148,26 @@ def test_a_wandering_tip_is_pressed_and_remembered_alike(
         mount = CompliantMount(free, compliance, np.linalg.inv(compliance))
         tip = free + compliance @ fast.force_n.sum(axis=0)
         gap, normal = wall.gap(tip + bit.points_mm)
-        wall = LinearisedWall(gap - bit.radius_mm, normal, wall.curvature(tip + bit.points_mm))
+        linearised = LinearisedWall(
+            gap - bit.radius_mm, normal, wall.curvature(tip + bit.points_mm)
+        )
         plain, place, fraction = copied(fast), tip.copy(), rng.choice([0.5, 1.0])
         stiffened, expected = (
-            k(mount, fast, wall, tip) for k in (stiffen_by_curvature_kernel, plain_bent)
+            k(mount, fast, linearised, tip) for k in (stiffen_by_curvature_kernel, plain_stiffened)
         )
         for part, wanted in zip(stiffened, expected, strict=True):
             np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-10)
-        solve_linearised_kernel(fast, wall, mount, friction, place, fraction)
+        solve_linearised_kernel(fast, linearised, mount, friction, place, fraction)
         np.testing.assert_allclose(
-            place, plain_press(plain, wall, mount, friction, tip, fraction), rtol=1e-6, atol=1e-6
+            place,
+            plain_solve_linearised(plain, linearised, mount, friction, tip, fraction),
+            rtol=1e-6,
+            atol=1e-6,
         )
         np.testing.assert_allclose(fast.force_n, plain.force_n, rtol=1e-6, atol=1e-6)
         plain = copied(fast)
         update_anchors_kernel(fast, normal, friction, place)
-        plain_remember(plain, normal, friction, place)
+        plain_update_anchors(plain, normal, friction, place)
         np.testing.assert_array_equal(fast.anchor_mm, plain.anchor_mm)
         np.testing.assert_array_equal(fast.stuck, plain.stuck)
         pressed += bool(fast.stuck.any())

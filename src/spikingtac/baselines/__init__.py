@@ -1,1 +1,1 @@
-"""Other groups' trackers behind the package's own protocol, re-derived from formulas."""
+"""Trackers of other groups, re-derived from their publications, with this package's protocol."""

@@ -7,23 +7,31 @@ from numba import njit
 from numpy.typing import NDArray
 
 NEVER = -(2**62)
-"""Time of a pixel that never fired."""
+"""Time of a pixel without any event, us."""
 
 PLANE_POINTS = 4
-"""Fewest active pixels of nine that a plane is fitted to: one more than its parameters."""
+"""Smallest number of active pixels, of nine, for a plane: one more than its parameters."""
 
 
 @njit(cache=True)
-def note_active_kernel(
+def update_active_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
-    side: NDArray[np.int64],
+    polarity: NDArray[np.int64],
     t: NDArray[np.int64],
     last_us: NDArray[np.int64],
 ) -> None:
-    """Note the time of each pixel's last event in ``last_us (2, height, width)`` by polarity."""
+    """Store the time of each pixel's last event.
+
+    Args:
+        x: ``(n,)`` columns, px.
+        y: ``(n,)`` rows, px.
+        polarity: ``(n,)`` 1 for brighter, 0 for darker.
+        t: ``(n,)`` times, us.
+        last_us: ``(2, height, width)`` last times by polarity, us, updated.
+    """
     for i in range(len(x)):
-        last_us[side[i], y[i], x[i]] = t[i]
+        last_us[polarity[i], y[i], x[i]] = t[i]
 
 
 @njit(cache=True)
@@ -32,21 +40,21 @@ def normal_flow_kernel(
     since_us: int,
     rounds: int,
     tolerance_us: float,
-    inlier_share: float,
+    inlier_fraction: float,
     flow: NDArray[np.float64],
 ) -> None:
     """Fit a plane t = a x + b y + c to each active pixel's 3x3 and write its normal flow, px/us.
 
-    The flow is the gradient over its own square; 0 where no plane fits. Outliers are left out after
-    each round.
+    The flow is the gradient divided by its square; it is 0 where no plane fits. Outliers are
+    removed after each fit.
 
     Args:
         last_us: ``(height, width)`` last event times of one polarity, us.
-        since_us: Older pixels are not active.
-        rounds: How often the plane is fitted.
+        since_us: Pixels with an older last event are not active, us.
+        rounds: Number of fits of the plane.
         tolerance_us: Largest residual of an inlier, us.
-        inlier_share: Smallest share of inliers among the active pixels.
-        flow: ``(2, height, width)`` where to write x and y.
+        inlier_fraction: Smallest fraction of inliers among the active pixels.
+        flow: ``(2, height, width)`` flow along x and y, px/us, overwritten.
     """
     height, width = last_us.shape
     flow[:] = 0.0
@@ -75,7 +83,7 @@ def normal_flow_kernel(
                     use[k] = abs(dt[k] - a * dx[k] - b * dy[k] - c) <= tolerance_us
                     kept += use[k]
             square = a * a + b * b
-            if kept >= PLANE_POINTS and kept >= inlier_share * count and square > 0.0:
+            if kept >= PLANE_POINTS and kept >= inlier_fraction * count and square > 0.0:
                 flow[0, row, column] = a / square
                 flow[1, row, column] = b / square
 
@@ -111,13 +119,14 @@ def _plane_kernel(dx, dy, dt, use, count):  # type: ignore[no-untyped-def]
 def moving_circle_kernel(
     points: NDArray[np.float64], start: NDArray[np.float64], iterations: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit |e - c - v s| = r + q s to events by Gauss-Newton with a little damping.
+    """Fit |e - c - v s| = r + q s to events by damped Gauss-Newton iterations.
 
     Args:
-        points: ``(n, 3)`` events: x px, y px, and s, the time from the estimate back, scaled to
+        points: ``(n, 3)`` events: x px, y px, and s, the time relative to the estimate, scaled to
             -1 to 0 over the window.
-        start: ``(6,)`` centre x, y, velocity x, y (px per window), radius, its growth.
-        iterations: How many.
+        start: ``(6,)`` first guess: centre x, y, velocity x, y (px per window), radius, growth of
+            the radius.
+        iterations: Number of iterations.
 
     Returns:
         The six parameters, and the mean absolute residual, px.

@@ -1,4 +1,4 @@
-"""Arcs of one polarity, and which two of them belong to one marker."""
+"""Arcs: clusters of active pixels of one polarity, and the pairs of arcs of one marker."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Arc:
     """A cluster of active pixels of one polarity.
 
     Attributes:
-        label: Its number in the label image.
+        label: Number in the label image.
         center_px: ``(2,)`` mean place of its pixels, px.
         flow_px_us: ``(2,)`` mean normal flow, px/us.
     """
@@ -25,15 +25,15 @@ class Arc:
 
 
 def find_arcs(
-    active: NDArray[np.bool_], flow: NDArray[np.float64], dilate_px: int, fewest_px: int
+    active: NDArray[np.bool_], flow: NDArray[np.float64], dilate_px: int, min_cluster_px: int
 ) -> tuple[NDArray[np.int32], list[Arc]]:
     """Cluster the active pixels that have a flow.
 
     Args:
-        active: ``(height, width)`` pixels of one polarity.
-        flow: ``(2, height, width)`` normal flow, px/us, 0 where there is none.
-        dilate_px: Pixels so near belong together, px.
-        fewest_px: Smaller clusters are dropped.
+        active: ``(height, width)`` active pixels of one polarity.
+        flow: ``(2, height, width)`` normal flow, px/us; 0 where there is none.
+        dilate_px: Pixels at most this far apart belong to one cluster, px.
+        min_cluster_px: Smaller clusters are dropped, px.
 
     Returns:
         ``(height, width)`` label image (0 is none), and the arcs.
@@ -51,7 +51,7 @@ def find_arcs(
     # Of each arc: the mean of places and of flows.
     values = (column, row, flow[0, row, column], flow[1, row, column])
     x, y, u, v = (np.bincount(number, value, count + 1) / safe for value in values)
-    kept = np.flatnonzero(size >= fewest_px)
+    kept = np.flatnonzero(size >= min_cluster_px)
     arcs = [Arc(int(k), np.array([x[k], y[k]]), np.array([u[k], v[k]])) for k in kept if k > 0]
     return label, arcs
 
@@ -59,23 +59,26 @@ def find_arcs(
 def pair_arcs(
     trailing: list[Arc], leading: list[Arc], angle_deg: float, reach_px: float
 ) -> list[tuple[Arc, Arc]]:
-    """Return pairs that move the same way, one behind the other; each arc in one pair at most.
+    """Return pairs of arcs with the same motion, one behind the other.
+
+    Each arc belongs to one pair at most.
 
     Args:
-        trailing: Arcs that darken: behind a bright marker.
-        leading: Arcs that brighten: before it.
-        angle_deg: Largest angle between the two flows, and from them to the line between the arcs.
-        reach_px: Largest distance of the two, px.
+        trailing: Arcs that become darker: behind a bright marker.
+        leading: Arcs that become brighter: in front of it.
+        angle_deg: Largest angle between the two flows, and between them and the line from arc to
+            arc, degrees.
+        reach_px: Largest distance between the two arcs, px.
     """
     if not trailing or not leading:
         return []
     offset = _stack(leading, "center_px")[None] - _stack(trailing, "center_px")[:, None]
     distance = np.hypot(offset[..., 0], offset[..., 1])
     behind, before = _unit(_stack(trailing, "flow_px_us")), _unit(_stack(leading, "flow_px_us"))
-    least = np.cos(np.radians(angle_deg))
-    agree = behind @ before.T >= least
-    way = _unit(behind[:, None] + before[None])
-    along = (way * offset).sum(axis=2) >= least * distance
+    min_cosine = np.cos(np.radians(angle_deg))
+    agree = behind @ before.T >= min_cosine
+    direction = _unit(behind[:, None] + before[None])
+    along = (direction * offset).sum(axis=2) >= min_cosine * distance
     cost = np.where(agree & along & (distance <= reach_px), distance, np.inf)
     pairs = []
     while np.isfinite(cost).any():

@@ -1,4 +1,4 @@
-"""Kernels of :mod:`spikingtac.baselines.evetac`: attraction to events, pull of neighbours."""
+"""Kernels of :mod:`spikingtac.baselines.evetac`: attraction by events, and the regulariser."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ def attraction_kernel(
     """Sum g = 2 (d - R d / rho) over the events in each dot's ring; count the non-zero components.
 
     Args:
-        x: Columns, px.
-        y: Rows, px.
+        x: ``(n,)`` columns, px.
+        y: ``(n,)`` rows, px.
         center_px: ``(m, 2)`` dots, px.
-        inner_px: Events at most this far from a dot do not count, px.
-        outer_px: Events farther than this do not count, px.
-        turn_px: R, where the attraction would turn into repulsion, px; beyond ``outer_px``.
-        pull: ``(m, 2)`` where to write g.
-        support: ``(m,)`` where to write the number of non-zero components of g.
+        inner_px: Inner radius of the ring, px.
+        outer_px: Outer radius of the ring, px.
+        turn_px: R, the radius at which attraction would become repulsion, px; larger than
+            ``outer_px``.
+        pull: ``(m, 2)`` sums g, overwritten.
+        support: ``(m,)`` numbers of non-zero components of g, overwritten.
     """
     pull[:] = 0.0
     support[:] = 0
@@ -52,15 +53,15 @@ def regularizer_kernel(
     center_px: NDArray[np.float64],
     neighbour: NDArray[np.int64],
     rest_px: NDArray[np.float64],
-    tension: NDArray[np.float64],
+    regularizer: NDArray[np.float64],
 ) -> None:
-    """Write h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 over the neighbours' number.
+    """Write h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 / (number of neighbours).
 
     Args:
         center_px: ``(m, 2)`` dots, px.
         neighbour: ``(m, k)`` indices of the neighbours, -1 beyond the last.
         rest_px: ``(m, k)`` calibrated distances D_ij, px.
-        tension: ``(m, 2)`` where to write k_i h_i.
+        regularizer: ``(m, 2)`` k_i h_i, overwritten.
     """
     for i in range(len(center_px)):
         sum_x, sum_y, count = 0.0, 0.0, 0
@@ -74,5 +75,5 @@ def regularizer_kernel(
                 sum_y += 4.0 * dy * excess
                 count += 1
         border = 8.0 / count if count else 0.0
-        tension[i, 0] = border * sum_x
-        tension[i, 1] = border * sum_y
+        regularizer[i, 0] = border * sum_x
+        regularizer[i, 1] = border * sum_y

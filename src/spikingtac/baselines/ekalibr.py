@@ -1,24 +1,24 @@
 """eKalibr's circle detector as a marker tracker: two arcs give a centre without bias.
 
 Source: S. Chen et al., "eKalibr: dynamic intrinsic calibration for event cameras from first
-principles of events", IEEE RA-L 10, 2025 (arXiv:2501.05688), and its public source.
+principles of events", IEEE RA-L 10, 2025 (arXiv:2501.05688), and its public source code.
 
 Re-derived: surface of active events (20 ms) -> normal flow from planes in 3x3 pixels -> clusters of
 each polarity (dilated, at least 10 px) -> pairs of opposite polarity whose flows agree within 30
 degrees -> a circle whose centre and radius move linearly in time, fitted to the raw events of the
-pair, accepted below 2 px. A detection takes the identity of the nearest marker; a marker without
-one keeps its place.
+pair and accepted below 2 px. A detection is assigned to the nearest marker. A marker without a
+detection keeps its place.
 
-What differs: the original looks for the dots of a moving calibration board and interpolates; here
+Differences: the original looks for the dots of a moving calibration board and interpolates. Here
 the polarity of the markers is known, so that the leading arc need not be found from the spread of
-its flow. The plane's outliers are left out after each of two fits instead of drawn at random, so
-that equal events give equal results. A pair must lie within a marker's size, and the radius of the
-circle near the calibrated ones.
+its flow. The outliers of a plane are removed after each of two fits instead of by random sampling,
+so that equal events give equal results. A pair must lie within a marker's size, and the radius of
+the circle must be near the calibrated ones.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from spikingtac.baselines.arc_kernels import (
     NEVER,
     moving_circle_kernel,
     normal_flow_kernel,
-    note_active_kernel,
+    update_active_kernel,
 )
 from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
 from spikingtac.baselines.recent import RecentEvents
@@ -40,72 +40,72 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EkalibrConfig:
-    """The original's parameters, and what a tracker needs beside them.
+    """Parameters of the original, and those that tracking adds.
 
     Attributes:
-        rate_hz: Estimates per second (ours: two per window).
-        window_us: How long an event is active, us (original: 20 ms).
-        rounds: Fits of each plane (original: 2).
+        rate_hz: Estimates per second, Hz (ours: two per window).
+        window_us: Time for which an event is active, us (original: 20 ms).
+        rounds: Number of fits of each plane (original: 2).
         tolerance_us: Largest residual of a plane's inlier, us (original: 2 ms).
-        inlier_share: Fewest inliers (original: 0.6).
-        dilate_px: How far apart pixels of one cluster may lie, px (original: 3; tuned).
-        fewest_px: Smallest cluster, px (original: 10).
+        inlier_fraction: Smallest fraction of inliers (original: 0.6).
+        dilate_px: Largest distance of pixels of one cluster, px (original: 3; tuned).
+        min_cluster_px: Smallest cluster, px (original: 10).
         angle_deg: Largest angle between the flows of a pair, degrees (original: 30).
         residual_px: Largest mean residual of a circle, px (original: 2).
-        radius_tolerance: Largest deviation of the radius from the calibrated one, as a share.
-        iterations: Of the circle's fit.
-        proximity_share: Association threshold as a share of the smallest spacing.
+        radius_tolerance: Largest relative deviation of the radius from the calibrated one.
+        iterations: Iterations of the circle's fit.
+        proximity_fraction: Association threshold as a fraction of the smallest spacing.
     """
 
     rate_hz: float = 100.0
     window_us: int = 20_000
     rounds: int = 2
     tolerance_us: float = 2_000.0
-    inlier_share: float = 0.6
+    inlier_fraction: float = field(default=0.6, metadata={"former_names": ("inlier_share",)})
     dilate_px: int = 5
-    fewest_px: int = 10
+    min_cluster_px: int = field(default=10, metadata={"former_names": ("fewest_px",)})
     angle_deg: float = 30.0
     residual_px: float = 2.0
     radius_tolerance: float = 0.35
     iterations: int = 6
-    proximity_share: float = 0.5
+    proximity_fraction: float = field(default=0.5, metadata={"former_names": ("proximity_share",)})
 
     def __post_init__(self) -> None:
-        for name in ("rate_hz", "window_us", "rounds", "dilate_px", "fewest_px", "iterations"):
+        for name in ("rate_hz", "window_us", "rounds", "dilate_px", "min_cluster_px", "iterations"):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
 
 
 class EkalibrTracker:
-    """Finds moving circles anew at every estimate."""
+    """Detects moving circles anew at every estimate."""
 
     def __init__(self, config: EkalibrConfig, calibration: Calibration) -> None:
-        """Begin at the calibrated rest positions.
+        """Start at the calibrated rest positions.
 
         Args:
             config: Parameters.
-            calibration: Where the markers rest, their radii and polarity.
+            calibration: Rest positions, radii and polarity of the markers.
         """
         self._config, self._calibration = config, calibration
         self._radius_px = float(calibration.radius_px.mean())
         spacing_px = smallest_spacing_px(calibration.reference_px)
-        self._proximity_px = config.proximity_share * spacing_px
+        self._proximity_px = config.proximity_fraction * spacing_px
         width, height = calibration.size
         self._last_us = np.empty((2, height, width), np.int64)
         self._flow = np.empty((2, 2, height, width))
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time."""
+        """Take in all events of the next packet."""
         bright = packet.p != (self._calibration.polarity == "dark")
-        side = bright.astype(np.int64)
-        note_active_kernel(packet.x, packet.y, side, packet.t, self._last_us)
-        self._recent.add(packet, side)
+        polarity = bright.astype(np.int64)
+        update_active_kernel(packet.x, packet.y, polarity, packet.t, self._last_us)
+        self._recent.add(packet, polarity)
 
     def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the markers at ``t_us``: where a circle was found, else where they were."""
+        """Return the markers at ``t_us``. A marker without a circle keeps its last place."""
         since_us = t_us - self._config.window_us
-        self._recent.forget_before(since_us)
+        self._recent.drop_before(since_us)
         center_px = self._circles(t_us, since_us)
         match = associate(self._detected_px, center_px, self._proximity_px)
         coasted = match == UNMATCHED
@@ -121,7 +121,7 @@ class EkalibrTracker:
         )
 
     def reset(self) -> None:
-        """Forget everything but the calibration: the markers rest."""
+        """Return to the calibrated rest positions."""
         self._last_us[:] = NEVER
         self._recent = RecentEvents()
         self._detected_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
@@ -130,17 +130,19 @@ class EkalibrTracker:
         config = self._config
         arcs: list[list[Arc]] = []
         labels: list[NDArray[np.int32]] = []
-        for side in (0, 1):
+        for polarity in (0, 1):
             normal_flow_kernel(
-                self._last_us[side],
+                self._last_us[polarity],
                 since_us,
                 config.rounds,
                 config.tolerance_us,
-                config.inlier_share,
-                self._flow[side],
+                config.inlier_fraction,
+                self._flow[polarity],
             )
-            active = self._last_us[side] >= since_us
-            label, found = find_arcs(active, self._flow[side], config.dilate_px, config.fewest_px)
+            active = self._last_us[polarity] >= since_us
+            label, found = find_arcs(
+                active, self._flow[polarity], config.dilate_px, config.min_cluster_px
+            )
             labels.append(label)
             arcs.append(found)
         pairs = pair_arcs(arcs[0], arcs[1], config.angle_deg, 3.0 * self._radius_px)
@@ -160,10 +162,10 @@ class EkalibrTracker:
     def _grouped(
         self, labels: list[NDArray[np.int32]], t_us: int
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return the recent events ``(n, 3)`` in order of their arc, and where each arc begins."""
-        x, y, side, t = self._recent.columns()
+        """Return the recent events ``(n, 3)`` sorted by arc, and the first index of each arc."""
+        x, y, polarity, t = self._recent.columns()
         offset = int(labels[0].max()) + 1
-        group = np.where(side > 0, offset + labels[1][y, x], labels[0][y, x])
+        group = np.where(polarity > 0, offset + labels[1][y, x], labels[0][y, x])
         group = group.astype(np.int16)  # so few that numpy sorts by digits
         order = np.argsort(group, kind="stable")
         points = np.column_stack([x, y, (t - t_us) / self._config.window_us])[order]

@@ -4,23 +4,23 @@ Source: N. Funk et al., "Evetac: an event-based optical tactile sensor for robot
 IEEE Transactions on Robotics 40, 2024 (doi:10.1109/TRO.2024.3428430), and the formulas of its
 public tracker, which is written for 640x480 px and dots at a mean pitch of 61.3 px.
 
-Re-derived: every 1 ms slice pulls each dot towards the events in a ring around it, against a
-regulariser that keeps the calibrated distances to the neighbours. Polarity is not used; a
-background-activity filter (100 ms) goes first. Nothing pulls a dot back to its rest. The stored
-"radius" of the original is a blob detector's keypoint size, a diameter: the ring must reach two to
-three times the disc's radius, else the dots do not follow at all.
+Re-derived: every slice of 1 ms pulls each dot towards the events in a ring around it, against a
+regulariser that keeps the calibrated distances to the neighbours. Polarity is not used. A
+background-activity filter (100 ms) goes first. No term pulls a dot back to its rest position. The
+stored "radius" of the original is a blob detector's keypoint size, which is a diameter: the ring
+must reach two to three times the disc's radius, or the dots do not follow at all.
 
-What differs: lengths are scaled by the ratio of the pitches (37 to 61.3 px here), the regulariser
-by its square, since it is cubic in length. Gain, reach and gate depend on how many events the edge
-of a dot fires per pixel of motion; they were tuned on separate training scenes
-(``benchmarks/tune_baselines.py``). Slices are never merged: offline, the
-tracker never falls behind. Two strengths of the regulariser exist in the public sources, a factor
-of 333 apart; both are run.
+Differences: lengths are scaled by the ratio of the pitches (37 to 61.3 px here), and the
+regulariser by its square, since it is cubic in length. Gain, reach and gate depend on the number of
+events that the edge of a dot causes per pixel of motion; they were tuned on separate training
+scenes (``benchmarks/tune_baselines.py``). Slices are never merged, because offline tracking never
+falls behind. The public sources have two strengths of the regulariser, a factor of 333 apart; both
+are run.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -34,7 +34,7 @@ from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivi
 from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3
-"""Mean distance of the original's dots, px; its lengths below belong to it."""
+"""Mean pitch of the original's dots, px. The following lengths refer to it."""
 
 SOURCE_RING_PX = 13.75
 """Width of the ring in which events count, px at the original's pitch."""
@@ -51,39 +51,41 @@ SOURCE_CAP_PX = 1.2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvetacConfig:
-    """The original's parameters, and those that had to be tuned for another sensor.
+    """Parameters of the original, and those that were tuned for another sensor.
 
     Attributes:
         gain: Step per unit of attraction (original: 0.003).
-        regularizer: Weight of the regulariser inside of the gain (original: 7.5e-5).
-        reach_share: Outer radius of the ring over the disc's radius (original: 1 / 0.3 to 1 / 0.5).
-        turn_share: R over the outer radius (original: 1.25).
-        gate: Fewest non-zero components of the attraction per slice (original: 10, about 5 events).
-        cap_share: Largest step over the original's, scaled (original: 1).
+        regularizer: Weight of the regulariser, inside of the gain (original: 7.5e-5).
+        reach_ratio: Outer radius of the ring divided by the disc's radius (original: 1 / 0.3 to 1 /
+            0.5).
+        turn_ratio: R divided by the outer radius (original: 1.25).
+        gate: Smallest number of non-zero components of the attraction per slice (original: 10,
+            about 5 events).
+        cap_ratio: Largest step divided by the original's scaled one (original: 1).
         slice_us: Length of a slice, us (original: 1 ms).
         support_us: Window of the background-activity filter, us (original: 100 ms; tuned).
     """
 
     gain: float = 0.002
     regularizer: float = 7.5e-5
-    reach_share: float = 2.2
-    turn_share: float = 1.25
+    reach_ratio: float = field(default=2.2, metadata={"former_names": ("reach_share",)})
+    turn_ratio: float = field(default=1.25, metadata={"former_names": ("turn_share",)})
     gate: int = 4
-    cap_share: float = 1.0
+    cap_ratio: float = field(default=1.0, metadata={"former_names": ("cap_share",)})
     slice_us: int = 1_000
     support_us: int = 50_000
 
     @classmethod
     def strong(cls) -> Self:
-        """Return the older variants of the original, which apply 7.5e-5 outside of the gain.
+        """Return the older variant of the original, which applies 7.5e-5 outside of the gain.
 
-        At the original's gain of 0.003 such a regulariser overshoots in every slice; its gain was
-        tuned apart, behind the original's filter.
+        At the original's gain of 0.003 such a regulariser overshoots in every slice. Its gain was
+        tuned separately, behind the original's filter.
         """
         return cls(gain=1e-4, regularizer=7.5e-5 / 0.003, support_us=100_000)
 
     def __post_init__(self) -> None:
-        for name in ("gain", "reach_share", "turn_share", "cap_share", "slice_us", "support_us"):
+        for name in ("gain", "reach_ratio", "turn_ratio", "cap_ratio", "slice_us", "support_us"):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
         if self.regularizer < 0 or self.gate < 0:
@@ -91,32 +93,32 @@ class EvetacConfig:
 
 
 class EvetacTracker:
-    """Follows each dot by the events around it; a dot that sees too few of them stays."""
+    """Tracks each dot by the events around it. A dot with too few events does not move."""
 
     def __init__(self, config: EvetacConfig, calibration: Calibration) -> None:
-        """Begin at the calibrated rest positions.
+        """Start at the calibrated rest positions.
 
         Args:
             config: Parameters.
-            calibration: Where the markers rest; polarity is not used.
+            calibration: Rest positions of the markers; polarity is not used.
         """
         self._config, self._calibration = config, calibration
-        self._scale = smallest_neighbour_median_px(calibration.reference_px) / SOURCE_PITCH_PX
-        self._outer_px = config.reach_share * float(calibration.radius_px.mean())
+        self._scale = median_spacing_px(calibration.reference_px) / SOURCE_PITCH_PX
+        self._outer_px = config.reach_ratio * float(calibration.radius_px.mean())
         reach_px = SOURCE_NEIGHBOUR_PX * self._scale
         self._neighbour, self._rest_px = neighbours(calibration.reference_px, reach_px)
         count = len(calibration.reference_px)
-        self._pull, self._tension = np.empty((count, 2)), np.empty((count, 2))
+        self._pull, self._regularizer = np.empty((count, 2)), np.empty((count, 2))
         self._support = np.empty(count, np.int64)
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time; whole slices move the dots."""
+        """Take in all events of the next packet. Complete slices move the dots."""
         for part in self._slices.take(self._filter(packet)):
             self._advance(part)
 
     def estimate(self, t_us: int) -> MarkerFrame:
-        """Return the dots after the last whole slice before ``t_us``."""
+        """Return the dots after the last complete slice before ``t_us``."""
         reference_px = self._calibration.reference_px
         coasted = self._support < self._config.gate
         return MarkerFrame(
@@ -129,7 +131,7 @@ class EvetacTracker:
         )
 
     def reset(self) -> None:
-        """Forget everything but the calibration: the dots rest."""
+        """Return to the calibrated rest positions."""
         settings = BackgroundActivityConfig(window_us=self._config.support_us)
         self._filter = BackgroundActivityFilter(settings, self._calibration.size)
         self._slices = SliceBuffer(self._config.slice_us)
@@ -145,23 +147,31 @@ class EvetacTracker:
             self._center_px,
             inner_px,
             self._outer_px,
-            config.turn_share * self._outer_px,
+            config.turn_ratio * self._outer_px,
             self._pull,
             self._support,
         )
-        regularizer_kernel(self._center_px, self._neighbour, self._rest_px, self._tension)
+        regularizer_kernel(self._center_px, self._neighbour, self._rest_px, self._regularizer)
         clamp_px = SOURCE_CLAMP_PX * scale
         weight = config.regularizer / scale**2
-        step_px = config.gain * (self._pull.clip(-clamp_px, clamp_px) - weight * self._tension)
+        step_px = config.gain * (self._pull.clip(-clamp_px, clamp_px) - weight * self._regularizer)
         step_px[self._support < config.gate] = 0.0
-        cap_px = SOURCE_CAP_PX * scale * config.cap_share
+        cap_px = SOURCE_CAP_PX * scale * config.cap_ratio
         self._center_px -= step_px.clip(-cap_px, cap_px)
 
 
 def neighbours(
     reference_px: NDArray[np.float64], reach_px: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return each marker's neighbours ``(m, k)``, -1 beyond the last, and their distances, px."""
+    """Return the neighbours of each marker and their distances.
+
+    Args:
+        reference_px: ``(m, 2)`` rest positions, px.
+        reach_px: Largest distance of a neighbour, px.
+
+    Returns:
+        ``(m, k)`` indices, -1 beyond the last, and ``(m, k)`` distances, px.
+    """
     offset = reference_px[:, None] - reference_px[None]
     distance = np.hypot(offset[..., 0], offset[..., 1])
     near = (distance < reach_px) & (distance > 0.0)
@@ -174,8 +184,8 @@ def neighbours(
     return index, rest_px
 
 
-def smallest_neighbour_median_px(reference_px: NDArray[np.float64]) -> float:
-    """Return the median over the markers of the distance to the nearest one, px."""
+def median_spacing_px(reference_px: NDArray[np.float64]) -> float:
+    """Return the median over the markers of the distance to the nearest other one, px."""
     offset = reference_px[:, None] - reference_px[None]
     distance = np.hypot(offset[..., 0], offset[..., 1])
     np.fill_diagonal(distance, np.inf)

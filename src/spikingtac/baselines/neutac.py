@@ -1,18 +1,18 @@
-"""NeuTac's tracker: clean the surface, detect, associate; no gain law.
+"""NeuTac's tracker: denoise the time surface, detect, associate; without a gain law.
 
-Source: the description in the SpikingTac paper (section V-A) of NeuTac's denoising-based detection;
-its code is not public, and neither is the loss of its network.
+Source: the description of NeuTac's denoising-based detection in the SpikingTac paper (section V-A).
+Neither its code nor the loss of its network is public.
 
 Re-derived: continuous event time surface -> denoiser -> threshold -> blobs -> association, anew in
-every frame; a marker without a blob keeps its last place. The surface fades to grey over a time
-constant that nobody prints: it was tuned on separate training scenes
-(``benchmarks/tune_baselines.py``), as was the level of the threshold.
+every frame. A marker without a blob keeps its last place. The surface decays to grey with a time
+constant that is not published; it was tuned on separate training scenes
+(``benchmarks/tune_baselines.py``), as was the threshold.
 
-What differs: a background-activity filter goes first, without which leak and noise paint either map
-white within seconds and nothing is found any more. The denoiser is the one that this package's
-``paper`` preset uses, so that both pipelines are compared by their surfaces and laws and not by
-their networks. On the last-polarity map the same pipeline is that preset without its law, which the
-experiment shows as ``neutac-binary``.
+Differences: a background-activity filter goes first. Without it, leak and noise turn either map
+white within seconds, and nothing is found any more. The denoiser is that of this package's
+``paper`` preset, so that the comparison concerns surfaces and laws and not networks. On the
+last-polarity map the same pipeline is that preset without its law, which the experiment shows as
+``neutac-binary``.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from spikingtac.state_map.paint import paint_binary_discs
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NeutacConfig:
-    """What is known of NeuTac, and what had to be chosen.
+    """The known parameters of NeuTac, and those that had to be chosen.
 
     Attributes:
-        rate_hz: Estimates per second (300 Hz: table I of the SpikingTac paper).
+        rate_hz: Estimates per second, Hz (300 Hz: table I of the SpikingTac paper).
         support_us: Window of the background-activity filter, us (ours; tuned).
-        decay_us: τ of the time surface, us (tuned).
-        level: Threshold on the cleaned time surface, 0.5 being grey (tuned).
-        blobs: What counts as a marker's blob; as for the ``paper`` preset.
+        decay_us: Time constant of the time surface, us (tuned).
+        level: Threshold on the denoised time surface; 0.5 is grey (tuned).
+        blobs: Blob detection, as for the ``paper`` preset.
     """
 
     rate_hz: float = 300.0
@@ -56,12 +56,12 @@ class NeutacConfig:
 def neutac_tracker(
     config: NeutacConfig, calibration: Calibration, denoiser: Denoiser
 ) -> BlobTracker:
-    """Assemble the published stages, behind a filter of lone events, from the package's own.
+    """Assemble the published stages from those of this package, behind a filter of isolated events.
 
     Args:
         config: Surface and threshold.
-        calibration: Where the markers rest; the surface is painted from it.
-        denoiser: Cleans the surface.
+        calibration: Rest positions of the markers; the initial surface is drawn from it.
+        denoiser: Denoiser of the surface.
     """
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
     surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")

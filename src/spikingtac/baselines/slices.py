@@ -1,4 +1,4 @@
-"""Whole slices of time out of packets of any length."""
+"""Slices of constant duration from packets of any length."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from spikingtac.types import EventPacket
 
 
 class SliceBuffer:
-    """Joins and cuts packets into slices that lie on multiples of their length.
+    """Joins and cuts packets into slices that begin at multiples of their length.
 
-    Empty slices are left out: nothing here happens in silence.
+    Slices without events are omitted, because they do not change any tracker here.
 
     Args:
         slice_us: Length of a slice, us.
@@ -20,26 +20,26 @@ class SliceBuffer:
 
     def __init__(self, slice_us: int) -> None:
         self._slice_us = slice_us
-        self._waiting: list[EventPacket] = []
+        self._pending: list[EventPacket] = []
         self._slice = 0
 
     def take(self, packet: EventPacket) -> Iterator[EventPacket]:
-        """Yield the slices that are complete once ``packet`` is known."""
+        """Yield the slices that ``packet`` completes."""
         number = packet.t // self._slice_us
         bounds = np.append(np.flatnonzero(np.diff(number)) + 1, len(packet))
         first = 0
         for last in bounds.tolist():
             if first == last:
                 continue
-            if self._waiting and number[first] != self._slice:
+            if self._pending and number[first] != self._slice:
                 yield self._flush()
             self._slice = int(number[first])
-            self._waiting.append(packet.part(first, last, packet.t_start_us, packet.t_end_us))
+            self._pending.append(packet.part(first, last, packet.t_start_us, packet.t_end_us))
             first = last
-        if self._waiting and packet.t_end_us >= (self._slice + 1) * self._slice_us:
+        if self._pending and packet.t_end_us >= (self._slice + 1) * self._slice_us:
             yield self._flush()
 
     def _flush(self) -> EventPacket:
-        whole = EventPacket.concatenate(self._waiting)
-        self._waiting = []
+        whole = EventPacket.concatenate(self._pending)
+        self._pending = []
         return whole

@@ -1,4 +1,4 @@
-"""A time surface over the whole sensor: recent events count fully, old ones fade to grey."""
+"""A time surface over the whole sensor: recent events have full weight, old ones decay to grey."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 
 GREY = np.float32(0.5)
-"""Value of a pixel that has been silent for long."""
+"""Value of a pixel without a recent event."""
 
 REBASE_DECAYS = 20.0
-"""Time constants after which time zero moves on: exp(20) is far from the end of float32."""
+"""Number of time constants after which time zero is moved; exp(20) is far from float32's limit."""
 
 
 class TimeSurface:
@@ -23,10 +23,12 @@ class TimeSurface:
     recognition", IEEE PAMI 39, 2017 (the exponential decay), signed by the polarity.
 
     Args:
-        start: ``(height, width)`` of 0 and 1: the sensor before the first event, as if every pixel
-            had just fired.
+        start: ``(height, width)`` of 0 and 1: initial state, as if every pixel had just fired.
         decay_us: τ, us.
-        dark_markers: True where markers are darker than the ground: polarities swap.
+        dark_markers: True if markers are darker than the ground: the polarities are swapped.
+
+    Raises:
+        ConfigError: ``decay_us`` is not positive.
     """
 
     def __init__(
@@ -40,12 +42,12 @@ class TimeSurface:
 
     @property
     def values(self) -> NDArray[np.float32]:
-        """``(height, width)`` at the end of what was absorbed; a buffer that is written anew."""
-        surface_kernel(self._weight, self._faded(), self._values)
+        """``(height, width)`` values after the last packet; the next access overwrites them."""
+        surface_kernel(self._weight, self._decay(), self._values)
         return self._values
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time.
+        """Take in all events of the next packet.
 
         Raises:
             ConfigError: The packet comes from a sensor of another size.
@@ -55,26 +57,26 @@ class TimeSurface:
             self._zero_us = packet.t_start_us
         self._now_us = packet.t_end_us
         if self._now_us - self._zero_us > REBASE_DECAYS * self._decay_us:
-            self._weight *= self._faded()
+            self._weight *= self._decay()
             self._zero_us = self._now_us
         dark, zero_us = self._dark, self._zero_us
-        note_kernel(
+        update_weight_kernel(
             packet.x, packet.y, packet.p != dark, packet.t, zero_us, self._decay_us, self._weight
         )
 
     def reset(self) -> None:
-        """Go back to the start; time begins with the next packet."""
+        """Return to the initial state. Time starts with the next packet."""
         self._now_us: int | None = None
         self._zero_us = 0
         self._weight = np.where(self._start > GREY, GREY, -GREY).astype(np.float32)
 
-    def _faded(self) -> np.float32:
+    def _decay(self) -> np.float32:
         elapsed_us = 0 if self._now_us is None else self._now_us - self._zero_us
         return np.float32(np.exp(-elapsed_us / self._decay_us))
 
 
 @njit(cache=True)
-def note_kernel(
+def update_weight_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
@@ -83,7 +85,7 @@ def note_kernel(
     decay_us: float,
     weight: NDArray[np.float32],
 ) -> None:
-    """Note p exp((t - zero) / τ) / 2 of each pixel's last event: the same fading serves all."""
+    """Store p exp((t - zero) / τ) / 2 of each pixel's last event, so that one decay serves all."""
     for i in range(len(x)):
         grown = 0.5 * np.exp((t[i] - zero_us) / decay_us)
         weight[y[i], x[i]] = grown if p[i] else -grown
@@ -91,9 +93,9 @@ def note_kernel(
 
 @njit(cache=True)
 def surface_kernel(
-    weight: NDArray[np.float32], faded: np.float32, values: NDArray[np.float32]
+    weight: NDArray[np.float32], decay: np.float32, values: NDArray[np.float32]
 ) -> None:
-    """Write the surface: the weights, faded since time zero, around grey."""
+    """Write the surface: grey plus the weights, decayed since time zero."""
     for row in range(weight.shape[0]):
         for column in range(weight.shape[1]):
-            values[row, column] = np.float32(0.5) + faded * weight[row, column]
+            values[row, column] = np.float32(0.5) + decay * weight[row, column]

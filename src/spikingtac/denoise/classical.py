@@ -1,8 +1,9 @@
-"""Denoisers without a network: none, a 3x3 median, and a 7x7 box.
+"""Denoisers without a network: none, a 3x3 median and a 7x7 box.
 
-The paper compares its network with nothing; these are what a network has to beat. On a binary map
-the median is the majority of nine pixels. Beyond the border both filters see the nearest pixel of
-the map (``mode="nearest"`` of scipy.ndimage), so that a marker cut by the border keeps its level.
+The paper compares its network with nothing. These filters are the reference that a network has to
+improve on. On a binary map the median is the majority of nine pixels. Beyond the border both
+filters repeat the nearest pixel of the map (``mode="nearest"`` of scipy.ndimage), so that a marker
+at the border keeps its level.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ BOX_REACH = 3
 
 
 class NoDenoiser:
-    """Returns the map as it came."""
+    """Returns the map unchanged."""
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the very array that was given."""
+        """Return the given array itself."""
         return state_map
 
 
@@ -137,10 +138,10 @@ def _box7_kernel(
     state_map: NDArray[np.float32], out: NDArray[np.float32], sums: NDArray[np.float32]
 ) -> None:
     # Seven additions per axis instead of a running sum: they run as vector code, and no rounding
-    # error is carried from pixel to pixel. Written out, since an inner loop of seven would not be.
+    # error accumulates from pixel to pixel. Written out, because an inner loop is not vectorised.
     height, width = state_map.shape
     reach = BOX_REACH
-    share = np.float32(1.0 / (2 * reach + 1) ** 2)
+    weight = np.float32(1.0 / (2 * reach + 1) ** 2)
     for y in range(height):
         up3, up2, up1 = state_map[max(y - 3, 0)], state_map[max(y - 2, 0)], state_map[max(y - 1, 0)]
         here, last = state_map[y], height - 1
@@ -156,4 +157,4 @@ def _box7_kernel(
         for x in range(width):
             left = sums[x] + sums[x + 1] + sums[x + 2]
             right = sums[x + 4] + sums[x + 5] + sums[x + 6]
-            row[x] = share * (left + sums[x + 3] + right)
+            row[x] = weight * (left + sums[x + 3] + right)

@@ -1,4 +1,4 @@
-"""The protocol of every map-to-map denoiser: none, classical filter, or network."""
+"""The protocol of every denoiser: none, classical filter or network."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 
 class Denoiser(Protocol):
-    """Turns a noisy state map into a clean one of the same shape."""
+    """Turns a noisy state map into a denoised one of the same shape."""
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the cleaned map.
+        """Return the denoised map.
 
         Args:
             state_map: ``(height, width)`` float32 from 0 (ground) to 1 (marker).
 
         Returns:
-            ``(height, width)`` float32 from 0 to 1; may be a buffer that the next call overwrites.
+            ``(height, width)`` float32 from 0 to 1. The next call may overwrite it.
         """
         ...

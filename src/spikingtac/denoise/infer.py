@@ -1,6 +1,6 @@
-"""Run a trained denoiser with ONNX Runtime: one thread, buffers bound once, nothing allocated.
+"""Run a trained denoiser with ONNX Runtime, on one thread and with fixed buffers.
 
-onnxruntime is imported when a network is opened and not before. Neither torch nor onnx is needed.
+onnxruntime is imported when a network is opened. Neither torch nor onnx is needed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spikingtac.denoise.network.blocks import (
     SMOOTH_REACH,
     WORDS,
-    answer_kernel,
+    combine_logits_kernel,
     from_blocks_kernel,
     quantise_kernel,
     smooth_kernel,
@@ -33,38 +33,37 @@ from spikingtac.denoise.network.fold import (
 from spikingtac.errors import ConfigError
 
 FORMAT = "spikingtac-denoiser-1"
-"""Marks a network file as ours, in its metadata."""
+"""Format name in the metadata of a network file."""
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
-"""Names of a float graph's inputs and output; not every network takes the evidence."""
+"""Names of a float graph's inputs and output. Not every network has the second input."""
 BLOCKS, ANSWER = "blocks", "answer"
 """Names of an int8 graph's input and output (:mod:`spikingtac.denoise.network.block_graph`)."""
 LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
-"""Its metadata: logit of one step of the answer, and the byte that stands for 0."""
+"""Its metadata: the logit of one step of the output, and the byte of logit 0."""
 MANIFEST = "weights.json"
-"""Beside network files: their sha256, so that damage is found."""
+"""File beside network files with their SHA-256, which reveals damage."""
 SHIPPED = {
     "network": "lean.onnx",
     "network-int8": "lean-int8.onnx",
-    "supervised": "supervised.onnx",
 }
-"""Name of a denoiser -> file among the shipped weights."""
-_QUIET = 4
-"""ONNX Runtime's level for fatal errors only: what fails here is raised, not printed."""
+"""Name of a denoiser -> file among the weights of the package."""
+_LOG_FATAL_ONLY = 4
+"""ONNX Runtime's log level for fatal errors. Other failures are raised as exceptions."""
 
 
 class NetworkDenoiser:
     """A trained network as a :class:`~spikingtac.denoise.denoiser.Denoiser`.
 
-    Maps of any size are taken; the buffers are made for the first one and again when the size
+    Maps may have any size. The buffers are allocated for the first map, and again when the size
     changes.
 
     Args:
-        path: An ``.onnx`` file that ``spikingtac train`` or
-            :mod:`spikingtac.denoise.network.export` made.
+        path: An ``.onnx`` file of ``spikingtac train`` or of
+            :mod:`spikingtac.denoise.network.export`.
 
     Raises:
-        ConfigError: The file is missing, damaged (its sha256 is not the one in ``weights.json``
-            beside it), no network, or a network of another origin.
+        ConfigError: The file is missing, is damaged (its SHA-256 differs from that in
+            ``weights.json`` beside it), is not a network, or is a network of another origin.
 
     Example:
         >>> import numpy as np
@@ -74,50 +73,50 @@ class NetworkDenoiser:
     """
 
     def __init__(self, path: str | Path) -> None:
-        content = _checked_content(Path(path))
+        content = _read_checked(Path(path))
         self._session = _open_session(content, str(path))
-        self._about = _checked_metadata(self._session, str(path))
+        self._info = _checked_metadata(self._session, str(path))
         self._shape: tuple[int, ...] = ()
         self._buffers: _FloatBuffers | _BlockBuffers | None = None
 
     def clean(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the cleaned map; the next call overwrites it.
+        """Return the denoised map. The next call overwrites it.
 
         Args:
             state_map: ``(height, width)`` float32 from 0 to 1.
 
         Raises:
-            ConfigError: It is no such array.
+            ConfigError: The array has another number of dimensions, or is empty.
         """
         if self._buffers is None or state_map.shape != self._shape:
             if state_map.ndim != 2 or state_map.size == 0:
                 raise ConfigError(
                     f"a state map has the shape (height, width), this one has {state_map.shape}"
                 )
-            kind = _BlockBuffers if self._about.quantum else _FloatBuffers
-            self._buffers = kind(self._session, self._about, state_map.shape)
+            kind = _BlockBuffers if self._info.quantum else _FloatBuffers
+            self._buffers = kind(self._session, self._info, state_map.shape)
             self._shape = state_map.shape
         return self._buffers.run(state_map)
 
 
 @dataclass(frozen=True, slots=True)
-class _About:
+class _NetworkInfo:
     fold: int
     multiple_px: int
     quantum: tuple[float, float] | None
 
 
 class _FloatBuffers:
-    """A float graph: blocks as channels first, the evidence beside them, levels come back."""
+    """Buffers of a float graph: map and smoothed map as channels first in, levels out."""
 
-    def __init__(self, session: Any, about: _About, size: tuple[int, int]) -> None:
-        self._session, self._about = session, about
+    def __init__(self, session: Any, about: _NetworkInfo, size: tuple[int, int]) -> None:
+        self._session, self._info = session, about
         height, width = size
         shape = (1, *folded_shape(size, about.fold, about.multiple_px))
         self._folded, self._evidence, self._answer = (np.zeros(shape, np.float32) for _ in range(3))
-        self._weighs = len(session.get_inputs()) == 2
+        self._takes_evidence = len(session.get_inputs()) == 2
         self._binding = session.io_binding()
-        inputs = [(INPUT, self._folded), (EVIDENCE, self._evidence)][: 1 + self._weighs]
+        inputs = [(INPUT, self._folded), (EVIDENCE, self._evidence)][: 1 + self._takes_evidence]
         for name, buffer in inputs:
             self._binding.bind_input(name, "cpu", 0, np.float32, shape, buffer.ctypes.data)
         self._binding.bind_output(OUTPUT, "cpu", 0, np.float32, shape, self._answer.ctypes.data)
@@ -126,9 +125,9 @@ class _FloatBuffers:
         self._out = np.empty((height, width), np.float32)
 
     def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        fold = self._about.fold
+        fold = self._info.fold
         fold_kernel(state_map, self._folded[0], fold)
-        if self._weighs:
+        if self._takes_evidence:
             evidence_kernel(state_map, self._smooth, self._sums)
             fold_kernel(self._smooth, self._evidence[0], fold)
         self._session.run_with_iobinding(self._binding)
@@ -137,9 +136,9 @@ class _FloatBuffers:
 
 
 class _BlockBuffers:
-    """An int8 graph: bytes in and out, channels last; the evidence is added here."""
+    """Buffers of an int8 graph: bytes with channels last in and out; the evidence is added here."""
 
-    def __init__(self, session: Any, about: _About, size: tuple[int, int]) -> None:
+    def __init__(self, session: Any, about: _NetworkInfo, size: tuple[int, int]) -> None:
         assert about.quantum is not None
         self._session, self._quantum, fold = session, about.quantum, about.fold
         pixels, rows, columns = folded_shape(size, fold, about.multiple_px)
@@ -148,7 +147,7 @@ class _BlockBuffers:
         self._blocks = np.zeros((rows, columns, pixels), np.uint8)
         self._answer = np.zeros((rows, columns, pixels + fold), np.uint8)
         # The same memory by the word.
-        self._words = tuple(
+        self._word_views = tuple(
             buffer.view(word) for buffer in (self._levels, self._blocks, self._answer, self._change)
         )
         self._trust = self._answer[:, :, pixels]
@@ -164,20 +163,20 @@ class _BlockBuffers:
         self._out = np.empty(size, np.float32)
 
     def run(self, state_map: NDArray[np.float32]) -> NDArray[np.float32]:
-        levels, blocks, answer, change = self._words
+        levels, blocks, answer, change = self._word_views
         quantise_kernel(state_map, self._levels)
         to_blocks_kernel(levels, blocks)
         self._session.run_with_iobinding(self._binding)
         smooth_kernel(self._levels, self._smooth, self._sums)
         from_blocks_kernel(answer, change)
-        answer_kernel(
+        combine_logits_kernel(
             self._change, self._trust, self._smooth, self._quantum, self._weight, self._out
         )
         return self._out
 
 
 def shipped_denoiser(name: str) -> NetworkDenoiser:
-    """Open one of the networks that come with the package.
+    """Open one of the networks of the package.
 
     Args:
         name: A key of :data:`SHIPPED`.
@@ -186,7 +185,7 @@ def shipped_denoiser(name: str) -> NetworkDenoiser:
         return NetworkDenoiser(folder / SHIPPED[name])
 
 
-def _checked_content(path: Path) -> bytes:
+def _read_checked(path: Path) -> bytes:
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -194,7 +193,7 @@ def _checked_content(path: Path) -> bytes:
             f"cannot read the network {str(path)!r}: {error.strerror}; "
             "give an .onnx file that spikingtac train wrote"
         ) from error
-    expected = _listed_digest(path)
+    expected = _expected_digest(path)
     found = hashlib.sha256(content).hexdigest()
     if expected is not None and expected != found:
         raise ConfigError(
@@ -204,7 +203,7 @@ def _checked_content(path: Path) -> bytes:
     return content
 
 
-def _listed_digest(path: Path) -> str | None:
+def _expected_digest(path: Path) -> str | None:
     manifest = path.parent / MANIFEST
     if not manifest.is_file():
         return None
@@ -223,7 +222,7 @@ def _open_session(content: bytes, where: str) -> Any:
     # More threads have a terrible tail: p99 of 4.9 ms at 2, 135 ms at 4 (docs/explanation).
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
-    options.log_severity_level = _QUIET
+    options.log_severity_level = _LOG_FATAL_ONLY
     try:
         return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # the runtime has a class of its own for each kind of damage
@@ -233,7 +232,7 @@ def _open_session(content: bytes, where: str) -> Any:
         ) from error
 
 
-def _checked_metadata(session: Any, where: str) -> _About:
+def _checked_metadata(session: Any, where: str) -> _NetworkInfo:
     about = session.get_modelmeta().custom_metadata_map
     names = [item.name for item in (*session.get_inputs(), *session.get_outputs())]
     known = ([INPUT, OUTPUT], [INPUT, EVIDENCE, OUTPUT], [BLOCKS, ANSWER])
@@ -250,4 +249,4 @@ def _checked_metadata(session: Any, where: str) -> _About:
             f"{where!r} takes {channels} channels, but blocks of {fold}x{fold} px have {fold**2}"
         )
     quantum = (float(about[LOGIT_STEP]), float(about[LOGIT_ZERO])) if in_blocks else None
-    return _About(fold, multiple_px, quantum)
+    return _NetworkInfo(fold, multiple_px, quantum)

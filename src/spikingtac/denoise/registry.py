@@ -20,10 +20,9 @@ def _network(name: str) -> Callable[[], Denoiser]:
 
 DENOISERS: dict[str, Callable[[], Denoiser]] = {
     **CLASSICAL_DENOISERS,
-    **{name: _network(name) for name in ("network", "network-int8", "supervised")},
+    **{name: _network(name) for name in ("network", "network-int8")},
 }
-"""``tracking.denoiser`` -> builder. ``supervised`` has seen the simulator's noise-free maps:
-an upper bound for experiments, used by no preset."""
+"""``tracking.denoiser`` -> builder."""
 
 
 def make_denoiser(name: str) -> Denoiser:

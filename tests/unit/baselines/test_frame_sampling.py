@@ -6,8 +6,8 @@ from spikingtac.baselines.frame_sampling import (
     FrameSamplingConfig,
     displacement_sum_px,
     exposures_us,
+    measured_px,
     quiet_threshold_px,
-    seen_px,
 )
 
 EXACT = FrameSamplingConfig(noise_px=0.0)
@@ -36,11 +36,11 @@ def test_exposures_are_regular_half_open_and_keep_their_phase() -> None:
 
 def test_frames_see_the_truth_at_their_exposure_with_the_declared_noise() -> None:
     truth = moving(100.0, 50_000)
-    seen = seen_px(EXACT, np.array([10_500.0]), truth, np.random.default_rng(0))
+    seen = measured_px(EXACT, np.array([10_500.0]), truth, np.random.default_rng(0))
     assert seen[0] == pytest.approx(REST + np.array([1.05, 0.0]))
     noisy = FrameSamplingConfig(noise_px=0.1)
     times = np.linspace(0.0, 5e4, 200)
-    spread = seen_px(noisy, times, truth, np.random.default_rng(0)) - seen_px(
+    spread = measured_px(noisy, times, truth, np.random.default_rng(0)) - measured_px(
         EXACT, times, truth, np.random.default_rng(0)
     )
     assert spread.std() == pytest.approx(0.1, rel=0.02)

@@ -149,7 +149,7 @@ def test_shipped_int8_agrees_with_float():
 
 def test_onnxruntime_is_loaded_only_for_a_network():
     code = (
-        "import spikingtac.registry, spikingtac.denoise.infer, sys;"
+        "import spikingtac.denoise.registry, spikingtac.denoise.infer, sys;"
         "print('onnxruntime' in sys.modules, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,12 +1,12 @@
-"""The encoder-decoder that turns a noisy state map into a clean one (paper section IV-B).
+"""The encoder-decoder network that denoises a state map (paper section IV-B).
 
-Two sizes. ``lean`` (ours) works on the map folded into blocks of 8x8 pixels, each block a pixel of
-64 channels: a few hundredths of the arithmetic, so that one core cleans far more than 350 maps a
-second. ``evflownet`` follows the architecture that the paper names: four strided encoders of 64 to
-512 channels, two residual blocks, four decoders with skip connections (A. Zhu et al., "EV-FlowNet",
-RSS 2018, doi:10.15607/RSS.2018.XIV.062); it needs 20 GMAC for a map of 320x320.
+There are two kinds. ``lean`` (ours) works on the map in blocks of 8x8 pixels, each block a pixel of
+64 channels. It needs a few hundredths of the arithmetic, so that one core denoises far more than
+350 maps per second. ``evflownet`` follows the architecture that the paper names: four strided
+encoders of 64 to 512 channels, two residual blocks, four decoders with skip connections (A. Zhu et
+al., "EV-FlowNet", RSS 2018, doi:10.15607/RSS.2018.XIV.062). It needs 20 GMAC for a map of 320x320.
 
-The folding stands outside of the network (:mod:`spikingtac.denoise.network.fold`).
+The conversion to blocks is outside of the network (:mod:`spikingtac.denoise.network.fold`).
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 EVFLOWNET_LEVELS = 4
-"""Encoders and decoders of EV-FlowNet."""
+"""Number of encoders, and of decoders, of EV-FlowNet."""
 RESIDUAL_BLOCKS = 2
-"""Residual blocks between them, as in EV-FlowNet."""
+"""Number of residual blocks between them, as in EV-FlowNet."""
 SMOOTHING = (1.0, 4.0, 6.0, 4.0, 1.0)
 """Binomial weights of the smoothed map, along each axis."""
 SMOOTH_GAIN = 6.0
-"""First weight of the smoothed map in the logit: an untrained network is that blur, sharpened."""
+"""Initial weight of the smoothed map in the logit. An untrained network is a sharpened blur."""
 HALF = 0.5
-"""Level between ground and marker: the smoothed map counts as evidence above and below it."""
+"""Level between ground and marker; it is subtracted from the smoothed map."""
 LEAN_LEVELS = 2
-"""Resolutions of the lean network: blocks, and pairs of blocks."""
+"""Number of resolutions of the lean network: blocks, and pairs of blocks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,11 +38,11 @@ class NetworkConfig:
 
     Attributes:
         kind: ``lean`` (ours) or ``evflownet`` (as the paper names it).
-        fold: Pixels along each side of a block; 1 folds nothing.
+        fold: Side of a block, px; with 1 each pixel is a block.
         widths: For ``lean``: channels at the two resolutions.
         kernels: For ``lean``: sides of the first and of the last convolution, blocks. With 1 both
-            look at their own block alone, as those between them look around.
-        depth: For ``lean``: convolutions at the coarse resolution, after the one that leads there.
+            see their own block only.
+        depth: For ``lean``: number of convolutions at the coarse resolution, after the strided one.
         base: For ``evflownet``: channels of the first encoder (64 as published).
     """
 
@@ -63,7 +63,7 @@ class NetworkConfig:
 
     @property
     def multiple_px(self) -> int:
-        """A map's sides are padded to a multiple of this, px."""
+        """The sides of a map are padded to a multiple of this, px."""
         levels = LEAN_LEVELS - 1 if self.kind == "lean" else EVFLOWNET_LEVELS
         return self.fold * 2**levels
 
@@ -73,12 +73,16 @@ def _block(inputs: int, outputs: int, stride: int = 1, kernel: int = 3) -> nn.Se
 
 
 class LeanUNet(nn.Module):
-    """Two resolutions, a few convolutions, and a smoothed map that is weighed block by block.
+    """Two resolutions, a few convolutions, and a smoothed map with one weight per block.
 
-    Fewer channels than a block has pixels carry the outline of a marker, but not single pixels. A
-    direct path for the map itself made the network subtract each noisy pixel, and it learned next
-    to nothing; without any, rims came out too smooth. The smoothed map has the rims and little of
-    the noise: the convolutions say where a marker can be, and how far to trust what is seen.
+    With fewer channels than pixels of a block, the channels represent the outline of a marker but
+    not single pixels. With a direct path for the map itself the network subtracted each noisy pixel
+    and learned next to nothing; without any, the edges were too smooth. The smoothed map has the
+    edges and little of the noise. The convolutions give the places of markers and the weight of the
+    smoothed map.
+
+    Args:
+        config: Size of the network.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -121,7 +125,11 @@ class _Residual(nn.Module):
 
 
 class EvFlowNet(nn.Module):
-    """EV-FlowNet's encoder-decoder with one output channel per pixel of a block."""
+    """EV-FlowNet's encoder-decoder with one output channel per pixel of a block.
+
+    Args:
+        config: Size of the network.
+    """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -140,7 +148,7 @@ class EvFlowNet(nn.Module):
         self.head = nn.Conv2d(after[-1], pixels, 1)
 
     def forward(self, folded: Tensor, evidence: Tensor) -> Tensor:
-        """Return logits; see :meth:`LeanUNet.forward`. The evidence is not used."""
+        """Return logits; see :meth:`LeanUNet.forward`. The smoothed map is not used."""
         skips = []
         values = folded
         for encoder in self.encoders:
@@ -154,17 +162,17 @@ class EvFlowNet(nn.Module):
 
 
 def make_network(config: NetworkConfig) -> nn.Module:
-    """Build an untrained network; its weights come from torch's generator."""
+    """Return an untrained network. Its weights come from torch's global generator."""
     return LeanUNet(config) if config.kind == "lean" else EvFlowNet(config)
 
 
 def apply_network(network: nn.Module, maps: Tensor, fold: int) -> Tensor:
-    """Smooth, fold, run the network and unfold.
+    """Smooth the maps, convert them to blocks, run the network and convert back.
 
     Args:
-        network: From :func:`make_network`.
+        network: Network of :func:`make_network`.
         maps: ``(n, 1, height, width)`` from 0 to 1.
-        fold: Pixels along each side of a block.
+        fold: Side of a block, px.
 
     Returns:
         Logits of the same shape.
@@ -175,24 +183,3 @@ def apply_network(network: nn.Module, maps: Tensor, fold: int) -> Tensor:
     evidence = functional.conv2d(padded, torch.outer(line, line)[None, None]) - HALF
     folded = (functional.pixel_unshuffle(values, fold) for values in (maps, evidence))
     return functional.pixel_shuffle(network(*folded), fold)
-
-
-def multiply_adds(network: nn.Module, config: NetworkConfig, size: tuple[int, int]) -> int:
-    """Count the multiplications of the convolutions for one map of ``(width, height)`` px."""
-    counted = 0
-
-    def count(module: nn.Module, _: tuple[Tensor, ...], output: Tensor) -> None:
-        nonlocal counted
-        assert isinstance(module, nn.Conv2d)
-        counted += output[0].numel() * module.weight[0].numel()
-
-    hooks = [
-        module.register_forward_hook(count)
-        for module in network.modules()
-        if isinstance(module, nn.Conv2d)
-    ]
-    with torch.no_grad():
-        apply_network(network, torch.zeros(1, 1, size[1], size[0]), config.fold)
-    for hook in hooks:
-        hook.remove()
-    return counted

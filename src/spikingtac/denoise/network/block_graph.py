@@ -1,10 +1,10 @@
-"""The lean network as an int8 graph of whole numbers: bytes in, quantised logits out.
+"""The lean network as an int8 graph: bytes in, quantised logits out.
 
-ONNX Runtime's own quantisation of the float graph spends half of its time on rearranging, on a
-slow upsampling and on floating point at both ends. Here channels come last from end to end, the
-two inputs of the concatenation share one scale, and upsampling is a concatenation with itself.
+ONNX Runtime's own quantisation of the float graph spends half of its time on memory layout, on a
+slow upsampling and on floating point at both ends. In this graph the channels come last everywhere,
+the two inputs of the concatenation share one scale, and upsampling is a concatenation with itself.
 
-``QLinearConv`` with ``channels_last`` is of ONNX Runtime's own domain (``com.microsoft``).
+``QLinearConv`` with ``channels_last`` belongs to ONNX Runtime's own domain (``com.microsoft``).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from spikingtac.denoise.network.onnx_graph import IR_VERSION, OPSET, Weights, mi
 
 DOMAIN = "com.microsoft"
 WEIGHT_LEVELS = 127
-"""Largest quantised weight, on either side of 0."""
+"""Largest absolute value of a quantised weight."""
 
 
-class _Blocks:
+class _BlockGraph:
     def __init__(self) -> None:
         from onnx import helper, numpy_helper
 
@@ -73,7 +73,7 @@ class _Blocks:
             kernel_shape=[side, side], pads=[side // 2] * 4, strides=[stride, stride],
         )  # fmt: skip
 
-    def twice(self, values: str, channels: int, like: str) -> str:
+    def upsample(self, values: str, channels: int, like: str) -> str:
         inner = self.constant("inner_shape", np.array([0, 0, -1, channels], np.int64))
         own = self.constant("channels", np.array([channels], np.int64))
         wide = self.add("Concat", [values, values], "wide", axis=3)
@@ -94,14 +94,14 @@ def build_block_model(
 
     Args:
         weights: Tensor name -> array, as in ``weights.safetensors``.
-        ranges: Least and largest value of each of
+        ranges: Smallest and largest value of each of
             :func:`~spikingtac.denoise.network.onnx_graph.lean_layers` on state maps.
-        fold: Pixels along each side of a block.
-        multiple_px: Multiple to which a map's sides are padded, px.
+        fold: Side of a block, px.
+        multiple_px: Multiple to which the sides of a map are padded, px.
     """
     from onnx import TensorProto, checker, helper
 
-    graph = _Blocks()
+    graph = _BlockGraph()
     step, zero = _logit_quantum(ranges)
     _add_layers(graph, weights, ranges, (step, zero))
     domains = [helper.make_opsetid("", OPSET), helper.make_opsetid(DOMAIN, 1)]
@@ -124,7 +124,7 @@ def build_block_model(
 
 
 def _add_layers(
-    graph: _Blocks,
+    graph: _BlockGraph,
     weights: Weights,
     ranges: dict[str, tuple[float, float]],
     quantum: tuple[float, int],
@@ -142,7 +142,7 @@ def _add_layers(
     coarse = graph.convolve(fine, "down", of("down"), steps, stride=2)
     for before, layer in itertools.pairwise(["down", *middle]):
         coarse = graph.convolve(coarse, layer, of(layer), (tops[before], tops[layer]))
-    wide = graph.twice(coarse, len(of(middle[-1])[1]), fine)
+    wide = graph.upsample(coarse, len(of(middle[-1])[1]), fine)
     both = graph.add("Concat", [fine, wide], "both", axis=3)
     joined = graph.convolve(both, "up", of("up"), (tops["stem"], tops["up"]))
     step, zero = quantum

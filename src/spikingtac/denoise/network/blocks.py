@@ -1,7 +1,7 @@
-"""Between a state map and the int8 network: bytes and blocks of bytes, in whole numbers.
+"""Conversion between a state map and the int8 network: bytes and blocks of bytes.
 
-The int8 network takes and gives blocks as rows of channels, ``(rows, columns, channels)``, so that
-one row of a block is one machine word. Maps are padded with their rim's pixels.
+The int8 network reads and writes blocks as rows of channels, ``(rows, columns, channels)``, so that
+one row of a block is one machine word. Maps are padded with the pixels of their border.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 LEVELS = 255
-"""A byte's level 1."""
+"""Byte of level 1."""
 SMOOTH_SUM = 256
 """Sum of the 25 weights of :func:`smooth_kernel`."""
 SMOOTH_REACH = 2
-"""Pixels on each side of the centre of the smoothing."""
+"""Number of pixels on each side of the centre of the smoothing kernel."""
 LOGIT_LIMIT = 4.0
-"""Logit from which a pixel counts as decided."""
+"""Logit beyond which the level is 0 or 1."""
 WORDS: dict[int, Any] = {1: np.uint8, 2: np.uint16, 4: np.uint32, 8: np.uint64}
-"""Side of a block, px -> the machine word that holds one of its rows."""
+"""Side of a block, px -> type of the machine word that holds one of its rows."""
 
 
 @njit(cache=True)
@@ -44,12 +44,12 @@ def quantise_kernel(state_map: NDArray[np.float32], levels: NDArray[np.uint8]) -
 def smooth_kernel(
     levels: NDArray[np.uint8], smooth: NDArray[np.uint16], sums: NDArray[np.uint16]
 ) -> None:
-    """Sum 5x5 bytes with the binomial weights 1 4 6 4 1, which add up to 256: 65,280 at most.
+    """Sum 5x5 bytes with the binomial weights 1 4 6 4 1, which add up to 256: at most 65,280.
 
     Args:
-        levels: ``(height, width)``.
-        smooth: Where to write, of the same shape.
-        sums: ``(width + 4,)`` for the sums along a column.
+        levels: ``(height, width)`` bytes.
+        smooth: ``(height, width)`` sums, overwritten.
+        sums: ``(width + 4,)`` work space for the sums along a column.
     """
     height, width = levels.shape
     last = height - 1
@@ -81,7 +81,7 @@ def to_blocks_kernel(words: NDArray[Any], blocks: NDArray[Any]) -> None:
 
 @njit(cache=True)
 def from_blocks_kernel(blocks: NDArray[Any], words: NDArray[Any]) -> None:
-    """Undo :func:`to_blocks_kernel`; further words of a block are left out."""
+    """Reverse :func:`to_blocks_kernel`; further words of a block are ignored."""
     rows, columns, _ = blocks.shape
     fold = len(words) // rows
     for row in range(rows):
@@ -92,7 +92,7 @@ def from_blocks_kernel(blocks: NDArray[Any], words: NDArray[Any]) -> None:
 
 
 @njit(cache=True)
-def answer_kernel(
+def combine_logits_kernel(
     change: NDArray[np.uint8],
     trust: NDArray[np.uint8],
     smooth: NDArray[np.uint16],
@@ -100,25 +100,26 @@ def answer_kernel(
     weight: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """Add the smoothed map, weighed by the trust in it, to the change; logits become levels.
+    """Add the weighted smoothed map to the network's logits and convert the sum to levels.
 
-    The logistic function is taken as 1/2 + v/4 - v|v|/32 between -4 and 4: exact at 0, at most
-    0.022 off, and two thirds of the time of a table.
+    The logistic function is approximated by 1/2 + v/4 - v|v|/32 between -4 and 4: exact at 0, error
+    at most 0.022, two thirds of the time of a table.
 
     Args:
-        change: ``(height, width)`` logits, quantised.
-        trust: ``(rows, columns)`` a block's weight of the smoothed map, quantised; below 0 it is 0.
-        smooth: ``(height, width)`` from :func:`smooth_kernel`.
-        quantum: Logit of one step, and the byte that stands for 0.
-        weight: ``(width,)`` for the trust of a row's pixels.
-        out: Where to write; what is padded lies beyond it.
+        change: ``(height, width)`` quantised logits.
+        trust: ``(rows, columns)`` quantised weight of the smoothed map per block; negative weights
+            count as 0.
+        smooth: ``(height, width)`` result of :func:`smooth_kernel`.
+        quantum: Logit of one step, and the byte of logit 0.
+        weight: ``(width,)`` work space for the weights of a row's pixels.
+        out: ``(height, width)`` levels, overwritten; smaller than the padded inputs.
     """
     height, width = out.shape
     fold = change.shape[0] // trust.shape[0]
     step, zero = np.float32(quantum[0]), np.float32(quantum[1])
-    share = np.float32(1.0 / (LEVELS * SMOOTH_SUM))
+    scale = np.float32(1.0 / (LEVELS * SMOOTH_SUM))
     nothing, half = np.float32(0.0), np.float32(0.5)
-    slope, bend = np.float32(1.0 / LOGIT_LIMIT), np.float32(0.5 / LOGIT_LIMIT**2)
+    slope, curvature = np.float32(1.0 / LOGIT_LIMIT), np.float32(0.5 / LOGIT_LIMIT**2)
     low, high = np.float32(-LOGIT_LIMIT), np.float32(LOGIT_LIMIT)
     for y in range(height):
         if y % fold == 0:
@@ -129,9 +130,9 @@ def answer_kernel(
                     weight[x] = trusted
         changes, smoothed, target = change[y], smooth[y], out[y]
         for x in range(width):
-            evidence = np.float32(np.int32(smoothed[x])) * share - half
+            evidence = np.float32(np.int32(smoothed[x])) * scale - half
             logit = step * (np.float32(np.int32(changes[x])) - zero) + weight[x] * evidence
             # Comparisons instead of min and max, which honour NaN and are no vector code.
             logit = low if logit < low else logit
             logit = high if logit > high else logit
-            target[x] = half + logit * (slope - bend * abs(logit))
+            target[x] = half + logit * (slope - curvature * abs(logit))

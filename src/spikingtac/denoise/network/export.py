@@ -1,7 +1,7 @@
-"""From ``weights.safetensors`` to ONNX, as float32 and as static int8.
+"""Export ``weights.safetensors`` to ONNX, as float32 and as static int8.
 
-Needs ``onnx`` and ``safetensors``, not torch. The int8 network's ranges are measured on state maps
-of recordings (:func:`spikingtac.denoise.training.dataset.make_pairs`), never on truth.
+This needs ``onnx`` and ``safetensors``, not torch. The ranges of the int8 network are measured on
+state maps of recordings (:func:`spikingtac.denoise.training.dataset.make_pairs`), never on truth.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from spikingtac.denoise.network.onnx_graph import build_model, lean_layers
 from spikingtac.errors import ConfigError, MissingExtraError
 
 EVFLOWNET_MULTIPLE, LEAN_MULTIPLE = 16, 2
-"""Multiples of a block to which a map's sides are padded: one halving or four."""
-RANGE_SHARE = 1e-4
-"""Share of a layer's values that its int8 range leaves out at either end: a finer step for all the
-others is worth more than a few outliers (ours, measured)."""
+"""Multiples of a block to which the sides of a map are padded: four halvings, or one."""
+RANGE_FRACTION = 1e-4
+"""Fraction of a layer's values that its int8 range excludes at either end.
+
+A finer step for all other values is worth more than a few outliers (ours, measured).
+"""
 _Inputs = dict[str, NDArray[np.float32]]
 EXTRA = "exporting needs onnx and safetensors; install them with: pip install 'spikingtac[train]'"
 
@@ -43,15 +45,15 @@ def export_network(
 
     Args:
         weights: ``weights.safetensors`` of a training run.
-        folder: Where to write.
-        maps: ``(height, width)`` noisy state maps of one size; the int8 ranges come from them.
+        folder: Folder to write to.
+        maps: ``(height, width)`` noisy state maps of one size, which give the int8 ranges.
         name: Stem of the files.
 
     Returns:
-        The paths of the float32 and of the int8 network.
+        Paths of the float32 and of the int8 network.
 
     Raises:
-        ConfigError: The weights are damaged or foreign, or there are no maps.
+        ConfigError: The weights are damaged or of another origin, or there are no maps.
         MissingExtraError: The extra ``[train]`` is not installed.
     """
     if not maps:
@@ -65,7 +67,7 @@ def export_network(
     plain, int8 = out / f"{name}.onnx", out / f"{name}-int8.onnx"
     plain.write_bytes(model.SerializeToString(deterministic=True))
     names = [item.name for item in model.graph.input]
-    inputs = [_inputs(state_map, fold, multiple_px) for state_map in maps]
+    inputs = [_graph_inputs(state_map, fold, multiple_px) for state_map in maps]
     chosen = [{name: item[name] for name in names} for item in inputs]
     if network["kind"] == "lean":
         ranges = _ranges(model, lean_layers(tensors), chosen)
@@ -73,7 +75,7 @@ def export_network(
         int8.write_bytes(blocks.SerializeToString(deterministic=True))
     else:
         int8.write_bytes(_quantised(model, chosen))
-    _list_digests(out, (plain, int8))
+    _write_digests(out, (plain, int8))
     return plain, int8
 
 
@@ -81,7 +83,7 @@ def read_weights(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict
     """Read tensors and the network's configuration from ``weights.safetensors``.
 
     Raises:
-        ConfigError: It is no such file, damaged, or of another origin.
+        ConfigError: The file is not such a file, is damaged, or is of another origin.
         MissingExtraError: safetensors is not installed.
     """
     try:
@@ -99,7 +101,7 @@ def read_weights(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict
     return tensors, json.loads(about["network"])
 
 
-def _inputs(state_map: NDArray[np.float32], fold: int, multiple_px: int) -> _Inputs:
+def _graph_inputs(state_map: NDArray[np.float32], fold: int, multiple_px: int) -> _Inputs:
     height, width = state_map.shape
     given = np.ascontiguousarray(state_map, np.float32)
     evidence = np.empty_like(given)
@@ -124,7 +126,7 @@ def _ranges(model: Any, names: list[str], inputs: list[_Inputs]) -> dict[str, tu
         open_model.SerializeToString(), options, providers=["CPUExecutionProvider"]
     )
     runs: Any = [session.run(names, given) for given in inputs]
-    ends = (RANGE_SHARE, 1.0 - RANGE_SHARE)
+    ends = (RANGE_FRACTION, 1.0 - RANGE_FRACTION)
     ranges = {}
     for name, *values in zip(names, *runs, strict=True):
         low, high = np.quantile(np.concatenate([part.ravel() for part in values]), ends)
@@ -170,7 +172,7 @@ def _quantised(model: Any, inputs: list[_Inputs]) -> bytes:
         return target.read_bytes()
 
 
-def _list_digests(folder: Path, files: Sequence[Path]) -> None:
+def _write_digests(folder: Path, files: Sequence[Path]) -> None:
     digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     text = json.dumps({"format": FORMAT, "sha256": digests}, indent=1, sort_keys=True)
     (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")

@@ -1,9 +1,8 @@
-"""Fold a map into blocks and back: the pixel-unshuffle that stands outside of the network's graph.
+"""Conversion of a map to blocks and back: the pixel-unshuffle outside of the network's graph.
 
-Beside the map the lean network is given a smoothed one less one half (:func:`evidence_kernel`).
-
-Channel ``fold * row + column`` of a block holds that pixel of it, which is the order of
-``torch.nn.PixelUnshuffle``. Sides that are no multiple are padded with the map's last pixels.
+The lean network also reads the smoothed map less one half (:func:`evidence_kernel`). Channel ``fold
+* row + column`` of a block holds that pixel of it, in the order of ``torch.nn.PixelUnshuffle``.
+Sides that are not a multiple of the block are padded with the last pixels of the map.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ def folded_shape(shape: tuple[int, int], fold: int, multiple_px: int) -> tuple[i
 
     Args:
         shape: ``(height, width)``, px.
-        fold: Pixels along each side of a block.
+        fold: Side of a block, px.
         multiple_px: Multiple to which both sides are padded, px; itself a multiple of ``fold``.
 
     Example:
@@ -31,7 +30,7 @@ def folded_shape(shape: tuple[int, int], fold: int, multiple_px: int) -> tuple[i
 
 @njit(cache=True)
 def fold_kernel(state_map: NDArray[np.float32], folded: NDArray[np.float32], fold: int) -> None:
-    """Write a map ``(height, width)`` into ``(fold^2, rows, columns)``, padding with its rim."""
+    """Write a map ``(height, width)`` into blocks ``(fold^2, rows, columns)`` and pad it."""
     height, width = state_map.shape
     _, rows, columns = folded.shape
     for y in range(rows * fold):
@@ -47,16 +46,18 @@ def fold_kernel(state_map: NDArray[np.float32], folded: NDArray[np.float32], fol
 def evidence_kernel(
     state_map: NDArray[np.float32], evidence: NDArray[np.float32], sums: NDArray[np.float32]
 ) -> None:
-    """Average 5x5 pixels with the binomial weights 1 4 6 4 1, less 1/2; the rim's pixels repeat.
+    """Smooth 5x5 pixels with the binomial weights 1 4 6 4 1 and subtract 1/2.
+
+    The pixels of the border are repeated beyond it.
 
     Args:
         state_map: ``(height, width)``.
-        evidence: Where to write, of the same shape.
-        sums: ``(width + 4,)`` for the sums along a column.
+        evidence: ``(height, width)``, overwritten.
+        sums: ``(width + 4,)`` work space for the sums along a column.
     """
     height, width = state_map.shape
     last = height - 1
-    share, half = np.float32(1.0 / 256.0), np.float32(0.5)
+    scale, half = np.float32(1.0 / 256.0), np.float32(0.5)
     four, six = np.float32(4.0), np.float32(6.0)
     for y in range(height):
         up2, up1 = state_map[max(y - 2, 0)], state_map[max(y - 1, 0)]
@@ -69,12 +70,12 @@ def evidence_kernel(
         row = evidence[y]
         for x in range(width):
             outer, inner = sums[x] + sums[x + 4], sums[x + 1] + sums[x + 3]
-            row[x] = share * (outer + four * inner + six * sums[x + 2]) - half
+            row[x] = scale * (outer + four * inner + six * sums[x + 2]) - half
 
 
 @njit(cache=True)
 def unfold_kernel(folded: NDArray[np.float32], state_map: NDArray[np.float32], fold: int) -> None:
-    """Write ``(fold^2, rows, columns)`` back into a map ``(height, width)``; the padding is cut."""
+    """Write blocks ``(fold^2, rows, columns)`` into a map ``(height, width)``; cut the padding."""
     # Channel by channel: a remainder and a quotient for each pixel take twenty times as long.
     height, width = state_map.shape
     for y in range(height):

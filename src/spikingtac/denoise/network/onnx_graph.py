@@ -1,7 +1,7 @@
 """Build the network's ONNX graph from its weights, without torch.
 
-The graph is that of :mod:`spikingtac.denoise.network.architecture`, with the sigmoid at its end; a
-test compares the two. Height and width stay open.
+The graph is that of :mod:`spikingtac.denoise.network.architecture`, followed by the sigmoid; a test
+compares the two. Height and width are free.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from spikingtac.denoise.infer import EVIDENCE, FORMAT, INPUT, OUTPUT
 from spikingtac.errors import ConfigError
 
 OPSET = 17
-"""ONNX operator set: read by ONNX Runtime 1.18, the oldest that the package accepts."""
+"""ONNX operator set: that of ONNX Runtime 1.18, the oldest supported version."""
 IR_VERSION = 9
-"""ONNX file version that goes with it."""
+"""ONNX file version of that operator set."""
 EVFLOWNET_LEVELS, RESIDUAL_BLOCKS = 4, 2
-"""As in :mod:`spikingtac.denoise.network.architecture`, which only torch can import."""
+"""As in :mod:`spikingtac.denoise.network.architecture`, which needs torch."""
 Weights = dict[str, NDArray[np.float32]]
 
 
@@ -53,7 +53,7 @@ class _Graph:
     def block(self, values: str, layer: str, stride: int = 1) -> str:
         return self.add("Relu", self.convolve(values, f"{layer}.0", stride), name=layer)
 
-    def twice(self, values: str) -> str:
+    def upsample(self, values: str) -> str:
         scales = self.constant("scales", np.array([1, 1, 2, 2], np.float32))
         return self.add(
             "Resize", values, "", scales, mode="nearest", nearest_mode="floor",
@@ -71,9 +71,9 @@ def build_model(weights: Weights, network: dict[str, Any], fold: int, multiple_p
 
     Args:
         weights: Tensor name -> array, as in ``weights.safetensors``.
-        network: The network's configuration, as in that file's metadata.
-        fold: Pixels along each side of a block.
-        multiple_px: Multiple to which a map's sides are padded, px.
+        network: Configuration of the network, as in the metadata of that file.
+        fold: Side of a block, px.
+        multiple_px: Multiple to which the sides of a map are padded, px.
 
     Raises:
         ConfigError: A tensor is missing.
@@ -105,15 +105,12 @@ def build_model(weights: Weights, network: dict[str, Any], fold: int, multiple_p
 
 
 def lean_layers(weights: Weights) -> list[str]:
-    """Return the layers of a lean network whose outputs have names of their own in its graph.
-
-    The int8 network is made from the ranges of these values.
-    """
+    """Return the layers of a lean network whose outputs give the int8 ranges."""
     return ["stem", "down", *middle_layers(weights), "up", "head", "trust"]
 
 
 def middle_layers(weights: Weights) -> list[str]:
-    """Return the convolutions at the coarse resolution, after the one that leads there."""
+    """Return the convolutions at the coarse resolution, after the strided one."""
     more = (f"middle.{number}" for number in itertools.count(1))
     return ["middle.0", *itertools.takewhile(lambda name: f"{name}.0.weight" in weights, more)]
 
@@ -123,7 +120,7 @@ def _lean(graph: _Graph) -> str:
     coarse = graph.block(fine, "down", stride=2)
     for layer in middle_layers(graph.weights):
         coarse = graph.block(coarse, layer)
-    joined = graph.add("Concat", fine, graph.twice(coarse), axis=1)
+    joined = graph.add("Concat", fine, graph.upsample(coarse), axis=1)
     joined = graph.block(joined, "up")
     change = graph.convolve(joined, "head", name="head")
     trust = graph.add("Relu", graph.convolve(joined, "trust"), name="trust")
@@ -140,6 +137,6 @@ def _evflownet(graph: _Graph) -> str:
         second = graph.convolve(first, f"residuals.{index}.second")
         values = graph.add("Relu", graph.add("Add", values, second))
     for level, skip in enumerate(reversed(skips[1:])):
-        joined = graph.twice(graph.add("Concat", values, skip, axis=1))
+        joined = graph.upsample(graph.add("Concat", values, skip, axis=1))
         values = graph.block(joined, f"decoders.{level}")
     return graph.convolve(values, "head")

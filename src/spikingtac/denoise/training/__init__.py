@@ -1,1 +1,1 @@
-"""Train the network without labels."""
+"""Training of the network without labels."""

@@ -1,14 +1,13 @@
-"""Worse events from better ones: added background, dropped and halved events.
+"""Degradation of events: added background and dropped events.
 
-Training and the ``denoise`` experiment make their inputs with these functions, on events and never
-on maps, so that what a state map makes of noise is the state map's own doing.
+Training and the ``denoise`` experiment degrade events, never maps, so that the effect of noise on a
+map is that of the state map itself.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from spikingtac.types import EventPacket
 
@@ -17,15 +16,15 @@ US_PER_S = 1e6
 
 
 def with_background(packet: EventPacket, rate_hz: float, random: Generator) -> EventPacket:
-    """Add background activity: Poisson in time, uniform over pixels, either sign as likely.
+    """Add background activity: Poisson in time, uniform over pixels, random polarity.
 
     Args:
         packet: Events of a stretch of time.
         rate_hz: Events per second and pixel; 0 returns the packet itself.
-        random: Where the noise comes from.
+        random: Source of the noise.
 
     Returns:
-        The events and the noise, in order of time; events come before noise of the same time.
+        Events and noise in order of time. An event precedes noise of the same time.
     """
     width, height = packet.size
     span_us = packet.t_end_us - packet.t_start_us
@@ -42,12 +41,6 @@ def with_background(packet: EventPacket, rate_hz: float, random: Generator) -> E
     )
 
 
-def with_drops(packet: EventPacket, share: float, random: Generator) -> EventPacket:
-    """Drop each event with the probability ``share``, 0 to 1."""
-    return packet.select(random.random(len(packet)) >= share) if share else packet
-
-
-def halves(packet: EventPacket, random: Generator) -> tuple[EventPacket, EventPacket]:
-    """Deal the events into two disjoint random halves over the same span."""
-    first: NDArray[np.bool_] = random.random(len(packet)) < 0.5
-    return packet.select(first), packet.select(~first)
+def with_drops(packet: EventPacket, fraction: float, random: Generator) -> EventPacket:
+    """Drop each event with probability ``fraction``, 0 to 1."""
+    return packet.select(random.random(len(packet)) >= fraction) if fraction else packet

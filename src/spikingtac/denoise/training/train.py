@@ -1,8 +1,8 @@
-"""Train a denoiser on recordings: plain PyTorch, resumable, a log line for every round.
+"""Train a denoiser on recordings with PyTorch. A run can be resumed and logs every round.
 
-A run's folder holds ``config.json``, ``log.jsonl``, ``state.safetensors`` (to go on from) and
+The folder of a run holds ``config.json``, ``log.jsonl``, ``state.safetensors`` (to resume) and
 ``weights.safetensors``. A round draws its degradations, crops and flips from (seed, round) alone,
-so that a run which was interrupted goes on to the same weights as one that was not.
+so that a resumed run gives the same weights as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from spikingtac.denoise.network.architecture import NetworkConfig, apply_network, make_network
 from spikingtac.denoise.training.dataset import LEVELS, Clip, PairConfig, Pairs, make_pairs
-from spikingtac.denoise.training.losses import LossConfig, loss_terms
+from spikingtac.denoise.training.losses import prediction_error
 from spikingtac.denoise.training.training_state import (
     TrainingState,
     load_state,
@@ -30,32 +30,31 @@ from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
 
 HELD_OUT_SEED = 1 << 20
-"""Seed of the held-out pairs beside the run's: no round has this number."""
+"""Second seed of the held-out pairs; no round has this number."""
 HELD_OUT_EVERY = 5
-"""Rounds between two looks at the held-out loss: it costs as much as a dozen steps."""
+"""Rounds between two evaluations of the held-out loss, which take as long as a dozen steps."""
 CONFIG_FILE, LOG_FILE = "config.json", "log.jsonl"
 STATE_FILE, WEIGHTS_FILE = "state.safetensors", "weights.safetensors"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainConfig:
-    """Everything that a training run can be told.
+    """Settings of a training run.
 
     Attributes:
-        scenes: Scenes of the digital twin to render and train on, where no recordings are given.
+        scenes: Scenes of the digital twin to render and train on, if no recordings are given.
         seeds: Seeds of each scene.
-        held_out: Scene that no training pair comes from; its loss is logged.
-        bootstrap: Scene whose slides paint the map that the others begin with.
+        held_out: Scene without training pairs, whose loss is logged.
+        bootstrap: Scene whose slides give the initial map of the others.
         pairs: How recordings become pairs.
-        network: Its size.
-        loss: Weights of the terms.
-        seed: Of weights, degradations, crops.
-        rounds: Times that each recording is degraded anew.
+        network: Size of the network.
+        seed: Seed of weights, degradations and crops.
+        rounds: Number of times that each recording is degraded anew.
         steps: Steps of the optimiser in each round.
         batch: Crops in each step.
         crop_px: Side of a crop, px; a multiple of the network's.
-        learning_rate: At the beginning; it falls to zero along half a cosine.
-        threads: CPU threads.
+        learning_rate: Initial learning rate; it decreases to zero along half a cosine.
+        threads: Number of CPU threads.
         device: ``cpu`` or ``cuda``.
     """
 
@@ -65,7 +64,6 @@ class TrainConfig:
     bootstrap: str = ""
     pairs: PairConfig = field(default_factory=PairConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
     seed: int = 1
     rounds: int = 60
     steps: int = 40
@@ -91,23 +89,23 @@ def train(
     held_out: Sequence[Clip],
     config: TrainConfig,
     folder: str | Path,
-    advance: Callable[[float], None] = lambda share: None,
+    advance: Callable[[float], None] = lambda fraction: None,
 ) -> Path:
-    """Train a network, or go on with the run that the folder holds.
+    """Train a network, or resume the run in the folder.
 
     Args:
-        clips: What to train on, all of one sensor size.
-        held_out: What to report the loss on, now and then; may be empty.
-        config: Settings; a folder that was made with others is refused.
-        folder: Where the run lives.
-        advance: Told the share that is done, 0 to 1.
+        clips: Training recordings of one sensor size.
+        held_out: Recordings for the held-out loss; may be empty.
+        config: Settings. A folder with other settings is refused.
+        folder: Folder of the run.
+        advance: Receives the completed fraction, 0 to 1.
 
     Returns:
-        The path of ``weights.safetensors``.
+        Path of ``weights.safetensors``.
 
     Raises:
-        ConfigError: There is nothing to train on, the sizes differ or are smaller than a crop, the
-            folder holds another run, or the device is not there.
+        ConfigError: There is no recording, the sizes differ or are smaller than a crop, the folder
+            holds another run, or the device does not exist.
     """
     _check(clips, config)
     run = _Run(config, Path(folder))
@@ -140,24 +138,23 @@ class _Run:
         config = self.config
         random = np.random.default_rng([config.seed, number])
         pairs = make_pairs(clips, config.pairs, random)
-        sums: dict[str, float] = {}
+        loss = 0.0
         for step in range(config.steps):
             done = (number + step / config.steps) / config.rounds
             rate = config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * done)))
             for group in self.optimiser.param_groups:
                 group["lr"] = rate
-            for name, value in self._step(*_crops(pairs, config, random)).items():
-                sums[name] = sums.get(name, 0.0) + value / config.steps
-        return sums
+            loss += self._step(*_crops(pairs, config, random)) / config.steps
+        return {"loss": loss}
 
-    def _step(self, inputs: Tensor, targets: Tensor) -> dict[str, float]:
+    def _step(self, inputs: Tensor, targets: Tensor) -> float:
         config = self.config
         self.optimiser.zero_grad(set_to_none=True)
         logits = apply_network(self.network, inputs.to(config.device), config.network.fold)
-        terms = loss_terms(logits, targets.to(config.device), config.loss)
-        terms["loss"].backward()
+        loss = prediction_error(logits, targets.to(config.device))
+        loss.backward()
         self.optimiser.step()
-        return {name: float(value.detach()) for name, value in terms.items()}
+        return float(loss.detach())
 
     @torch.no_grad()
     def loss_on(self, pairs: Pairs) -> float:
@@ -168,8 +165,7 @@ class _Run:
             inputs = _levels(pairs.inputs[chosen]).to(config.device)
             logits = apply_network(self.network, inputs, config.network.fold)
             target = _levels(pairs.targets[chosen]).to(config.device)
-            terms = loss_terms(logits, target, config.loss)
-            total += float(terms["loss"]) * len(inputs)
+            total += float(prediction_error(logits, target)) * len(inputs)
         return total / len(pairs)
 
     def finish(self, rounds: int, line: dict[str, float]) -> None:
@@ -184,7 +180,7 @@ def _levels(maps: np.ndarray) -> Tensor:
 
 
 def _crops(pairs: Pairs, config: TrainConfig, random: Generator) -> tuple[Tensor, Tensor]:
-    """Cut one batch at random places, flipped and turned at random: a marker has no direction."""
+    """Cut one batch at random places, randomly flipped and rotated: markers have no direction."""
     side = config.crop_px
     _, height, width = pairs.inputs.shape
     inputs = np.empty((config.batch, side, side), np.uint8)

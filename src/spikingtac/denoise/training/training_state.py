@@ -1,4 +1,4 @@
-"""Weights and the optimiser's state on disk, as safetensors: tensors and text, no code."""
+"""Weights and optimiser state on disk, as safetensors: tensors and text, no code."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.schema import build, to_mapping
 
 FORMAT = "spikingtac-denoiser-1"
-"""Marks a weight file as ours, in the metadata of the file."""
+"""Format name in the metadata of a weight file."""
 _MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 
 
 @dataclass
 class TrainingState:
-    """What a run needs to go on.
+    """State of a run that is needed to resume it.
 
     Attributes:
         network: The network.
         optimiser: Adam over its parameters.
-        round: Rounds that are done.
+        round: Number of completed rounds.
     """
 
     network: nn.Module
@@ -45,8 +45,8 @@ def load_weights(path: str | Path) -> tuple[nn.Module, NetworkConfig]:
     """Read a network from a weight file.
 
     Raises:
-        ConfigError: It is no such file, damaged, or its tensors do not fit the network that it
-            names; names both shapes.
+        ConfigError: The file is not such a file, is damaged, or its tensors do not fit the network
+            that it names. The message gives both shapes.
     """
     tensors, about = _load(Path(path))
     try:
@@ -60,7 +60,7 @@ def load_weights(path: str | Path) -> tuple[nn.Module, NetworkConfig]:
 
 
 def save_state(path: str | Path, state: TrainingState) -> None:
-    """Write network and optimiser; an interrupted write leaves the old file."""
+    """Write network and optimiser. An interrupted write leaves the old file."""
     tensors = {f"network.{k}": v.detach().cpu() for k, v in state.network.state_dict().items()}
     for index, moments in state.optimiser.state_dict()["state"].items():
         tensors |= {f"optimiser.{index}.{name}": moments[name].cpu() for name in _MOMENTS}
@@ -68,10 +68,10 @@ def save_state(path: str | Path, state: TrainingState) -> None:
 
 
 def load_state(path: str | Path, state: TrainingState) -> None:
-    """Fill a freshly made state from a file.
+    """Read a state from a file into a new state.
 
     Raises:
-        ConfigError: It is no such file, damaged, or belongs to another network.
+        ConfigError: The file is not such a file, is damaged, or belongs to another network.
     """
     tensors, about = _load(Path(path))
     weights = {name[8:]: value for name, value in tensors.items() if name.startswith("network.")}

@@ -22,8 +22,8 @@ from spikingtac.baselines.frame_sampling import (
     FrameSamplingConfig,
     displacement_sum_px,
     exposures_us,
+    measured_px,
     quiet_threshold_px,
-    seen_px,
 )
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
@@ -171,7 +171,7 @@ def _frame_sums(
 ) -> list[float]:
     """Return the displacement sums of the frames; the first frames give the initial coordinates."""
     times = exposures_us(config, rng.uniform(), int(truth[0][0]), int(truth[0][-1]))
-    frames = seen_px(config, times, truth, rng)
+    frames = measured_px(config, times, truth, rng)
     initial = frames[: config.first_frames].mean(axis=0)
     return displacement_sum_px(frames[config.first_frames :], initial).tolist()
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.infer import NetworkDenoiser
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.denoise.training.degrade import US_PER_S
 from spikingtac.experiments.denoise.recordings import TrueRecording
@@ -25,8 +27,13 @@ from spikingtac.experiments.denoise.scoring import (
 from spikingtac.experiments.harness.rows import Row
 from spikingtac.sim.scene.catalog import TRAJECTORIES
 
-METHODS = ("none", "median3", "box7", "network", "network-int8", "supervised")
-"""Methods of the report. ``supervised`` was trained with noise-free maps and is never a default."""
+SUPERVISED = Path(__file__).resolve().parents[4] / "results" / "denoise" / "supervised.onnx"
+"""Network that was trained with noise-free maps: an upper bound. Only the source tree has it."""
+METHODS = (
+    *("none", "median3", "box7", "network", "network-int8"),
+    *(("supervised",) if SUPERVISED.is_file() else ()),
+)
+"""Methods of the report. An installed package has no ``supervised``."""
 HELD_OUT = "finger-torsion"
 """Test recording with a kind of motion that is not in the training recordings."""
 FILTER_PRODUCT = 0.03
@@ -101,9 +108,13 @@ class Sample:
     source: str
 
 
+def _denoiser(method: str) -> Denoiser:
+    return NetworkDenoiser(SUPERVISED) if method == "supervised" else make_denoiser(method)
+
+
 def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
     """Score every method in every case on one recording."""
-    denoisers = {name: make_denoiser(name) for name in METHODS}
+    denoisers = {name: _denoiser(name) for name in METHODS}
     samples: Samples = {}
     for kind in config.maps:
         reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)

@@ -74,21 +74,11 @@ def interpolate_disc_kernel(before: Any, after: Any, fraction: float, now: Any) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _update_edge_pixels_kernel(
-    sensor: Sensor,
-    sweep: MarkerSweep,
-    out: NDArray[np.int64],
-    k: int,
-    start_us: float,
-    end_us: float,
+    sensor: Sensor, sweep: MarkerSweep, out: NDArray[np.int64], k: int, times: tuple[float, float]
 ) -> None:
-    """Update the pixels around the edge of marker ``k`` with the present light."""
-    pixels, chip = sensor.pixels, sensor.chip[0]
-    pending = sensor.pending
-    unsettled, count, known_unsettled = (
-        pending.unsettled,
-        pending.unsettled_count,
-        pending.known_unsettled,
-    )
+    """Update the pixels around the edge of marker ``k`` from ``times[0]`` to ``times[1]``, us."""
+    start_us, end_us = times
+    pixels, chip, pending = sensor.pixels, sensor.chip[0], sensor.pending
     disc, box = sweep.now[k], sweep.plan[k]
     radius, scale = disc["radius"], disc["scale"]
     visited = (chip["edge_half_width_px"] + box["margin_px"]) * scale
@@ -120,10 +110,10 @@ def _update_edge_pixels_kernel(
                 emit_crossings_kernel(px, chip, out, start_us, span_us, rise)
             if px["queued"] == 0:
                 px["queued"] = 1
-                unsettled[count[0]] = px["index"]
-                count[0] += 1
+                pending.unsettled[pending.unsettled_count[0]] = px["index"]
+                pending.unsettled_count[0] += 1
             if end_us == sweep.end_us and not predict_leak_event_kernel(px):
-                known_unsettled[px["index"]] = 1
+                pending.known_unsettled[px["index"]] = 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -145,7 +135,7 @@ def _move_group_kernel(
             k = plan[k]["following"]
         k = leader
         while k >= 0:
-            _update_edge_pixels_kernel(sensor, sweep, out, k, start_us, end_us)
+            _update_edge_pixels_kernel(sensor, sweep, out, k, (start_us, end_us))
             k = plan[k]["following"]
         start_us = end_us
 

@@ -10,16 +10,14 @@ import functools
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig
 from spikingtac.sim.rig.vibration import Vibration
 from spikingtac.sim.rig.walls import NoWall
-
-Vector = NDArray[np.float64]
 
 AXES, DEGREES_OF_FREEDOM = 3, 6
 STEP_S = 0.001
@@ -44,7 +42,7 @@ class FreeMotion:
         self._vibration = vibration
         self._previous_mm = vibration.path(len(self._response), STEP_S)
 
-    def advance(self, steps: int) -> Vector:
+    def advance(self, steps: int) -> FloatArray:
         """Return the bushing ``(steps, 6)`` over the next ``steps`` milliseconds (mm and rad)."""
         shaken_mm = np.concatenate([self._previous_mm, self._vibration.path(steps, STEP_S)])
         moved = np.zeros((len(shaken_mm), DEGREES_OF_FREEDOM))
@@ -56,7 +54,7 @@ class FreeMotion:
 
 
 @functools.lru_cache(maxsize=8)
-def impulse_response(config: ProbeConfig) -> Vector:
+def impulse_response(config: ProbeConfig) -> FloatArray:
     """Return ``(taps, 3, 6)``: the bushing after the arm was at 1 mm for one step, per axis."""
     taps = round(RESPONSE_S / STEP_S)
     response = np.empty((taps, AXES, DEGREES_OF_FREEDOM))
@@ -69,7 +67,7 @@ def impulse_response(config: ProbeConfig) -> Vector:
     return response
 
 
-def skin_state(pad: Pad, config: ProbeConfig, bushing: Vector) -> SkinState:
+def skin_state(pad: Pad, config: ProbeConfig, bushing: FloatArray) -> SkinState:
     """Return the skin of a pad under a free probe with bushing displacement ``(6,)`` (mm, rad)."""
     at_rest = Probe(config, NoWall(), np.zeros(AXES)).at_rest(0)
     return pad.skin(replace(at_rest, bushing=bushing), config.rotation())

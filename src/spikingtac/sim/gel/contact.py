@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
 from spikingtac.sim.gel.friction import shear_kernel
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
@@ -24,8 +25,6 @@ from spikingtac.sim.gel.indenters import Indenter, SoftLayer
 from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
 from spikingtac.sim.gel.normal_contact import pressure_kernel
 from spikingtac.types import Pose
-
-Field = NDArray[np.float64]
 
 KPA_PER_MPA = 1e3
 """Moduli are configured in kPa; tractions are in N/mm², which is MPa."""
@@ -104,7 +103,7 @@ class GelContact:
         self._pose = np.zeros((3, 4))
         self._bound = np.empty(0, np.float32)
         self._pressure_shift = np.empty((2, 0), np.float32)
-        self._relative: Field | None = None
+        self._relative: FloatArray | None = None
         # The order of slots changes the last digits, so a new contact starts with an empty set.
         self._influence.clear()
 
@@ -114,8 +113,13 @@ class GelContact:
         return self._influence.cells
 
     def press(
-        self, indenter: Indenter, pose: Pose, history: Field, before: Field, compliance: float
-    ) -> Field | None:
+        self,
+        indenter: Indenter,
+        pose: Pose,
+        history: FloatArray,
+        before: FloatArray,
+        compliance: float,
+    ) -> FloatArray | None:
         """Solve one step.
 
         Args:
@@ -150,7 +154,9 @@ class GelContact:
         self._update_anchors(compliance * moved.reshape(3, -1)[:2] + flat[:2], prescribed, flat)
         return moved
 
-    def _prescribed(self, indenter: Indenter, pose: Pose, center: Field, before: Field) -> Field:
+    def _prescribed(
+        self, indenter: Indenter, pose: Pose, center: FloatArray, before: FloatArray
+    ) -> FloatArray:
         """Return each cell's displacement if it sticks (x, y) or is pressed (z), ``(3, n²)``."""
         self._pose = np.column_stack((pose.rotation, center))
         prescribed = before.reshape(3, -1).copy()
@@ -164,7 +170,9 @@ class GelContact:
         prescribed[2] = pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
         return prescribed
 
-    def _solve_with_extensions(self, prescribed: Field, history: Field, compliance: float) -> Field:
+    def _solve_with_extensions(
+        self, prescribed: FloatArray, history: FloatArray, compliance: float
+    ) -> FloatArray:
         """Solve, and solve again with more cells where the gel bulges into the body."""
         near = NEAR_FRACTION * self._grid.pitch_mm
         for _ in range(MAX_EXTENSIONS):
@@ -194,7 +202,7 @@ class GelContact:
             )
         self._influence.set_cells(chosen)
 
-    def _influence_tables(self, compliance: float) -> Field:
+    def _influence_tables(self, compliance: float) -> FloatArray:
         tables = compliance * self._layer.tables
         soft = self._indenter.soft if self._indenter is not None else None
         if soft is None:
@@ -204,7 +212,7 @@ class GelContact:
         facing = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])[:, None, None]
         return tables + facing * body * KPA_PER_MPA / soft.shear_modulus_kpa
 
-    def _solve(self, prescribed: Field, history: Field) -> None:
+    def _solve(self, prescribed: FloatArray, history: FloatArray) -> None:
         cells, friction = self._influence.cells, self._friction
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
@@ -221,7 +229,9 @@ class GelContact:
         self._bound, self._pressure_shift = bound, pressure_shift
         scatter_cells_kernel(cells, shear, pressure, flat, self._traction_change)
 
-    def _update_anchors(self, relative: Field, prescribed: Field, history: Field) -> None:
+    def _update_anchors(
+        self, relative: FloatArray, prescribed: FloatArray, history: FloatArray
+    ) -> None:
         """Store the place on the body to which each touching cell sticks."""
         cells = self._influence.cells
         tau_x, tau_y, pressure = self.traction.reshape(3, -1)[:, cells]
@@ -238,7 +248,7 @@ class GelContact:
         self._slipping[cells] = slipping
         self._relative = relative
 
-    def _relative_displacement(self) -> Field:
+    def _relative_displacement(self) -> FloatArray:
         """Return the displacement of the cells by the tractions, gel plus body, ``(2, c)``, mm."""
         shear = self.traction.reshape(3, -1)[:2, self._influence.cells]
         xx, xy, yy = self._influence.matrices[:3]

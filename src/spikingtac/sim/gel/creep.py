@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +39,7 @@ class SpectrumConfig:
 
 
 @njit(cache=True, nogil=True)
-def creep_displacement_kernel(decay: Field, retarded: Field, out: Field) -> None:
+def creep_displacement_kernel(decay: FloatArray, retarded: FloatArray, out: FloatArray) -> None:
     """Fill ``out[c] = sum_i decay[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
     out[:] = 0.0
     for i in range(len(decay)):
@@ -49,7 +48,9 @@ def creep_displacement_kernel(decay: Field, retarded: Field, out: Field) -> None
 
 
 @njit(cache=True, nogil=True)
-def advance_creep_kernel(decay: Field, gain: Field, elastic: Field, retarded: Field) -> None:
+def advance_creep_kernel(
+    decay: FloatArray, gain: FloatArray, elastic: FloatArray, retarded: FloatArray
+) -> None:
     """Set ``retarded[i, c]`` to ``decay[i] retarded[i, c] + gain[i] elastic[c]``, in place."""
     for i in range(len(decay)):
         for cell in range(len(elastic)):
@@ -76,13 +77,13 @@ class CreepChain:
         """Return the compliance over the coming step, divided by J0."""
         return 1.0 + float(self._fractions @ -np.expm1(-dt_s / self._times_s))
 
-    def history(self, dt_s: float) -> Field:
+    def history(self, dt_s: float) -> FloatArray:
         """Return the displacement that former tractions leave at the end of the coming step, mm."""
         out = np.empty(self._retarded.shape[1:])
         creep_displacement_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
         return out
 
-    def advance(self, dt_s: float, elastic: Field | None) -> None:
+    def advance(self, dt_s: float, elastic: FloatArray | None) -> None:
         """Advance by one step under a constant traction.
 
         Args:

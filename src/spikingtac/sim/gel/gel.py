@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, GelContact
 from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
@@ -19,8 +19,6 @@ from spikingtac.sim.gel.inertia import InertiaConfig, Ringing, shear_resonance_h
 from spikingtac.sim.gel.interpolation import MarkerInterpolation
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.types import Pose
-
-Field = NDArray[np.float64]
 
 NEGLIGIBLE_CREEP_MM = 1e-5
 """Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error)."""
@@ -62,7 +60,7 @@ class Gel:
         False
     """
 
-    def __init__(self, config: GelConfig, marker_rest_mm: Field) -> None:
+    def __init__(self, config: GelConfig, marker_rest_mm: FloatArray) -> None:
         """Build the gel at rest.
 
         Args:
@@ -92,17 +90,17 @@ class Gel:
         self._ringing.reset()
 
     @property
-    def pressure_mpa(self) -> Field:
+    def pressure_mpa(self) -> FloatArray:
         """``(n, n)`` contact pressure on the cells, N/mm²."""
         return self._contact.traction[2]
 
     @property
-    def shear_mpa(self) -> Field:
+    def shear_mpa(self) -> FloatArray:
         """``(2, n, n)`` shear along x and y of the body on the skin, N/mm²."""
         return self._contact.traction[:2]
 
     @property
-    def displacement_mm(self) -> Field:
+    def displacement_mm(self) -> FloatArray:
         """``(3, n, n)`` displacement of the cells along x, y and towards the camera, mm."""
         return self._displacement
 
@@ -122,7 +120,7 @@ class Gel:
         Args:
             dt_s: Length of the step, s (ours: 2 to 4 ms; a quarter period to show ringing).
             indenter: The body that may touch, or None.
-            pose: Where that body is at the end of the step, or None.
+            pose: Pose of that body at the end of the step, or None.
 
         Raises:
             SpikingTacError: The contact covers more of the grid than can be solved.
@@ -178,7 +176,7 @@ class Gel:
             in_contact=self.in_contact,
         )
 
-    def _load(self) -> tuple[Field, Field]:
+    def _load(self) -> tuple[FloatArray, FloatArray]:
         """Return the force (N) and the moment (N mm) of the body on the skin."""
         if not self.in_contact:
             return np.zeros(3), np.zeros(3)

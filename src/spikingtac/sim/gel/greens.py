@@ -14,7 +14,7 @@ import scipy.fft
 from numba import njit
 from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
 
 MAX_ARGUMENT = 300.0
 """Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before."""
@@ -31,13 +31,13 @@ class LayerResponse:
         transverse: Lateral displacement across the wave under lateral traction across it.
     """
 
-    normal: Field
-    coupling: Field
-    longitudinal: Field
-    transverse: Field
+    normal: FloatArray
+    coupling: FloatArray
+    longitudinal: FloatArray
+    transverse: FloatArray
 
 
-def layer_response(wavenumber_per_mm: Field, thickness_mm: float) -> LayerResponse:
+def layer_response(wavenumber_per_mm: FloatArray, thickness_mm: float) -> LayerResponse:
     """Return the four responses of a bonded incompressible layer.
 
     With x = kh and D = cosh² x + x²: normal (sinh x cosh x - x) / (2 k D), longitudinal
@@ -86,14 +86,14 @@ class GridConfig:
         return self.span_mm / self.cells
 
     @property
-    def axis_mm(self) -> Field:
+    def axis_mm(self) -> FloatArray:
         """Cell centres along one side, symmetric about zero, mm."""
         return (np.arange(self.cells, dtype=np.float64) - 0.5 * (self.cells - 1)) * self.pitch_mm
 
 
 @njit(cache=True, nogil=True)
 def layer_response_kernel(
-    even: Field, odd: Field, traction: NDArray[np.complex128], out: NDArray[np.complex128]
+    even: FloatArray, odd: FloatArray, traction: NDArray[np.complex128], out: NDArray[np.complex128]
 ) -> None:
     """Multiply a traction's spectrum by the layer's response.
 
@@ -137,7 +137,7 @@ class LayerOperator:
         spectra = np.concatenate((even + 0j, -1j * odd))
         self.tables = np.asarray(scipy.fft.irfft2(spectra, s=(n, n), workers=1), np.float64)
 
-    def displacements(self, traction: Field) -> Field:
+    def displacements(self, traction: FloatArray) -> FloatArray:
         """Return the displacement field of a traction field.
 
         Args:
@@ -154,14 +154,14 @@ class LayerOperator:
         return np.asarray(moved, np.float64)
 
 
-def _wavenumbers(count: int, grid: GridConfig) -> Field:
+def _wavenumbers(count: int, grid: GridConfig) -> FloatArray:
     """Return the first ``count`` wavenumbers of the grid in a transform's order, 1/mm."""
     index = np.arange(count, dtype=np.float64)
     signed = np.where(index > grid.cells // 2, index - grid.cells, index)
     return 2.0 * np.pi / grid.span_mm * signed
 
 
-def _kernels(kx: Field, ky: Field, thickness_mm: float) -> tuple[Field, Field]:
+def _kernels(kx: FloatArray, ky: FloatArray, thickness_mm: float) -> tuple[FloatArray, FloatArray]:
     """Return the even kernels (xx, xy, yy, zz) and the odd ones (i xz, i yz), half plane."""
     k = np.hypot(kx, ky)
     response = layer_response(k, thickness_mm)

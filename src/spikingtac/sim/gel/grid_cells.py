@@ -10,15 +10,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
+from spikingtac.sim.gel.influence import Cells
+
 Flags = NDArray[np.bool_]
-Cells = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
 def attached_displacement_kernel(
-    sticking: Flags, anchor_mm: Field, rotation: Field, center: Field, rest: Field, relative: Field
+    sticking: Flags,
+    anchor_mm: FloatArray,
+    rotation: FloatArray,
+    center: FloatArray,
+    rest: FloatArray,
+    relative: FloatArray,
 ) -> None:
     """Overwrite the displacement of sticking cells by that of their anchors on the body.
 
@@ -43,10 +49,10 @@ def attached_displacement_kernel(
 @njit(cache=True, nogil=True)
 def gather_cells_kernel(
     cells: Cells,
-    traction: Field,
-    change: Field,
-    prescribed: Field,
-    history: Field,
+    traction: FloatArray,
+    change: FloatArray,
+    prescribed: FloatArray,
+    history: FloatArray,
     guess: Single,
     target: Single,
 ) -> None:
@@ -72,7 +78,7 @@ def gather_cells_kernel(
 
 @njit(cache=True, nogil=True)
 def scatter_cells_kernel(
-    cells: Cells, shear: Single, pressure: Single, traction: Field, change: Field
+    cells: Cells, shear: Single, pressure: Single, traction: FloatArray, change: FloatArray
 ) -> None:
     """Write the solution and its change to the grid, and zero elsewhere.
 
@@ -99,7 +105,12 @@ def scatter_cells_kernel(
 
 @njit(cache=True, nogil=True)
 def set_anchors_kernel(
-    fresh: Cells, rest: Field, relative: Field, reach: Field, pose: Field, anchor_mm: Field
+    fresh: Cells,
+    rest: FloatArray,
+    relative: FloatArray,
+    reach: FloatArray,
+    pose: FloatArray,
+    anchor_mm: FloatArray,
 ) -> None:
     """Store the place on the body of each cell that has begun to stick.
 

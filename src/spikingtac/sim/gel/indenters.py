@@ -14,10 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import build
-
-Heights = NDArray[np.float64]
 
 NO_SURFACE_MM = -1e3
 """Height where the body has no surface, far away from any skin, mm."""
@@ -50,7 +49,9 @@ class Indenter(Protocol):
 
     soft: SoftLayer | None
 
-    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+    def heights_mm(
+        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
+    ) -> FloatArray:
         """Return the surface's height below the deepest point, mm (zero or negative).
 
         Args:
@@ -92,7 +93,9 @@ class Ellipsoid:
         self._squares_mm2 = np.array(axes)
         self.soft = config.soft
 
-    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+    def heights_mm(
+        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
+    ) -> FloatArray:
         """Return the surface's height below the deepest point; see :class:`Indenter`."""
         m = (rotation / self._squares_mm2) @ rotation.T
         linear = m[0, 2] * x_mm + m[1, 2] * y_mm
@@ -128,7 +131,9 @@ class Punch:
         self._config = config
         self.soft = config.soft
 
-    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+    def heights_mm(
+        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
+    ) -> FloatArray:
         """Return the surface's height below the deepest point; see :class:`Indenter`."""
         flat = self._config.radius_mm - self._config.rim_mm
         plane = _plane_mm(x_mm, y_mm, rotation)
@@ -168,7 +173,9 @@ class Rods:
         self._config = config
         self.soft = config.soft
 
-    def heights_mm(self, x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+    def heights_mm(
+        self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
+    ) -> FloatArray:
         """Return the surface's height below the deepest point; see :class:`Indenter`."""
         config = self._config
         plane = _plane_mm(x_mm, y_mm, rotation)
@@ -187,13 +194,13 @@ class Rods:
         return -float(np.abs(rotation[2, :2]) @ corner)
 
 
-def _plane_mm(x_mm: Heights, y_mm: Heights, rotation: NDArray[np.float64]) -> Heights:
+def _plane_mm(x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]) -> FloatArray:
     """Return the height of the plane through the origin that is normal to the body's axis."""
     return -(rotation[0, 2] * x_mm + rotation[1, 2] * y_mm) / rotation[2, 2]
 
 
-def _arc_mm(distance_mm: Heights, radius_mm: float) -> Heights:
-    """Return how far a circular arc has fallen at a distance from its top."""
+def _arc_mm(distance_mm: FloatArray, radius_mm: float) -> FloatArray:
+    """Return the height of a circular arc at a distance from its top, mm (zero or negative)."""
     root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0)) - radius_mm
     return np.where(distance_mm < radius_mm, root, NO_SURFACE_MM)
 

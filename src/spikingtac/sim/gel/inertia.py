@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
 
 DENSITY_G_CM3 = 1.0
 """Density of silicone gel (manufacturers give 0.97 to 1.07)."""
@@ -58,7 +57,7 @@ class Ringing:
         self._position = np.zeros(shape)
         self._velocity = np.zeros(shape)
 
-    def step(self, dt_s: float, place_mm: Field) -> Field:
+    def step(self, dt_s: float, place_mm: FloatArray) -> FloatArray:
         """Advance by one step and return the positions of the oscillators, mm.
 
         Args:

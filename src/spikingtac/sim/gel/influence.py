@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Matrix = NDArray[np.float32]
-Vector = NDArray[np.float32]
+SingleMatrix = NDArray[np.float32]
+SingleVector = NDArray[np.float32]
 Cells = NDArray[np.int64]
 
 SPARE_CAPACITY = 64
@@ -23,7 +23,7 @@ SPARE_CAPACITY = 64
 
 @njit(cache=True, nogil=True)
 def fill_influence_kernel(
-    unrolled: Matrix, cell_index: Cells, slots: Cells, center: int, out: NDArray[np.float32]
+    unrolled: SingleMatrix, cell_index: Cells, slots: Cells, center: int, out: NDArray[np.float32]
 ) -> None:
     """Write the rows and columns of some slots: ``out[t, i, j]`` is the response at i to j.
 
@@ -43,7 +43,7 @@ def fill_influence_kernel(
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
+def product_kernel(matrix: SingleMatrix, vector: SingleVector) -> SingleVector:
     """Return the product of a matrix's leading square with a vector.
 
     Args:
@@ -62,8 +62,8 @@ def product_kernel(matrix: Matrix, vector: Vector) -> Vector:
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def lateral_displacement_kernel(
-    xx: Matrix, xy: Matrix, yy: Matrix, shear: NDArray[np.float32]
-) -> Matrix:
+    xx: SingleMatrix, xy: SingleMatrix, yy: SingleMatrix, shear: NDArray[np.float32]
+) -> SingleMatrix:
     """Return the ``(2, c)`` lateral displacement under ``(2, c)`` shear.
 
     Args:

@@ -6,16 +6,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel.greens import GridConfig
-
-Field = NDArray[np.float64]
 
 _STENCIL = np.arange(-2, 4)
 
 
 @njit(cache=True, nogil=True)
 def interpolate_kernel(
-    fields: Field, cells: NDArray[np.int64], weights: Field, found: Field
+    fields: FloatArray, cells: NDArray[np.int64], weights: FloatArray, found: FloatArray
 ) -> None:
     """Add up weighted cells: ``found[f, w, m] += sum_s weights[w, m, s] fields[f, cells[m, s]]``.
 
@@ -42,7 +41,7 @@ class MarkerInterpolation:
         points_mm: ``(m, 2)`` points (x, y), mm. The grid repeats beyond its span.
     """
 
-    def __init__(self, grid: GridConfig, points_mm: Field) -> None:
+    def __init__(self, grid: GridConfig, points_mm: FloatArray) -> None:
         scaled = (points_mm - grid.axis_mm[0]) / grid.pitch_mm
         base = np.floor(scaled).astype(np.int64)
         values, slopes = _lagrange(scaled - base)
@@ -57,7 +56,7 @@ class MarkerInterpolation:
         ]
         self._weights = np.stack(weights).reshape(3, len(base), -1)
 
-    def at_markers(self, displacement_mm: Field) -> tuple[Field, Field]:
+    def at_markers(self, displacement_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return displacement and in-plane gradient at the points.
 
         Args:
@@ -72,7 +71,7 @@ class MarkerInterpolation:
         return moved, np.ascontiguousarray(found[:2, 1:].transpose(2, 0, 1))
 
 
-def _lagrange(fraction: Field) -> tuple[Field, Field]:
+def _lagrange(fraction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the weights (and their slopes) of the stencil at fractions of a cell."""
     values = np.ones((*fraction.shape, len(_STENCIL)))
     slopes = np.zeros_like(values)

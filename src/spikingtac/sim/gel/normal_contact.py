@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from spikingtac.sim.gel.influence import Matrix, Vector, product_kernel
+from spikingtac.sim.gel.influence import SingleMatrix, SingleVector, product_kernel
 
 SMALLEST_SQUARE = np.float32(1e-30)
 """Lower limit of the squared error, which keeps the first quotient finite."""
 
 
 @njit(cache=True, nogil=True)
-def residual_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.float32]:
+def residual_kernel(error: SingleVector, pressure: SingleVector) -> tuple[np.float32, np.float32]:
     """Return the largest violation of the contact conditions, and the squared error inside.
 
     Args:
@@ -36,7 +36,7 @@ def residual_kernel(error: Vector, pressure: Vector) -> tuple[np.float32, np.flo
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def dot_kernel(one: Vector, other: Vector) -> np.float32:
+def dot_kernel(one: SingleVector, other: SingleVector) -> np.float32:
     """Return the inner product of two ``(c,)`` vectors."""
     total = np.float32(0.0)
     for i in range(len(one)):
@@ -46,7 +46,11 @@ def dot_kernel(one: Vector, other: Vector) -> np.float32:
 
 @njit(cache=True, nogil=True)
 def update_pressure_kernel(
-    compliance: Matrix, error: Vector, direction: Vector, step: np.float32, pressure: Vector
+    compliance: SingleMatrix,
+    error: SingleVector,
+    direction: SingleVector,
+    step: np.float32,
+    pressure: SingleVector,
 ) -> tuple[bool, bool]:
     """Take one step along a direction, keep pressures positive, and load empty cells that overlap.
 
@@ -75,9 +79,9 @@ def update_pressure_kernel(
 
 @njit(cache=True, nogil=True)
 def pressure_kernel(
-    compliance: Matrix,
-    indentation: Vector,
-    pressure: Vector,
+    compliance: SingleMatrix,
+    indentation: SingleVector,
+    pressure: SingleVector,
     tolerance: float,
     max_iterations: int,
 ) -> int:

@@ -108,12 +108,6 @@ class Optics:
             chord=discs.chord_px(self._config.px_per_mm),
         )
 
-    def project_points(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the image ``(n, 2)`` (px) of points ``(n, 3)`` of the skin's frame (mm)."""
-        points = np.asarray(points_mm, np.float64)
-        undeformed = np.tile(np.eye(2), (len(points), 1, 1))
-        return project_kernel(points, undeformed, np.zeros((len(points), 2)), self._lens)[0]
-
     def _discs_for(self, markers: int) -> Discs:
         if self._discs is None or len(self._discs.radius_mm) != markers:
             self._discs = draw_discs(self._config.discs, markers, self._seed)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
 from spikingtac.sim.rig.pad import PadConfig
@@ -16,8 +16,6 @@ from spikingtac.sim.rig.rig import Rig, RigConfig
 from spikingtac.sim.rig.ur3 import UR3Config
 from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
 from spikingtac.types import EventPacket
-
-Vector = NDArray[np.float64]
 
 SIMULATED_APPROACH_MM = 0.5
 """Length of the approach to the wall that is simulated, mm; what lies before it is skipped. The
@@ -77,11 +75,11 @@ class HoleTrial:
     """
 
     wall: HoleWall
-    center_mm: Vector
-    start_mm: Vector
+    center_mm: FloatArray
+    start_mm: FloatArray
 
 
-def hole_trial(radius_mm: float, center_mm: Vector, reach_mm: float, seed: int) -> HoleTrial:
+def hole_trial(radius_mm: float, center_mm: FloatArray, reach_mm: float, seed: int) -> HoleTrial:
     """Draw the tilt of the plate and a start within 0.9 of the bit's free travel.
 
     Args:
@@ -141,7 +139,7 @@ class HoleSite:
         """Yield the windows of the finger without end."""
         return self.rig.paired_windows()
 
-    def set_wall(self, wall: Wall, place_mm: Vector) -> None:
+    def set_wall(self, wall: Wall, place_mm: FloatArray) -> None:
         """Place the probe at ``(2,)`` in front of another wall, in free air.
 
         If the bit still touches the previous wall it is released first and swings.
@@ -157,7 +155,7 @@ class HoleSite:
         self.rig.probe.contact.wall = wall
         self.rig.relocate(np.array([*place_mm, 0.0]))
 
-    def free_travel(self, start_mm: Vector, direction: Vector) -> bool:
+    def free_travel(self, start_mm: FloatArray, direction: FloatArray) -> bool:
         """Skip the travel before the last stretch; see :data:`~spikingtac.robot.prober.FreeTravel`.
 
         Args:
@@ -175,7 +173,7 @@ class HoleSite:
         self.rig.relocate(np.array([*(start_mm + skipped_mm * direction), 0.0]))
         return True
 
-    def _free_distance_mm(self, start_mm: Vector, direction: Vector) -> float:
+    def _free_distance_mm(self, start_mm: FloatArray, direction: FloatArray) -> float:
         """Return the distance from a place to the wall by ray marching, mm; 0 if there is none."""
         distance, heading = 0.0, np.array([*direction, 0.0])
         start = np.array([*start_mm, 0.0])
@@ -187,7 +185,7 @@ class HoleSite:
         return 0.0
 
 
-def flat_wall(direction: Vector, distance_mm: float) -> PlaneWall:
+def flat_wall(direction: FloatArray, distance_mm: float) -> PlaneWall:
     """Return a wall across a direction ``(2,)`` at a distance from the origin."""
     x, y = direction
     return PlaneWall(

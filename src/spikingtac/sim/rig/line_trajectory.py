@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import DeviceError
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,8 +23,8 @@ class Segment:
     """
 
     start_s: float
-    origin_mm: Vector
-    direction: Vector
+    origin_mm: FloatArray
+    direction: FloatArray
     plan: Trajectory | None = None
 
     @property
@@ -41,17 +39,17 @@ class Segment:
         state = self.plan.at_time(min(max(time_s - self.start_s, 0.0), self.plan.duration))
         return state[0][0], state[1][0], state[2][0]
 
-    def position_mm(self, time_s: float) -> Vector:
+    def position_mm(self, time_s: float) -> FloatArray:
         """Return the position ``(3,)`` at a time, mm."""
         return self.origin_mm + self.direction * self.along(time_s)[0]
 
-    def velocity_mm_s(self, time_s: float) -> Vector:
+    def velocity_mm_s(self, time_s: float) -> FloatArray:
         """Return the velocity ``(3,)`` at a time, mm/s."""
         return self.direction * self.along(time_s)[1]
 
 
 def plan_move(
-    start_s: float, origin_mm: Vector, target_mm: Vector, limits: tuple[float, float, float]
+    start_s: float, origin_mm: FloatArray, target_mm: FloatArray, limits: tuple[float, float, float]
 ) -> Segment:
     """Plan a motion from rest at ``origin_mm`` to rest at ``target_mm``.
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.rig.pad_response import MODES, PatchConfig, pad_response
 from spikingtac.sim.rig.probe import ProbeState
 from spikingtac.sim.scene.scene import SkinConfig
-
-Vector = NDArray[np.float64]
 
 NORMAL_MODE = 2
 """Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad_response`."""
@@ -60,7 +58,7 @@ class Pad:
         self._rest = np.concatenate([places.ravel(), undeformed.ravel()])
         self._coordinates = places.size
 
-    def skin(self, state: ProbeState, rotation: Vector) -> SkinState:
+    def skin(self, state: ProbeState, rotation: FloatArray) -> SkinState:
         """Return the skin under the rod.
 
         Args:
@@ -84,7 +82,7 @@ class Pad:
         )
 
 
-def mode_amplitudes(half_thickness_mm: float, faces_back: bool) -> Vector:
+def mode_amplitudes(half_thickness_mm: float, faces_back: bool) -> FloatArray:
     """Return ``(6, 6)``: amplitudes of the pad's modes per bushing motion (gripper frame).
 
     Pad A sees the gripper's x and y as its own and z reversed; pad B sees x reversed. A rotation of

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
-
-Vector = NDArray[np.float64]
 
 MODES = 6
 GRID = GridConfig(cells=128, span_mm=51.2)
@@ -56,12 +55,12 @@ class PadResponse:
             the translations, N mm/rad for the rotations.
     """
 
-    displacement: Vector
-    gradient: Vector
-    stiffness: Vector
+    displacement: FloatArray
+    gradient: FloatArray
+    stiffness: FloatArray
 
 
-def rigid_modes(points_mm: Vector) -> Vector:
+def rigid_modes(points_mm: FloatArray) -> FloatArray:
     """Return the six rigid displacement fields ``(6, n, 3)`` at points ``(n, 2)``."""
     x, y = points_mm.T
     modes = np.zeros((MODES, len(points_mm), 3))
@@ -71,7 +70,7 @@ def rigid_modes(points_mm: Vector) -> Vector:
     return modes
 
 
-def pad_response(config: PatchConfig, marker_mm: Vector) -> PadResponse:
+def pad_response(config: PatchConfig, marker_mm: FloatArray) -> PadResponse:
     """Solve the six unit responses at the markers.
 
     Args:
@@ -109,20 +108,20 @@ class _PatchSolver:
         rows, columns = (np.flatnonzero(np.abs(self._axis) <= side) for side in half)
         self._inside = np.ix_(np.arange(3), rows, columns)
         x, y = np.meshgrid(self._axis[columns], self._axis[rows])
-        self.cells_mm: Vector = np.stack([x.ravel(), y.ravel()], axis=1)
+        self.cells_mm: FloatArray = np.stack([x.ravel(), y.ravel()], axis=1)
         self._layer = LayerOperator(GRID, config.thickness_mm)
 
-    def _displacement(self, traction: Vector) -> Vector:
+    def _displacement(self, traction: FloatArray) -> FloatArray:
         grid = np.zeros((3, GRID.cells, GRID.cells))
         shape = grid[self._inside].shape
         grid[self._inside] = traction.T.reshape(shape)
         return self._layer.displacements(grid)
 
-    def traction(self, displacement: Vector) -> Vector:
+    def traction(self, displacement: FloatArray) -> FloatArray:
         """Return the traction ``(n, 3)`` for a displacement ``(n, 3)`` of the patch's cells."""
         size, shape = displacement.size, displacement.shape
 
-        def apply(flat: Vector) -> Vector:
+        def apply(flat: FloatArray) -> FloatArray:
             return self._displacement(flat.reshape(shape))[self._inside].reshape(3, -1).T.ravel()
 
         operator = LinearOperator((size, size), matvec=apply, dtype=np.float64)  # type: ignore[call-arg]
@@ -131,7 +130,9 @@ class _PatchSolver:
             raise RuntimeError("the pad's unit response did not converge in 500 steps")
         return flat.reshape(shape)
 
-    def evaluate(self, traction: Vector, points_mm: Vector) -> tuple[Vector, Vector]:
+    def evaluate(
+        self, traction: FloatArray, points_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return displacement ``(m, 3)`` and its gradient ``(m, 2, 2)`` at points.
 
         The field is band-limited, so its Fourier series is exact between the cells too.
@@ -140,7 +141,7 @@ class _PatchSolver:
         k = 2.0 * np.pi * np.fft.fftfreq(GRID.cells, GRID.pitch_mm)
         along_x, along_y = (np.exp(1j * (c[:, None] - self._axis[0]) * k) for c in points_mm.T)
 
-        def at_points(field: NDArray[np.complex128]) -> Vector:
+        def at_points(field: NDArray[np.complex128]) -> FloatArray:
             return np.einsum("my,iyx,mx->mi", along_y, field, along_x, optimize=True).real
 
         by_x = at_points(1j * k * spectrum[:2])

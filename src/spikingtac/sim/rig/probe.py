@@ -14,12 +14,10 @@ import functools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.tip_contact import TipContact
 from spikingtac.sim.rig.walls import Bit, RoundBit, Wall
-
-Vector = NDArray[np.float64]
 
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """The gripper's axes as columns, at yaw 0: x = base x, y (to the tip) = down, z = base y."""
@@ -64,7 +62,7 @@ class ProbeConfig:
     yaw_rad: float = 0.0
     bit: Bit = field(default_factory=RoundBit)
 
-    def rotation(self) -> Vector:
+    def rotation(self) -> FloatArray:
         """Return the gripper's axes ``(3, 3)`` as columns in the base frame."""
         cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
@@ -91,11 +89,11 @@ class ProbeState:
     """
 
     t_us: int
-    arm_mm: Vector
-    tip_mm: Vector
-    center_mm: Vector
-    bushing: Vector
-    force_n: Vector
+    arm_mm: FloatArray
+    tip_mm: FloatArray
+    center_mm: FloatArray
+    bushing: FloatArray
+    force_n: FloatArray
     gap_mm: float
     free_gap_mm: float
     in_contact: bool
@@ -113,7 +111,7 @@ class Probe:
         contact: Contact between tip and wall.
     """
 
-    def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: Vector) -> None:
+    def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: FloatArray) -> None:
         self.contact = TipContact(config.bit, wall, config.tip_friction)
         self._config = config
         self._rotation = config.rotation()
@@ -124,7 +122,7 @@ class Probe:
         self._arm = [np.array(arm_mm, np.float64)] * 2
         self._arm_dt_s = np.inf
 
-    def step(self, t_us: int, dt_s: float, arm_mm: Vector) -> ProbeState:
+    def step(self, t_us: int, dt_s: float, arm_mm: FloatArray) -> ProbeState:
         """Advance by ``dt_s`` to ``t_us``, at which the arm is at ``arm_mm`` ``(3,)``."""
         step = _step_matrices(self._config, round(dt_s * 1e9))
         creep = step.decay @ self._creep
@@ -152,7 +150,7 @@ class Probe:
             t_us, arm_mm, arm_mm, self._center(arm_mm), np.zeros(6), np.zeros(3), gap, gap, False
         )
 
-    def relocated(self, state: ProbeState, shift_mm: Vector) -> ProbeState:
+    def relocated(self, state: ProbeState, shift_mm: FloatArray) -> ProbeState:
         """Return the state after the arm was moved by ``shift_mm`` at once. The rod swings on."""
         self._arm = [place + shift_mm for place in self._arm]
         arm, tip = state.arm_mm + shift_mm, state.tip_mm + shift_mm
@@ -160,10 +158,10 @@ class Probe:
         moved = {"arm_mm": arm, "tip_mm": tip, "center_mm": state.center_mm + shift_mm}
         return replace(state, **moved, gap_mm=gap, free_gap_mm=gap)
 
-    def _center(self, arm_mm: Vector) -> Vector:
+    def _center(self, arm_mm: FloatArray) -> FloatArray:
         return arm_mm - self._rotation[:, 1] * self._config.stickout_mm
 
-    def _arm_acceleration(self, dt_s: float, arm_mm: Vector) -> Vector:
+    def _arm_acceleration(self, dt_s: float, arm_mm: FloatArray) -> FloatArray:
         """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
         before, last = self._arm
         previous_s = self._arm_dt_s
@@ -181,14 +179,14 @@ class _StepMatrices:
     force at the tip.
     """
 
-    stiffness: Vector
-    damping: Vector
-    mass: Vector
-    compliance: Vector
-    decay: Vector
-    gain: Vector
-    from_tip: Vector
-    tip_compliance: Vector
+    stiffness: FloatArray
+    damping: FloatArray
+    mass: FloatArray
+    compliance: FloatArray
+    decay: FloatArray
+    gain: FloatArray
+    from_tip: FloatArray
+    tip_compliance: FloatArray
 
 
 @functools.lru_cache(maxsize=64)
@@ -211,14 +209,14 @@ def _step_matrices(config: ProbeConfig, dt_ns: int) -> _StepMatrices:
     )
 
 
-def bushing_stiffness(config: ProbeConfig) -> Vector:
+def bushing_stiffness(config: ProbeConfig) -> FloatArray:
     """Return the instantaneous stiffness ``(6,)`` in the gripper frame (N/mm and N mm/rad)."""
     k_t, k_theta = config.k_t_n_mm, config.k_theta_n_mm_rad
     tilt = k_theta * config.tilt_ratio
     return np.array([k_t, k_t, k_t * config.normal_ratio, tilt, config.torsion_n_mm_rad, k_theta])
 
 
-def rod_inertia(config: ProbeConfig) -> Vector:
+def rod_inertia(config: ProbeConfig) -> FloatArray:
     """Return the mass matrix ``(6, 6)`` of the rod about the patch's centre (tonne, mm)."""
     front, back = config.stickout_mm, config.grip_mm
     mass = config.grams_per_mm * (front + back) * TONNE_PER_GRAM
@@ -230,7 +228,7 @@ def rod_inertia(config: ProbeConfig) -> Vector:
     return out
 
 
-def _tip_jacobian(config: ProbeConfig) -> Vector:
+def _tip_jacobian(config: ProbeConfig) -> FloatArray:
     """Return ``(3, 6)``: displacement of the tip per bushing motion, base frame."""
     jacobian = np.zeros((3, 6))
     jacobian[:, :3] = np.eye(3)

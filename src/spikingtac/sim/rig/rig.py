@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.rig.pad import Pad, PadConfig
 from spikingtac.sim.rig.pad_response import PatchConfig
@@ -22,8 +22,6 @@ from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.sim.rig.vibration import Vibration, VibrationConfig
 from spikingtac.sim.rig.walls import Wall
 from spikingtac.types import EventPacket
-
-Vector = NDArray[np.float64]
 
 WAIT_S = 0.001
 """Period at which a waiting loop checks its condition, s: one controller window."""
@@ -101,7 +99,7 @@ class FirstContact:
     """
 
     t_us: float
-    arm_mm: Vector
+    arm_mm: FloatArray
 
 
 class Rig:
@@ -131,7 +129,7 @@ class Rig:
         config: RigConfig,
         wall: Wall,
         fingers: Sequence[Finger],
-        start_mm: Vector,
+        start_mm: FloatArray,
         rng: np.random.Generator,
     ) -> None:
         if not 1 <= len(fingers) <= 2:
@@ -154,7 +152,7 @@ class Rig:
             finger.settle(image)
 
     @property
-    def markers_px(self) -> tuple[Vector, ...]:
+    def markers_px(self) -> tuple[FloatArray, ...]:
         """True marker centres ``(m, 2)`` of each sensor now, px."""
         return tuple(image.center_px for image in self._images)
 
@@ -162,7 +160,7 @@ class Rig:
         """Return the skin of one finger now."""
         return self._pads[sensor].skin(self.state, self._rotation)
 
-    def relocate(self, to_mm: Vector) -> None:
+    def relocate(self, to_mm: FloatArray) -> None:
         """Move the arm, at rest, to another place at once. No time passes and no pixel changes.
 
         This replaces travel through free air that leaves no trace but noise.

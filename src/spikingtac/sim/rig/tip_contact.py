@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.sim.rig.tip_contact_kernels import (
     CompliantMount,
     LinearisedWall,
@@ -23,8 +23,6 @@ from spikingtac.sim.rig.tip_contact_kernels import (
     update_anchors_kernel,
 )
 from spikingtac.sim.rig.walls import Bit, Wall
-
-Vector = NDArray[np.float64]
 
 NEWTON_STEPS = 30
 """Largest number of linearisations of the wall; a step of the rig needs two or three."""
@@ -60,12 +58,12 @@ class TipContact:
         self._points = TipPoints(self.force_n, np.zeros((count, 3)), np.zeros(count, np.bool_))
         self._pressed = False
 
-    def gap_mm(self, tip_mm: Vector) -> float:
+    def gap_mm(self, tip_mm: FloatArray) -> float:
         """Return the smallest distance of the tip from the wall, mm."""
         gap, _ = self.wall.gap(tip_mm + self._offsets_mm)
         return float(gap.min()) - self.bit.radius_mm
 
-    def solve(self, free_mm: Vector, compliance: Vector) -> Vector:
+    def solve(self, free_mm: FloatArray, compliance: FloatArray) -> FloatArray:
         """Return the total force ``(3,)`` on the tip, N, and store what sticks.
 
         Args:

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
+
 Three = tuple[float, float, float]
 
 SWEEPS = 30
@@ -35,8 +36,8 @@ class TipPoints(NamedTuple):
         stuck: ``(n,)`` True where the anchor is valid.
     """
 
-    force_n: Vector
-    anchor_mm: Vector
+    force_n: FloatArray
+    anchor_mm: FloatArray
     stuck: NDArray[np.bool_]
 
 
@@ -50,9 +51,9 @@ class LinearisedWall(NamedTuple):
             1/mm.
     """
 
-    gap_mm: Vector
-    normal: Vector
-    curvature: Vector
+    gap_mm: FloatArray
+    normal: FloatArray
+    curvature: FloatArray
 
 
 class CompliantMount(NamedTuple):
@@ -64,13 +65,13 @@ class CompliantMount(NamedTuple):
         stiffness: ``(3, 3)`` inverse of the compliance, N/mm.
     """
 
-    free_mm: Vector
-    compliance: Vector
-    stiffness: Vector
+    free_mm: FloatArray
+    compliance: FloatArray
+    stiffness: FloatArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _row_kernel(rows: Vector, k: int) -> Three:
+def _row_kernel(rows: FloatArray, k: int) -> Three:
     return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
@@ -86,7 +87,7 @@ def _add_kernel(a: Three, fraction: float, b: Three) -> Three:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _times_kernel(matrix: Vector, a: Three) -> Three:
+def _times_kernel(matrix: FloatArray, a: Three) -> Three:
     return (
         matrix[0, 0] * a[0] + matrix[0, 1] * a[1] + matrix[0, 2] * a[2],
         matrix[1, 0] * a[0] + matrix[1, 1] * a[1] + matrix[1, 2] * a[2],
@@ -95,7 +96,7 @@ def _times_kernel(matrix: Vector, a: Three) -> Three:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def inverse_kernel(matrix: Vector) -> Vector:
+def inverse_kernel(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a regular ``(3, 3)`` matrix by its cofactors."""
     out = np.empty((3, 3))
     for row in range(3):
@@ -108,7 +109,7 @@ def inverse_kernel(matrix: Vector) -> Vector:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stiffen_by_curvature_kernel(
-    mount: CompliantMount, points: TipPoints, wall: LinearisedWall, tip_mm: Vector
+    mount: CompliantMount, points: TipPoints, wall: LinearisedWall, tip_mm: FloatArray
 ) -> CompliantMount:
     """Return the mount with the stiffness that a curved wall adds.
 
@@ -180,7 +181,7 @@ def _max_difference_kernel(a: Three, b: Three) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _sum_kernel(rows: Vector, excluded: int) -> Three:
+def _sum_kernel(rows: FloatArray, excluded: int) -> Three:
     """Return the sum of all rows except one."""
     total = (0.0, 0.0, 0.0)
     for k in range(len(rows)):
@@ -197,7 +198,7 @@ def _tip_kernel(mount: CompliantMount, force: Three) -> Three:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relax_kernel(
-    points: TipPoints, mount: CompliantMount, normals: Vector, reach: Any, friction: Any
+    points: TipPoints, mount: CompliantMount, normals: FloatArray, reach: Any, friction: Any
 ) -> None:
     """Solve the points in turn. The constraint of each point is ``normal @ tip >= reach``."""
     for _ in range(SWEEPS):
@@ -223,7 +224,7 @@ def solve_linearised_kernel(
     wall: LinearisedWall,
     mount: CompliantMount,
     friction: float,
-    tip_mm: Vector,
+    tip_mm: FloatArray,
     fraction: float,
 ) -> None:
     """Solve the contact with the wall linearised at the present tip.
@@ -249,7 +250,7 @@ def solve_linearised_kernel(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def update_anchors_kernel(
-    points: TipPoints, normals: Vector, friction: float, tip_mm: Vector
+    points: TipPoints, normals: FloatArray, friction: float, tip_mm: FloatArray
 ) -> None:
     """Keep the anchors of sticking points; move those of points that slip or have just touched."""
     for k in range(len(normals)):

@@ -14,14 +14,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import ArmState
 from spikingtac.sim.rig.line_trajectory import Segment, plan_move, plan_stop
 from spikingtac.types import Pose
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +56,7 @@ class UR3Twin:
         rng: Source of phase, lag and repeatability.
     """
 
-    def __init__(self, config: UR3Config, start_mm: Vector, rng: np.random.Generator) -> None:
+    def __init__(self, config: UR3Config, start_mm: FloatArray, rng: np.random.Generator) -> None:
         self._config = config
         self._rng = rng
         self._now_us = 0
@@ -75,17 +73,21 @@ class UR3Twin:
         return other
 
     def advance_to(self, t_us: int) -> None:
-        """Let the time pass until ``t_us``; it never goes back."""
+        """Advance the time to ``t_us``.
+
+        Raises:
+            ValueError: ``t_us`` is before the present time.
+        """
         if t_us < self._now_us:
             raise ValueError(f"the twin's clock stands at {self._now_us} us, not before {t_us} us")
         self._now_us = t_us
 
-    def position_at_mm(self, t_us: float) -> Vector:
-        """Return the true position ``(3,)`` at a time up to now (or planned beyond), mm."""
+    def position_at_mm(self, t_us: float) -> FloatArray:
+        """Return the true position ``(3,)`` at ``t_us``, mm; in the future, the planned one."""
         setpoint_s = t_us * 1e-6 - self._lag_s
         return self._segment(setpoint_s).position_mm(setpoint_s)
 
-    def true_position_mm(self) -> Vector:
+    def true_position_mm(self) -> FloatArray:
         """Return the true position ``(3,)`` now, mm."""
         return self.position_at_mm(self._now_us)
 
@@ -97,13 +99,13 @@ class UR3Twin:
         self._require_connection()
         return Pose(position_mm=self.position_at_mm(self._last_cycle_us()) + self._pose_error_mm)
 
-    def speed_mm_s(self) -> Vector:
+    def speed_mm_s(self) -> FloatArray:
         """Return the tool's velocity ``(3,)`` at the last controller cycle, mm/s."""
         self._require_connection()
         setpoint_s = self._last_cycle_us() * 1e-6 - self._lag_s
         return self._segment(setpoint_s).velocity_mm_s(setpoint_s)
 
-    def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
+    def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
         target = _checked_target(target_mm, speed_mm_s, self._config.speed_limit_mm_s)
         state = self.state()
@@ -120,12 +122,12 @@ class UR3Twin:
         self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
 
     def stop(self) -> None:
-        """Brake from the next cycle on; see :class:`~spikingtac.robot.arm.Arm`."""
+        """Brake from the next controller cycle; see :class:`~spikingtac.robot.arm.Arm`."""
         self._require_connection()
         self._brake(self._command_time_s())
 
     def state(self) -> ArmState:
-        """Return what the arm did at the last controller cycle."""
+        """Return the state of the arm at the last controller cycle."""
         if self._fault is not None:
             return self._fault
         at_rest = self._last_cycle_us() * 1e-6 >= self._segments[-1].end_s + self._lag_s
@@ -137,7 +139,7 @@ class UR3Twin:
             self.stop()
             self._fault = ArmState.DISCONNECTED
 
-    def relocate(self, position_mm: Vector) -> None:
+    def relocate(self, position_mm: FloatArray) -> None:
         """Move to another place at once, instead of travel that need not be simulated.
 
         Raises:
@@ -174,7 +176,7 @@ class UR3Twin:
         return self._segments[0]
 
     def _command_time_s(self) -> float:
-        """Controller time of the first cycle at which a command sent now can act, s."""
+        """Return the time of the first controller cycle that can execute a command sent now, s."""
         arrival_s = self._now_us * 1e-6 + self._config.network_s
         cycles = math.ceil((arrival_s - self._phase_s) / self._config.cycle_s)
         return self._phase_s + cycles * self._config.cycle_s
@@ -184,7 +186,7 @@ class UR3Twin:
         cycles = math.floor((self._now_us * 1e-6 - self._phase_s) / cycle_s)
         return (self._phase_s + cycles * cycle_s) * 1e6
 
-    def _draw_pose_error(self) -> Vector:
+    def _draw_pose_error(self) -> FloatArray:
         return self._rng.normal(0.0, self._config.repeatability_mm, 3)
 
     def _require_connection(self) -> None:
@@ -192,7 +194,7 @@ class UR3Twin:
             raise DeviceError("the arm is not connected any more; make a new one")
 
 
-def _checked_target(target_mm: Vector, speed_mm_s: float, limit_mm_s: float) -> Vector:
+def _checked_target(target_mm: FloatArray, speed_mm_s: float, limit_mm_s: float) -> FloatArray:
     target = np.asarray(target_mm, np.float64)
     if target.shape != (3,) or not np.isfinite(target).all():
         raise ConfigError(f"the target is {target_mm!r}, it must be three finite numbers in mm")

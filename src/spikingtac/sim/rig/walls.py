@@ -13,9 +13,8 @@ from typing import Protocol
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from spikingtac.arrays import FloatArray
 
 HEXAGON_CORNERS = 6
 _TINY = float(np.finfo(np.float64).tiny)
@@ -25,7 +24,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 class Wall(Protocol):
     """A rigid surface. All points must stay on its free side."""
 
-    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+    def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distance ``(n,)`` to the surface and its outward normal ``(n, 3)``.
 
         Args:
@@ -33,7 +32,7 @@ class Wall(Protocol):
         """
         ...
 
-    def curvature(self, point_mm: Vector) -> Vector:
+    def curvature(self, point_mm: FloatArray) -> FloatArray:
         """Return the curvature tensors ``(n, 3, 3)``, 1/mm: minus the derivative of the normal.
 
         Args:
@@ -46,11 +45,11 @@ class Wall(Protocol):
 class NoWall:
     """Free air: no wall."""
 
-    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+    def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return infinite gaps; see :class:`Wall`."""
         return np.full(len(point_mm), np.inf), np.zeros((len(point_mm), 3))
 
-    def curvature(self, point_mm: Vector) -> Vector:
+    def curvature(self, point_mm: FloatArray) -> FloatArray:
         """Return zeros; see :class:`Wall`."""
         return np.zeros((len(point_mm), 3, 3))
 
@@ -67,19 +66,19 @@ class PlaneWall:
     point_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     normal: tuple[float, float, float] = (-1.0, 0.0, 0.0)
 
-    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+    def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distance and normal; see :class:`Wall`."""
         place_mm, away = self._geometry
         normal = np.empty(point_mm.shape)
         normal[:] = away
         return (point_mm - place_mm) @ away, normal
 
-    def curvature(self, point_mm: Vector) -> Vector:
+    def curvature(self, point_mm: FloatArray) -> FloatArray:
         """Return zeros, because the wall is flat; see :class:`Wall`."""
         return np.zeros((len(point_mm), 3, 3))
 
     @functools.cached_property
-    def _geometry(self) -> tuple[Vector, Vector]:
+    def _geometry(self) -> tuple[FloatArray, FloatArray]:
         """A point of the wall and its unit normal, as arrays."""
         return np.array(self.point_mm, np.float64), _unit(self.normal)
 
@@ -102,23 +101,25 @@ class HoleWall:
         if self.radius_mm <= 0:
             raise ValueError(f"radius_mm is {self.radius_mm}, a hole needs a positive radius")
 
-    def gap(self, point_mm: Vector) -> tuple[Vector, Vector]:
+    def gap(self, point_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distance and normal (towards the axis); see :class:`Wall`."""
         inward, distance = radial_kernel(point_mm, *self._geometry)
         return self.radius_mm - distance, inward
 
-    def curvature(self, point_mm: Vector) -> Vector:
+    def curvature(self, point_mm: FloatArray) -> FloatArray:
         """Return the curvature around the hole, 1 / distance from the axis; see :class:`Wall`."""
         return axis_curvature_kernel(point_mm, *self._geometry)
 
     @functools.cached_property
-    def _geometry(self) -> tuple[Vector, Vector]:
+    def _geometry(self) -> tuple[FloatArray, FloatArray]:
         """A point of the axis and its unit direction, as arrays."""
         return np.array(self.center_mm, np.float64), _unit(self.axis)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def radial_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple[Vector, Vector]:
+def radial_kernel(
+    point_mm: FloatArray, center_mm: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the unit directions ``(n, 3)`` to an axis and the distances ``(n,)`` from it, mm."""
     inward, distance = np.empty((len(point_mm), 3)), np.empty(len(point_mm))
     for k in range(len(point_mm)):
@@ -130,7 +131,9 @@ def radial_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> tuple[Ve
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def axis_curvature_kernel(point_mm: Vector, center_mm: Vector, axis: Vector) -> Vector:
+def axis_curvature_kernel(
+    point_mm: FloatArray, center_mm: FloatArray, axis: FloatArray
+) -> FloatArray:
     """Return the curvature tensors ``(n, 3, 3)`` of cylinders around an axis, 1/mm."""
     inward, distance = radial_kernel(point_mm, center_mm, axis)
     curvature = np.empty((len(point_mm), 3, 3))
@@ -144,7 +147,7 @@ class Bit(Protocol):
     """The end of the probe: balls of one radius around a few points."""
 
     @property
-    def points_mm(self) -> Vector:
+    def points_mm(self) -> FloatArray:
         """Offsets ``(n, 3)`` of the touching points from the tip's centre, base frame, mm."""
         ...
 
@@ -165,7 +168,7 @@ class RoundBit:
     radius_mm: float = 0.375
 
     @property
-    def points_mm(self) -> Vector:
+    def points_mm(self) -> FloatArray:
         """The axis alone; see :class:`Bit`."""
         return np.zeros((1, 3))
 
@@ -185,14 +188,14 @@ class HexBit:
     radius_mm: float = field(default=0.0, init=False)
 
     @property
-    def points_mm(self) -> Vector:
+    def points_mm(self) -> FloatArray:
         """The six corners; see :class:`Bit`."""
         angle = self.heading_rad + np.arange(HEXAGON_CORNERS) * (2 * np.pi / HEXAGON_CORNERS)
         corner_mm = self.across_flats_mm / 2 / np.cos(np.pi / HEXAGON_CORNERS)
         return corner_mm * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)])
 
 
-def _unit(direction: tuple[float, float, float]) -> Vector:
+def _unit(direction: tuple[float, float, float]) -> FloatArray:
     vector = np.asarray(direction, np.float64)
     length = np.linalg.norm(vector)
     if not length > 0:

@@ -51,11 +51,14 @@ class MotionConfig:
 
 
 class IndenterMotion:
-    """A motion that can be asked for its pose at any time.
+    """The pose of an indenter as a function of time.
+
+    Args:
+        config: Start and segments.
 
     Example:
         >>> press = SegmentConfig(kind="press", depth_mm=0.8, duration_s=0.5)
-        >>> motion = Motion(MotionConfig(height_mm=0.2, segments=(press,)))
+        >>> motion = IndenterMotion(MotionConfig(height_mm=0.2, segments=(press,)))
         >>> motion.pose(0.25).position_mm
         array([0. , 0. , 0.3])
     """

@@ -105,15 +105,15 @@ def description(source: SceneSource, events: int) -> dict[str, Any]:
 def _prepared(folder: Path, overwrite: bool) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        held = sorted(path.name for path in folder.iterdir())
+        names = sorted(path.name for path in folder.iterdir())
     except OSError as error:
         raise RecordingError(
             f"cannot write the folder {str(folder)!r}: {error.strerror}"
         ) from error
-    if held and not overwrite and not _is_simulation(folder):
+    if names and not overwrite and not _is_simulation(folder):
         raise ConfigError(
-            f"the folder {str(folder)!r} holds {held[0]!r} and is no simulation; "
-            "choose an empty or a new one, or give --overwrite to write into it"
+            f"the folder {str(folder)!r} holds {names[0]!r} and is not the folder of a simulation; "
+            "choose an empty or a new folder, or give --overwrite to write into this one"
         )
     return folder
 

@@ -148,8 +148,8 @@ class ContactConfig:
         if not self.motion.segments or max(motion.pose(at).position_mm[2] for at in
                                            (0.0, motion.duration_s)) >= 0:  # fmt: skip
             raise ValueError(
-                "a contact starts clear of the skin (height_mm > 0) and ends clear of it; "
-                "let its last segment be a lift or a release"
+                "a contact must start above the skin (height_mm > 0) and end above it; "
+                "use a lift or a release as its last segment"
             )
 
 

@@ -54,19 +54,19 @@ class SceneStep:
 class SceneSource:
     """A simulated sensor: an :class:`~spikingtac.events.source.EventSource` with ground truth.
 
-    Memory does not grow with the scene's length. The simulation goes on where it was left, so it
-    can be iterated once.
+    Memory does not grow with the length of the scene. The source can be iterated once: a new
+    iteration continues where the last one ended.
 
     Args:
-        scene: What happens.
-        seed: Of the variations and of the camera's noise; equal seeds give equal events.
-        duration_s: None is the scene's own length; a shorter one cuts it, a longer one repeats
-            its contacts; ``math.inf`` never ends.
+        scene: The scene.
+        seed: Seed of the variations and of the camera's noise. Equal seeds give equal events.
+        duration_s: Length, s. None is the scene's own length; a shorter one cuts the scene, a
+            longer one repeats its contacts; ``math.inf`` never ends.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
-        losses: Events that the readout lost, by kind.
-        t_end_us: Where the stream ends, us, or None.
+        losses: Number of events that the readout has lost, by kind.
+        t_end_us: End of the stream, us, or None.
         reference_px: ``(m, 2)`` markers at rest, px.
         radius_px: ``(m,)`` radii on the image at rest, px.
 

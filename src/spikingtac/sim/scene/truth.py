@@ -40,7 +40,7 @@ class TruthChunk:
 
     @classmethod
     def of_step(cls, state: SkinState, now: MarkerImage, then: MarkerImage) -> TruthChunk:
-        """Return the truth of one step of the gel, the next step's instant left out."""
+        """Return the truth of one step of the gel, without the first instant of the next step."""
         rows = max(1, -(-(then.t_us - now.t_us) // ROW_US))
         fraction = np.arange(rows)[:, None, None] / rows
         moved = then.center_px - now.center_px
@@ -64,5 +64,5 @@ _COLUMNS = tuple(TruthChunk.__dataclass_fields__)
 
 
 def image_radius_px(image: MarkerImage) -> NDArray[np.float64]:
-    """Return the radii ``(m,)`` of the circles that are as large as the discs on the image, px."""
+    """Return the radii ``(m,)`` of circles with the area of the discs on the image, px."""
     return image.radius_px / np.sqrt(np.abs(np.linalg.det(image.shape)))

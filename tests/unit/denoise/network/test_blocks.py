@@ -3,7 +3,7 @@ import pytest
 
 from spikingtac.denoise.network.blocks import (
     WORDS,
-    answer_kernel,
+    combine_logits_kernel,
     from_blocks_kernel,
     quantise_kernel,
     smooth_kernel,
@@ -63,7 +63,7 @@ def test_the_answer_is_the_logistic_function_of_change_and_evidence():
     trust = random.integers(0, 256, (3, 4), np.uint8)
     smooth = random.integers(0, 65_281, (12, 16)).astype(np.uint16)
     out = np.empty(size, np.float32)
-    answer_kernel(change, trust, smooth, (step, zero), np.empty(16, np.float32), out)
+    combine_logits_kernel(change, trust, smooth, (step, zero), np.empty(16, np.float32), out)
     decided = 0
     for y, x in np.ndindex(size):
         trusted = max(0.0, step * (trust[y // fold, x // fold] - zero))

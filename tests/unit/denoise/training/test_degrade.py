@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.denoise.training.degrade import halves, with_background, with_drops
+from spikingtac.denoise.training.degrade import with_background, with_drops
 from spikingtac.state_map.binary import first_unfit_event
 from spikingtac.types import EventPacket
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
@@ -36,11 +36,3 @@ def test_drops_have_their_share():
     many = with_background(EventPacket.empty(0, SPAN_US, SIZE), 50.0, np.random.default_rng(1))
     kept = with_drops(many, 0.3, np.random.default_rng(2))
     assert len(kept) / len(many) == pytest.approx(0.7, abs=0.01)
-
-
-def test_halves_are_disjoint_and_complete():
-    events = with_background(moving_disc().events, 2.0, np.random.default_rng(1))
-    numbered = EventPacket(events.x, events.y, events.p, np.arange(len(events)), 0, SPAN_US, SIZE)
-    first, second = halves(numbered, np.random.default_rng(2))
-    assert sorted([*first.t, *second.t]) == list(range(len(events)))
-    assert len(first) / len(events) == pytest.approx(0.5, abs=0.05)

@@ -47,7 +47,8 @@ def test_a_discs_rim_maps_onto_the_images_ellipse(lens):
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     tiny_mm = 1e-4 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rim = np.concatenate([center[:, :2] + tiny_mm @ gradient[0].T, np.full((12, 1), 0.3)], axis=1)
-    offset_px = optics.project_points(rim) - image.center_px
+    around = optics.project(skin(rim))
+    offset_px = around.center_px - image.center_px
     undeformed_px = offset_px @ image.shape[0].T
     np.testing.assert_allclose(undeformed_px, tiny_mm * 15.5, rtol=1e-3, atol=1e-8)
 
@@ -73,8 +74,8 @@ def test_equal_seeds_are_one_skin_and_damage_changes_no_other_marker():
     np.testing.assert_array_equal(whole.radius_mm[kept], damaged.radius_mm[kept])
     np.testing.assert_array_equal(whole.offset_mm, damaged.offset_mm)
     assert damaged.radius_mm[[5, 6]].tolist() == [0.0, 0.0]
-    assert np.flatnonzero(np.isfinite(damaged.cut[:, 2])).tolist() == [3]
-    assert damaged.cut[3, 2] == pytest.approx(-0.5 * damaged.radius_mm[3])
+    assert np.flatnonzero(np.isfinite(damaged.chord[:, 2])).tolist() == [3]
+    assert damaged.chord[3, 2] == pytest.approx(-0.5 * damaged.radius_mm[3])
     other = draw_discs(DiscConfig(), 64, seed=5)
     assert not np.array_equal(other.offset_mm, whole.offset_mm)
 

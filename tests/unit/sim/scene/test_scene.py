@@ -48,7 +48,7 @@ def test_an_empty_file_is_a_quiet_scene_of_the_papers_sensor():
         (CONTACT.replace("ball", "bal"), r"unknown indenter 'bal'; did you mean 'ball'\?"),
         (CONTACT.replace("depth_mm", "depth"), "unknown key 'depth'; did you mean 'depth_mm'"),
         (CONTACT.replace('"lift"', '"hold"'), "ends clear of it"),
-        (CONTACT.replace("height_mm = 0.3", "height_mm = -0.1"), "starts clear of the skin"),
+        (CONTACT.replace("height_mm = 0.3", "height_mm = -0.1"), "must start above the skin"),
     ],
 )
 def test_a_wrong_file_names_the_key_and_what_is_valid(text: str, expected: str):
