@@ -39,12 +39,12 @@ class Watched:
         self.most_n = 0.0
         self.pulled = 0
         self._since_placed = 0
-        self._face = self.site.face
-        self.site.face = self.face  # type: ignore[method-assign]
+        self._set_wall = self.site.set_wall
+        self.site.set_wall = self.set_wall  # type: ignore[method-assign]
 
-    def face(self, wall: Wall, place_mm: np.ndarray) -> None:
+    def set_wall(self, wall: Wall, place_mm: np.ndarray) -> None:
         self._since_placed = 0
-        self._face(wall, place_mm)
+        self._set_wall(wall, place_mm)
 
     def windows(self) -> Iterator[Window]:
         for window in self.site.rig.paired_windows():
