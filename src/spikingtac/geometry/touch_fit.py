@@ -1,9 +1,10 @@
 """From readings of touches to a hole; each reading is corrected for its direction and incidence.
 
-A motion that meets the wall head-on has the calibrated travel along its direction. A motion at
-an angle beyond the friction cone slides: the rod bends along the edge of the cone, and the tip moves along the wall. The travel is therefore subtracted along the force. Incidence and
-the hexagon's reach depend on the hole, so the fit is repeated a few times. Contacts far off the
-circle get less weight, since one in a thousand is false.
+A motion that meets the wall head-on has the calibrated travel along its direction. A motion at an
+angle beyond the friction cone slides: the rod bends along the edge of the cone, and the tip moves
+along the wall. The travel is therefore subtracted along the force. Incidence and the hexagon's
+reach depend on the hole, so the fit is repeated a few times. Contacts far off the circle get less
+weight, since one in a thousand is false.
 """
 
 from __future__ import annotations
