@@ -66,10 +66,14 @@ def test_a_run_is_the_closed_loop(name: str, detectors, run: ApproachRun) -> Non
     assert rig.first_contact.t_us == run.touch.t_us
     assert found.contact.t_us == run.decided_us[name]
     stopped = stop_at(run, run.decided_us[name], SCENE.direction)
-    assert stopped.deviation_mm == pytest.approx(found.deviation_mm(rig.first_contact.arm_mm), abs=1e-4)
+    assert stopped.deviation_mm == pytest.approx(
+        found.deviation_mm(rig.first_contact.arm_mm), abs=1e-4
+    )
     read = found.deviation_mm(rig.first_contact.arm_mm, true=False)
     assert stopped.read_mm == pytest.approx(read, abs=1e-4)
-    assert stopped.overshoot_mm == pytest.approx(found.overshoot_mm(rig.first_contact.arm_mm), abs=1e-4)
+    assert stopped.overshoot_mm == pytest.approx(
+        found.overshoot_mm(rig.first_contact.arm_mm), abs=1e-4
+    )
 
 
 def test_the_touch_comes_a_second_after_the_release(run: ApproachRun) -> None:

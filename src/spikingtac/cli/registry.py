@@ -14,6 +14,7 @@ VERBS: dict[str, str] = {
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
     "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
+    "guard": "watch a camera's stream and stop a moving arm at the first contact",
     "train": "teach the denoising network on recordings, without labels",
     "view": "look at a recording or a scene in the browser: replay, tune, measure",
     "experiment": "re-run one of the paper's experiments: every method, every case, one report",
@@ -24,7 +25,7 @@ VERBS: dict[str, str] = {
 
 FOLDERS: dict[str, tuple[str, ...]] = {
     "files": ("info", "convert"),
-    "robot": ("probe",),
+    "robot": ("probe", "guard"),
     "sensing": ("calibrate", "track", "contact"),
     "studies": ("train", "experiment", "bench"),
     "system": ("doctor",),
