@@ -80,7 +80,7 @@ def make_sensor(
     fill_lookup_tables(chip, config.light, brightest)
     pending = PendingPixels(
         unsettled=np.empty(height * width, np.int32),
-        count=np.zeros(1, np.int64),
+        unsettled_count=np.zeros(1, np.int64),
         known_unsettled=np.zeros(height * width, np.uint8),
         row_leak_due_us=np.full(height, np.inf),
     )
