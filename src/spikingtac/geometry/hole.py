@@ -185,7 +185,12 @@ class _Problem:
     def solve(self, first: FloatArray) -> FloatArray:
         """Return the (x, y, radius) of least squares, from a first guess."""
         found = least_squares(
-            self._residuals, first, self._jacobian, method="lm", xtol=TOLERANCE, ftol=COST_TOLERANCE
+            self._residuals,
+            first,
+            self._jacobian,  # pyright: ignore[reportArgumentType]  # it takes callables too
+            method="lm",
+            xtol=TOLERANCE,
+            ftol=COST_TOLERANCE,
         )
         return np.asarray(found.x, np.float64)
 
