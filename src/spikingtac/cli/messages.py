@@ -1,4 +1,4 @@
-"""How verbs speak: results on stdout, progress and remarks on stderr."""
+"""Output of the verbs: results on stdout, progress and remarks on stderr."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class Advance(Protocol):
-    """Tells a progress bar how far the work is."""
+    """Sets a progress bar."""
 
     def __call__(self, done: float) -> None:
-        """Set the share that is done, 0 to 1."""
+        """Set the fraction that is done, 0 to 1."""
         ...
 
 
@@ -24,7 +24,7 @@ def emit_json(document: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout.
 
     Raises:
-        ValueError: A number is not finite; JSON has no word for it.
+        ValueError: A number is not finite; JSON cannot express it.
     """
     sys.stdout.write(json.dumps(document, allow_nan=False, default=_plain) + "\n")
 
@@ -38,7 +38,7 @@ def emit_table(
         title: One line above the table.
         columns: Their names.
         rows: Cells, as wide as ``columns``.
-        words: How many of the first columns hold words (set left); the rest hold figures.
+        words: Number of leading columns with words (left-aligned); the others hold figures.
     """
     from rich.console import Console
     from rich.table import Table
@@ -53,7 +53,7 @@ def emit_table(
 
 
 def remark(text: str) -> None:
-    """Say something on stderr that is no result."""
+    """Print a remark on stderr."""
     sys.stderr.write(text + "\n")
 
 
@@ -62,10 +62,10 @@ def progress(what: str) -> Iterator[Advance]:
     """Show a bar on stderr while the block runs; silent where stderr is no terminal.
 
     Args:
-        what: What is being done, a few words.
+        what: The work in a few words.
 
     Yields:
-        A function that takes the share done, 0 to 1.
+        A function that takes the fraction done, 0 to 1.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

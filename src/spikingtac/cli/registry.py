@@ -7,16 +7,17 @@ from __future__ import annotations
 
 VERBS: dict[str, str] = {
     "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
-    "info": "say what an event file holds: format, size, counts, rates, damage",
-    "convert": "rewrite an event file in another format, or cut a stretch of time out of it",
+    "info": "print the content of an event file: format, size, counts, rates, damage",
+    "convert": "write an event file in another format, or a part of it",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
     "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
-    "train": "teach the denoising network on recordings, without labels",
-    "view": "look at a recording or a scene in the browser: replay, tune, measure",
-    "experiment": "re-run one of the paper's experiments: every method, every case, one report",
+    "guard": "watch a camera's stream and stop a moving arm at the first contact",
+    "train": "train the denoising network on recordings, without labels",
+    "view": "show a recording or a scene in the browser: replay, tune, measure",
+    "experiment": "run one of the paper's experiments again: every method, every case, one report",
     "bench": "measure how fast this machine tracks, beside tuned peers on the same stream",
     "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
 }
@@ -24,7 +25,7 @@ VERBS: dict[str, str] = {
 
 FOLDERS: dict[str, tuple[str, ...]] = {
     "files": ("info", "convert"),
-    "robot": ("probe",),
+    "robot": ("probe", "guard"),
     "sensing": ("calibrate", "track", "contact"),
     "studies": ("train", "experiment", "bench"),
     "system": ("doctor",),
@@ -42,8 +43,8 @@ verbs:
 {verbs}
 
 options for every verb:
-  -h, --help   what the verb takes
-  --json       one JSON object on stdout; progress goes to stderr
+  -h, --help   show the options of the verb
+  --json       print one JSON object on stdout; progress goes to stderr
   --debug      show the traceback of an error
   --version    print the version
 

@@ -1,16 +1,15 @@
-"""Kabsch: the rigid motion that lays one set of points onto another, with its degenerate cases."""
+"""Kabsch alignment: the rigid motion between two sets of points, with its degenerate cases."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 RANK_TOLERANCE = 1e-9
-"""A direction counts as absent when its singular value is this share of the largest."""
+"""Singular values below this fraction of the largest one count as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,31 +19,30 @@ class Alignment:
     Attributes:
         rotation: ``(d, d)`` with determinant +1.
         translation: ``(d,)``, in the unit of the points.
-        rmse: Root mean square distance that is left, in the unit of the points.
-        determined: False where the points leave a rotation open (too few, or collinear in 3-D);
-            the smallest rotation is taken then.
+        rmse: Root mean square distance after the motion, in the unit of the points.
+        determined: False where the points do not determine the rotation (too few, or collinear in
+            3-D); it is then the smallest possible one.
     """
 
-    rotation: Vector
-    translation: Vector
+    rotation: FloatArray
+    translation: FloatArray
     rmse: float
     determined: bool
 
-    def apply(self, points: Vector) -> Vector:
+    def apply(self, points: FloatArray) -> FloatArray:
         """Return points ``(n, d)`` after the motion."""
         return points @ self.rotation.T + self.translation
 
 
-def align(points: Vector, onto: Vector) -> Alignment:
+def align(points: FloatArray, onto: FloatArray) -> Alignment:
     """Return the rotation and translation that minimise the squared distances (Kabsch 1976).
 
-    The determinant is kept at +1, so that a mirrored set is never reached by a reflection. Where
-    the points do not determine the rotation, the one nearest to the identity is returned: one
-    point is only moved, collinear points are turned along the shortest way.
+    The determinant is +1: a mirrored set is never reached by a reflection. Where the points do not
+    determine the rotation, the one nearest to the identity is returned.
 
     Args:
         points: ``(n, d)`` points, d = 2 or 3.
-        onto: ``(n, d)`` where they should go.
+        onto: ``(n, d)`` the points to reach.
 
     Raises:
         ValueError: The shapes differ, no point is given, or a value is not finite.
@@ -66,7 +64,7 @@ def align(points: Vector, onto: Vector) -> Alignment:
     return Alignment(rotation, translation, rmse, determined)
 
 
-def _rotation(covariance: Vector) -> tuple[Vector, bool]:
+def _rotation(covariance: FloatArray) -> tuple[FloatArray, bool]:
     """Return the best rotation for a cross-covariance ``(d, d)``, and whether it is unique."""
     dimension = len(covariance)
     u, size, vt = np.linalg.svd(covariance)
@@ -81,7 +79,7 @@ def _rotation(covariance: Vector) -> tuple[Vector, bool]:
     return vt.T @ np.diag(sign) @ u.T, unique
 
 
-def _shortest_turn(source: Vector, goal: Vector) -> Vector:
+def _shortest_turn(source: FloatArray, goal: FloatArray) -> FloatArray:
     """Return the smallest rotation ``(3, 3)`` that takes one unit vector to another."""
     axis, cosine = np.cross(source, goal), float(source @ goal)
     if cosine < -1.0 + RANK_TOLERANCE:  # opposite: half a turn about any axis across

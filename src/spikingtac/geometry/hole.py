@@ -1,9 +1,9 @@
-"""From contact points to a hole: compensation and a circle with its uncertainty (Section V-C).
+"""From contact points to a circle with its uncertainty, and the geometry of the bit (Section V-C).
 
 The tip's centre at the decision lies beyond the first touch by the travel that the detector needs
-(delta_crit), and the first touch lies inside the hole by the bit's effective radius (R_offset):
+(delta_crit). The first touch lies inside the hole by the bit's effective radius (R_offset):
 ``R_real = R_measured + R_offset - delta_crit``. The published constants, 0.375 and 0.4 mm, nearly
-cancel; the bit is hexagonal, touches with its corners and has a mean effective radius of 0.41 mm.
+cancel. The bit is hexagonal and touches with its corners; its mean effective radius is 0.41 mm.
 """
 
 from __future__ import annotations
@@ -12,21 +12,26 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 HEXAGON_STEP_RAD = math.pi / 3
-MOST_DAMPING = 1e9
-"""Where the descent gives up: its steps are then a billionth of a Gauss-Newton step."""
+"""Angle between neighbouring corners of a hexagon, rad."""
+TOLERANCE = 1e-12
+"""Relative change of the circle at which the fit ends (ours: below a nanometre)."""
+COST_TOLERANCE = 1e-15
+"""Relative change of the cost at which it ends: the cost is flat at its minimum."""
+TINY = float(np.finfo(np.float64).tiny)
+"""Smallest divisor: a point may lie at the centre."""
 
 
-def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | Vector) -> Vector:
-    """Return how far a hexagon reaches in a direction: its support function, mm.
+def hexagon_reach_mm(across_flats_mm: float, angle_rad: float | FloatArray) -> FloatArray:
+    """Return how far a hexagon reaches in a direction (its support function), mm.
 
     Args:
         across_flats_mm: Distance of opposite sides, mm.
-        angle_rad: Direction against a corner, rad, any shape.
+        angle_rad: Direction relative to a corner, rad, any shape.
     """
     folded = np.mod(np.asarray(angle_rad) + HEXAGON_STEP_RAD / 2, HEXAGON_STEP_RAD)
     corner_mm = across_flats_mm / 2 / math.cos(HEXAGON_STEP_RAD / 2)
@@ -41,7 +46,7 @@ def mean_hexagon_reach_mm(across_flats_mm: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Compensation:
-    """What lies between the measured tip centre and the wall.
+    """The distance between the measured tip centre and the wall.
 
     Attributes:
         offset_mm: R_offset, the bit's effective radius, mm.
@@ -63,12 +68,12 @@ class Compensation:
 
     @property
     def total_mm(self) -> float:
-        """What is added to a radius that was measured head-on, mm."""
+        """Correction of a radius that was measured head-on, mm."""
         return self.offset_mm - self.travel_mm
 
     @property
     def sigma_mm(self) -> float:
-        """Standard deviation of one contact along the radius, mm, without the arm's share."""
+        """Standard deviation of one contact along the radius, mm, without the arm's error."""
         return math.hypot(self.offset_sigma_mm, self.travel_sigma_mm)
 
 
@@ -83,13 +88,13 @@ class Circle:
         residual_mm: ``(n,)`` signed distances of the points from the circle, mm.
     """
 
-    center_mm: Vector
+    center_mm: FloatArray
     radius_mm: float
-    covariance_mm2: Vector
-    residual_mm: Vector
+    covariance_mm2: FloatArray
+    residual_mm: FloatArray
 
     @property
-    def sigma_mm(self) -> Vector:
+    def sigma_mm(self) -> FloatArray:
         """Standard deviations ``(3,)`` of centre x, centre y and radius, mm."""
         return np.sqrt(np.diag(self.covariance_mm2))
 
@@ -100,176 +105,127 @@ class Circle:
 
 @dataclass(frozen=True, kw_only=True)
 class HoleFitConfig:
-    """What is known before the contacts, and when the iteration ends.
+    """The Gaussian prior of centre and radius.
 
-    Clustered contacts do not tell radius from centre; the prior then does, so that the estimate
-    stays in reach and its covariance says how little was learnt.
+    Clustered contacts do not determine radius and centre separately. The prior then keeps the
+    estimate in reach, and the covariance states how little the contacts contribute.
 
     Attributes:
-        contact_sigma_mm: Standard deviation of one contact along the radius, mm.
         radius_mm: Expected radius of the circle of contacts, mm (middle of 0.7 to 5.0 mm).
-        radius_sigma_mm: How uncertain that is, mm.
-        center_sigma_mm: How far the centre may lie from where the search began, mm.
-        steps: Most Gauss-Newton steps.
-        tolerance_mm: Change at which they end, mm.
+        radius_sigma_mm: Standard deviation of this radius, mm.
+        center_sigma_mm: Standard deviation of the centre about the search's start, per axis, mm.
     """
 
-    contact_sigma_mm: float = 0.03
     radius_mm: float = 2.8
     radius_sigma_mm: float = 2.0
     center_sigma_mm: float = 2.5
-    steps: int = 100
-    tolerance_mm: float = 1e-10
 
 
 def fit_circle(
-    points_mm: Vector, start_mm: Vector, config: HoleFitConfig, sigma_mm: Vector | None = None
+    points_mm: FloatArray, start_mm: FloatArray, config: HoleFitConfig, sigma_mm: FloatArray | float
 ) -> Circle:
     """Fit a circle to points by regularised least squares of the radial distances.
 
-    Levenberg-Marquardt on the sum of squared distances over the contact's variance, plus a
-    Gaussian prior on centre and radius; the covariance is the inverse of the information there.
-    The search began inside the circle: without that, noise on clustered contacts is read as a
-    tiny circle among them. Contacts on one side only bend too little to tell the radius, and a
-    circle that is small by chance would state a small error; their covariance is therefore taken
-    at the flattest plausible circle through them.
+    Levenberg-Marquardt minimises the squared distances over the contacts' variances plus the
+    Gaussian prior; the covariance is the inverse of the information at the minimum. The search
+    began inside the circle: without this constraint, the noise of clustered contacts is taken for
+    a tiny circle among them. Contacts on one side bend too little to determine the radius, and a
+    circle that is small by chance would state a small error. Their covariance is therefore that of
+    the flattest plausible circle through them.
 
     Args:
-        points_mm: ``(n, 2)`` points on the circle, mm; n may be anything from 1.
-        start_mm: ``(2,)`` where the search began, inside: the prior's centre, mm.
-        config: Contact noise and prior.
-        sigma_mm: ``(n,)`` standard deviation of each contact, mm; the config's for all if None.
+        points_mm: ``(n, 2)`` points on the circle, mm; n is 1 or more.
+        start_mm: ``(2,)`` start of the search inside the circle: the prior's centre, mm.
+        config: The prior.
+        sigma_mm: Standard deviation of each contact along the radius ``(n,)``, or of all, mm.
 
     Raises:
-        ValueError: No points, the wrong shape, or values that are not finite.
+        ValueError: There are no points, the shapes are wrong, or values are not finite.
     """
     points, start = np.asarray(points_mm, np.float64), np.asarray(start_mm, np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0 or start.shape != (2,):
         raise ValueError(f"got points {points.shape} and start {start.shape}; need (n, 2), (2,)")
     if not (np.isfinite(points).all() and np.isfinite(start).all()):
         raise ValueError("contacts and start must be finite")
-    if sigma_mm is None:
-        sigma_mm = np.full(len(points), config.contact_sigma_mm)
-    problem = _Problem(points, np.append(start, config.radius_mm), config, sigma_mm)
+    sigma = np.broadcast_to(np.asarray(sigma_mm, np.float64), (len(points),))
+    problem = _Problem(points, np.append(start, config.radius_mm), config, sigma)
     reach = float(np.linalg.norm(points - start, axis=1).max())
-    estimate = problem.descend(np.append(start, reach))
-    residual, jacobian = problem.residual(estimate)
-    if largest_gap_rad(points, start) > math.pi:
-        jacobian = problem.residual(problem.flattest(estimate))[1]
-    covariance = np.linalg.inv(problem.information(jacobian))
-    return Circle(estimate[:2], float(estimate[2]), covariance.astype(np.float64), residual)
+    estimate = problem.solve(np.append(start, reach))
+    one_sided = largest_gap_rad(points, start) > math.pi
+    covariance = problem.covariance(problem.flattest(estimate) if one_sided else estimate)
+    residual = problem.distances(estimate)
+    return Circle(estimate[:2], float(estimate[2]), covariance, residual)
 
 
-def largest_gap_rad(points_mm: Vector, start_mm: Vector) -> float:
-    """Return the largest angle, seen from the start, without a contact: above pi is one-sided."""
+def largest_gap_rad(points_mm: FloatArray, start_mm: FloatArray) -> float:
+    """Return the largest angle without a contact, seen from the start; above pi is one-sided."""
     away = points_mm - start_mm
     angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
     return float(np.diff(angle, append=angle[0] + 2.0 * math.pi).max())
-
-
-def fit_hole(
-    contact_mm: Vector,
-    direction: Vector,
-    start_mm: Vector,
-    compensation: Compensation,
-    config: HoleFitConfig,
-) -> Circle:
-    """Estimate a hole from tip centres at the decisions.
-
-    The travel delta_crit is taken back along each motion, since friction holds the tip where it
-    met the wall; the centres at first touch lie on a circle of radius ``R_real - R_offset``. For
-    motions through the centre this is the paper's formula.
-
-    Args:
-        contact_mm: ``(n, 2)`` tip centres at the decisions, in the plane of the plate, mm.
-        direction: ``(n, 2)`` unit directions of the motions.
-        start_mm: ``(2,)`` where the search began, inside the hole, mm.
-        compensation: R_offset and delta_crit.
-        config: Contact noise and prior.
-
-    Returns:
-        The hole's circle; residuals are those of the contacts.
-
-    Raises:
-        ValueError: As :func:`fit_circle`, or the directions' shape differs from the contacts'.
-    """
-    contact, heading = np.asarray(contact_mm, np.float64), np.asarray(direction, np.float64)
-    if contact.shape != heading.shape:
-        raise ValueError(f"got contacts {contact.shape} and directions {heading.shape}; need equal")
-    circle = fit_circle(contact - compensation.travel_mm * heading, start_mm, config)
-    radius = circle.radius_mm + compensation.offset_mm
-    return Circle(circle.center_mm, radius, circle.covariance_mm2, circle.residual_mm)
 
 
 class _Problem:
     """Least squares of the radial distances, with a Gaussian prior on (x, y, radius)."""
 
     def __init__(
-        self, points: Vector, prior: Vector, config: HoleFitConfig, contact_sigma_mm: Vector
+        self, points: FloatArray, prior: FloatArray, config: HoleFitConfig, sigma: FloatArray
     ) -> None:
-        sigma = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
+        prior_sigma = config.center_sigma_mm, config.center_sigma_mm, config.radius_sigma_mm
         self._points = points
         self._prior = prior
-        self._prior_weight = np.array(sigma) ** -2.0
-        self._weight = contact_sigma_mm**-2.0
-        self._wall_weight = float(self._weight.max())
-        self._config = config
+        self._prior_scale = 1.0 / np.array(prior_sigma)
+        self._scale = 1.0 / sigma
+        self._start_scale = float(self._scale.max())
+        self._flattest_mm = config.radius_mm + config.radius_sigma_mm
 
-    def residual(self, estimate: Vector) -> tuple[Vector, Vector]:
-        """Return distances ``(n,)`` from the circle and their Jacobian ``(n, 3)``."""
-        offset = self._points - estimate[:2]
-        distance = np.maximum(np.linalg.norm(offset, axis=1), np.finfo(float).tiny)
-        jacobian = np.column_stack([-offset / distance[:, None], -np.ones(len(offset))])
-        return distance - estimate[2], jacobian
+    def distances(self, estimate: FloatArray) -> FloatArray:
+        """Return the signed distances ``(n,)`` of the points from the circle, mm."""
+        return np.linalg.norm(self._points - estimate[:2], axis=1) - estimate[2]
 
-    def outside(self, estimate: Vector) -> tuple[Vector, Vector]:
-        """Return how far the start lies outside the circle, as residuals and Jacobian rows."""
-        offset = self._prior[:2] - estimate[:2]
-        distance = float(np.linalg.norm(offset))
-        if distance <= estimate[2]:
-            return np.empty(0), np.empty((0, 3))
-        safe = max(distance, np.finfo(float).tiny)
-        return np.array([distance - estimate[2]]), np.array([[*(-offset / safe), -1.0]])
+    def solve(self, first: FloatArray) -> FloatArray:
+        """Return the (x, y, radius) of least squares, from a first guess."""
+        found = least_squares(
+            self._residuals,
+            first,
+            self._jacobian,  # pyright: ignore[reportArgumentType]  # it takes callables too
+            method="lm",
+            xtol=TOLERANCE,
+            ftol=COST_TOLERANCE,
+        )
+        return np.asarray(found.x, np.float64)
 
-    def flattest(self, estimate: Vector) -> Vector:
+    def covariance(self, estimate: FloatArray) -> FloatArray:
+        """Return the inverse information ``(3, 3)`` of contacts and prior at a circle, mm2."""
+        rows = self._scale[:, None] * _gradient(self._points - estimate[:2])
+        information = rows.T @ rows + np.diag(self._prior_scale**2)
+        return np.linalg.inv(information).astype(np.float64)
+
+    def flattest(self, estimate: FloatArray) -> FloatArray:
         """Return the circle one prior sigma larger than expected, through the same contacts."""
-        radius = max(float(estimate[2]), self._config.radius_mm + self._config.radius_sigma_mm)
+        radius = max(float(estimate[2]), self._flattest_mm)
         if not math.isfinite(radius):
             return estimate
         middle = self._points.mean(axis=0)
         inward = estimate[:2] - middle
-        inward = inward / max(float(np.linalg.norm(inward)), np.finfo(float).tiny)
+        inward = inward / max(float(np.linalg.norm(inward)), TINY)
         return np.append(middle + radius * inward, radius)
 
-    def cost(self, estimate: Vector) -> float:
-        residual, outside = self.residual(estimate)[0], self.outside(estimate)[0]
-        away = estimate - self._prior
-        misfit = self._weight @ residual**2 + self._wall_weight * float(outside @ outside)
-        return float(misfit + self._prior_weight @ away**2)
+    def _residuals(self, estimate: FloatArray) -> FloatArray:
+        """Return the scaled residuals: contacts, start outside the circle, prior."""
+        outside = float(np.linalg.norm(self._prior[:2] - estimate[:2])) - estimate[2]
+        start = [self._start_scale * max(outside, 0.0)]
+        prior = self._prior_scale * (estimate - self._prior)
+        return np.concatenate([self._scale * self.distances(estimate), start, prior])
 
-    def information(self, jacobian: Vector) -> Vector:
-        return (jacobian.T * self._weights(jacobian)) @ jacobian + np.diag(self._prior_weight)
+    def _jacobian(self, estimate: FloatArray) -> FloatArray:
+        contacts = self._scale[:, None] * _gradient(self._points - estimate[:2])
+        offset = (self._prior[:2] - estimate[:2])[None, :]
+        outside = float(np.linalg.norm(offset)) > estimate[2]
+        start = (self._start_scale if outside else 0.0) * _gradient(offset)
+        return np.concatenate([contacts, start, np.diag(self._prior_scale)])
 
-    def _weights(self, jacobian: Vector) -> Vector:
-        extra = len(jacobian) - len(self._points)
-        return np.append(self._weight, np.full(extra, self._wall_weight))
 
-    def descend(self, estimate: Vector) -> Vector:
-        """Return the estimate of least cost, by damped Gauss-Newton steps that never go up."""
-        damping, cost = 1e-3, self.cost(estimate)
-        for _ in range(self._config.steps):
-            rows = zip(self.residual(estimate), self.outside(estimate), strict=True)
-            residual, jacobian = (np.concatenate(pair) for pair in rows)
-            information = self.information(jacobian)
-            pull = self._prior_weight * (estimate - self._prior)
-            slope = jacobian.T @ (self._weights(jacobian) * residual) + pull
-            damped = information + damping * np.diag(np.diag(information))
-            step = np.linalg.solve(damped, -slope)
-            trial = self.cost(estimate + step)
-            if trial <= cost:
-                estimate, cost, damping = estimate + step, trial, damping / 10.0
-            else:
-                damping *= 10.0
-            if damping > MOST_DAMPING or np.abs(step).max() < self._config.tolerance_mm:
-                break
-        return estimate
+def _gradient(offset: FloatArray) -> FloatArray:
+    """Return how the distances of points at some offsets ``(n, 2)`` follow (x, y, radius)."""
+    length = np.maximum(np.linalg.norm(offset, axis=1), TINY)
+    return np.column_stack([-offset / length[:, None], -np.ones(len(offset))])

@@ -1,10 +1,10 @@
-"""From readings of touches to a hole, each taken back as its direction and incidence demand.
+"""From readings of touches to a hole; each reading is corrected for its direction and incidence.
 
-A motion that meets the wall head-on needs the calibrated travel, all of it along the motion. One
-that meets it at an angle beyond the friction cone slides: the rod then bends along the edge of the
-cone, and the tip has moved along the wall, which does no harm. So the travel is taken back along
-the force. Incidence and the hexagon's reach depend on the hole, hence a few rounds. In them, too, a
-contact that lies far off the circle of the others is believed less: one in a thousand is false.
+A motion that meets the wall head-on has the calibrated travel along its direction. A motion at an
+angle beyond the friction cone slides: the rod bends along the edge of the cone, and the tip moves
+along the wall. The travel is therefore subtracted along the force. Incidence and the hexagon's
+reach depend on the hole, so the fit is repeated a few times. Contacts far off the circle get less
+weight, since one in a thousand is false.
 """
 
 from __future__ import annotations
@@ -13,28 +13,26 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.geometry.hole import Circle, HoleFitConfig, fit_circle
 from spikingtac.geometry.travel import TravelModel
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 ROUNDS = 4
-"""Rounds of estimate and taking back: the third changes less than a micrometre."""
+"""Number of repeated fits: the third one changes the estimate by less than a micrometre."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TouchFitConfig:
-    """How readings become a hole.
+    """The settings of the estimate.
 
     Attributes:
-        prior: What is known before; its contact noise is replaced by the calibration's.
+        prior: Prior of centre and radius.
         friction: Coulomb coefficient between bit and wall (ours: steel on plastic).
-        slip_sigma: Standard deviation that sliding adds to a contact, as a share of the travel
-            and of how far beyond the cone the motion lies (ours: friction known to a third).
-        doubt_sigma: A contact farther off the circle than this many standard deviations weighs less
-            (ours: one honest contact in 370 does).
+        slip_sigma: Standard deviation that sliding adds to a contact, per travel and per angle
+            beyond the friction cone in rad (ours: friction known to a third).
+        doubt_sigma: Number of standard deviations off the circle beyond which a contact gets less
+            weight (ours: this affects one correct contact in 370).
     """
 
     prior: HoleFitConfig = field(default_factory=HoleFitConfig)
@@ -44,9 +42,9 @@ class TouchFitConfig:
 
 
 def estimate_hole(
-    reading_mm: Vector,
-    direction: Vector,
-    start_mm: Vector,
+    reading_mm: FloatArray,
+    direction: FloatArray,
+    start_mm: FloatArray,
     travel: TravelModel,
     config: TouchFitConfig,
 ) -> Circle:
@@ -55,7 +53,7 @@ def estimate_hole(
     Args:
         reading_mm: ``(n, 2)`` readings in the plane of the plate, mm.
         direction: ``(n, 2)`` unit directions of the motions.
-        start_mm: ``(2,)`` a place inside the hole, mm: where the search began.
+        start_mm: ``(2,)`` start of the search inside the hole, mm.
         travel: The calibration.
         config: Prior and friction.
 
@@ -87,13 +85,13 @@ class _Case:
     travel: TravelModel
     config: TouchFitConfig
     radius_mm: float = math.inf
-    doubt: Vector | float = 1.0  # by what the standard deviation of a contact is multiplied
+    doubt: FloatArray | float = 1.0  # factor of the standard deviation of a contact
 
 
 def _round(
-    reading: Vector, heading: Vector, normal: Vector, start_mm: Vector, case: _Case
-) -> tuple[Circle, Vector, Vector]:
-    """Take the readings back along the present normals; return circle, new normals, sigmas."""
+    reading: FloatArray, heading: FloatArray, normal: FloatArray, start_mm: FloatArray, case: _Case
+) -> tuple[Circle, FloatArray, FloatArray]:
+    """Correct the readings along the present normals; return circle, new normals, sigmas."""
     force, slid = _force(heading, normal, case.config.friction)
     size = case.travel.travel_mm(np.arctan2(force[:, 1], force[:, 0]))
     reach = case.travel.reach_mm(np.arctan2(normal[:, 1], normal[:, 0]), case.radius_mm)
@@ -106,8 +104,10 @@ def _round(
     return circle, away / length[:, None], sigma
 
 
-def _force(heading: Vector, normal: Vector, friction: float) -> tuple[Vector, Vector]:
-    """Return the force's directions ``(n, 2)`` and by how much (rad) the motions slid ``(n,)``."""
+def _force(
+    heading: FloatArray, normal: FloatArray, friction: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the force directions ``(n, 2)`` and the angles beyond the cone ``(n,)``, rad."""
     cone = math.atan(friction)
     turn = np.arctan2(
         normal[:, 0] * heading[:, 1] - normal[:, 1] * heading[:, 0], (normal * heading).sum(axis=1)

@@ -1,9 +1,10 @@
 """The trigger travel delta_crit by direction, and the bit's heading, from touches on a known wall.
 
-The travel differs with direction: pads feel a rod that turns in their plane sooner than one that
-tilts out of it, and stiffness and references differ with the sign. A flat wall at a known place
-shows the sum ``excess = travel - reach``; the travel varies slowly with direction (harmonics up to
-the second), the reach of a hexagon six times per turn, so touches all around tell them apart.
+The travel depends on the direction: the pads respond sooner to a rod that turns in their plane than
+to one that tilts out of it, and stiffness and references differ with the sign. A touch of a flat
+wall at a known place yields ``excess = travel - reach``. The travel varies slowly with direction
+(harmonics up to the second), the reach of a hexagon six times per turn. Touches in many directions
+therefore determine both.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.geometry.hole import (
     HEXAGON_STEP_RAD,
@@ -20,31 +20,31 @@ from spikingtac.geometry.hole import (
     hexagon_reach_mm,
     mean_hexagon_reach_mm,
 )
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 HEADINGS = 120
-"""Headings that are tried: half a degree apart, 1 um of reach at most."""
+"""Number of headings that are tried: half a degree apart, 1 um of reach at most."""
 HARMONICS = 5
-"""Coefficients of a travel: constant, first and second harmonic."""
+"""Number of coefficients of a travel: constant, first and second harmonic."""
 LEAST_DIRECTIONS = 9
-"""Fewer different directions cannot tell five harmonics and a heading, with something to spare."""
+"""Least number of directions from which harmonics and heading are fitted: six unknowns, and three
+more."""
 LEAST_VARIANCE = 0.2
-"""Share of the mean variance that every direction's own keeps at least: it is told from few."""
+"""Least variance of a direction as a fraction of the mean one: it is estimated from few touches."""
 SAME_RAD = 1e-3
-"""Directions nearer than this are one."""
+"""Directions nearer to each other than this count as one, rad."""
 HEADING_ERROR_RAD = math.radians(2.0)
-"""About the error of a fitted heading: how the reach follows it is taken over this, either way."""
+"""Typical error of a fitted heading, rad: the step of the derivative of the reach."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TravelModel:
-    """What to take back from a reading, by direction.
+    """The correction of a reading, by direction.
 
     Attributes:
         harmonics_mm: ``(5,)`` travel: constant, cos, sin, cos of twice, sin of twice the angle, mm.
         covariance_mm2: ``(k, k)`` of them, mm2; with k = 6 the last is the heading, in rad.
-        sigma_mm: Standard deviation of one touch about the model, the arm's share included, mm:
+        sigma_mm: Standard deviation of one touch about the model, with the arm's error, mm:
             root mean square over the calibrated directions.
         across_flats_mm: Width of the hexagonal bit, mm.
         heading_rad: Direction of one of its corners, rad; None where it is unknown.
@@ -52,12 +52,12 @@ class TravelModel:
             the same in every direction.
     """
 
-    harmonics_mm: Vector
-    covariance_mm2: Vector
+    harmonics_mm: FloatArray
+    covariance_mm2: FloatArray
     sigma_mm: float
     across_flats_mm: float = 0.75
     heading_rad: float | None = None
-    variance_mm2: Vector | None = None
+    variance_mm2: FloatArray | None = None
 
     @classmethod
     def of(cls, compensation: Compensation, across_flats_mm: float = 0.75) -> TravelModel:
@@ -72,21 +72,21 @@ class TravelModel:
             across_flats_mm=across_flats_mm,
         )
 
-    def travel_mm(self, angle_rad: Vector) -> Vector:
+    def travel_mm(self, angle_rad: FloatArray) -> FloatArray:
         """Return the travel ``(n,)`` for force directions ``(n,)``, mm."""
         return _design(angle_rad) @ self.harmonics_mm
 
-    def sigma_at_mm(self, angle_rad: Vector) -> Vector:
+    def sigma_at_mm(self, angle_rad: FloatArray) -> FloatArray:
         """Return the standard deviation of one touch by its direction ``(n,)``, mm.
 
-        A rod that tilts out of the pads' plane is felt less surely than one that turns in it.
+        It is larger for a rod that tilts out of the pads' plane than for one that turns in it.
         """
         if self.variance_mm2 is None:
             return np.full(np.shape(angle_rad), self.sigma_mm)
         found = _twice(angle_rad) @ self.variance_mm2
         return np.sqrt(np.maximum(found, LEAST_VARIANCE * self.sigma_mm**2))
 
-    def reach_mm(self, angle_rad: Vector, radius_mm: float) -> Vector:
+    def reach_mm(self, angle_rad: FloatArray, radius_mm: float) -> FloatArray:
         """Return how far the bit reaches towards the wall of a hole ``(n,)``, mm.
 
         Args:
@@ -100,12 +100,12 @@ class TravelModel:
         turned = np.asarray(angle_rad) - self.heading_rad
         return hexagon_reach_in_hole_mm(self.across_flats_mm, turned, radius_mm)
 
-    def systematic_mm2(self, angle_rad: Vector, gain: Vector) -> Vector:
+    def systematic_mm2(self, angle_rad: FloatArray, gain: FloatArray) -> FloatArray:
         """Return the covariance ``(k, k)`` that the calibration's own error adds to an estimate.
 
         Args:
             angle_rad: ``(n,)`` directions of the contacts.
-            gain: ``(k, n)`` how the estimate follows each contact.
+            gain: ``(k, n)`` derivative of the estimate by each contact.
         """
         row = _design(angle_rad)
         if self.heading_rad is not None and len(self.covariance_mm2) > HARMONICS:
@@ -115,8 +115,8 @@ class TravelModel:
 
 
 def hexagon_reach_in_hole_mm(
-    across_flats_mm: float, angle_rad: float | Vector, radius_mm: float
-) -> Vector:
+    across_flats_mm: float, angle_rad: float | FloatArray, radius_mm: float
+) -> FloatArray:
     """Return how far a hexagon's centre stays from the wall of a hole, mm.
 
     The corner next to the direction touches: the centre is then ``sqrt(R^2 - c^2 sin^2) - c cos``
@@ -136,7 +136,9 @@ def hexagon_reach_in_hole_mm(
     return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
 
 
-def fit_travel(angle_rad: Vector, excess_mm: Vector, across_flats_mm: float = 0.75) -> TravelModel:
+def fit_travel(
+    angle_rad: FloatArray, excess_mm: FloatArray, across_flats_mm: float = 0.75
+) -> TravelModel:
     """Fit travel and heading to touches on flat walls that face the motion.
 
     Args:
@@ -161,9 +163,9 @@ def fit_travel(angle_rad: Vector, excess_mm: Vector, across_flats_mm: float = 0.
 
 
 def _fit(
-    angle: Vector, travel: Vector, across_flats_mm: float, heading: float | None
+    angle: FloatArray, travel: FloatArray, across_flats_mm: float, heading: float | None
 ) -> TravelModel:
-    """Fit the harmonics; what they leave tells how sure a touch is in each direction."""
+    """Fit the harmonics; the residuals give the variance of a touch in each direction."""
     design = _design(angle)
     row = design if heading is None else _with_heading(angle, heading, across_flats_mm)
     harmonics = np.linalg.pinv(design) @ travel
@@ -182,26 +184,26 @@ def _fit(
     )
 
 
-def _misfit(angle: Vector, travel: Vector) -> Vector:
-    """Return the sums of squares ``(k,)`` that harmonics leave of travels ``(k, n)``."""
+def _misfit(angle: FloatArray, travel: FloatArray) -> FloatArray:
+    """Return the residual sums of squares ``(k,)`` of harmonics fitted to travels ``(k, n)``."""
     design = _design(angle)
     left = travel - travel @ (design @ np.linalg.pinv(design)).T
     return (left**2).sum(axis=1)
 
 
-def _design(angle_rad: Vector) -> Vector:
+def _design(angle_rad: FloatArray) -> FloatArray:
     angle = np.asarray(angle_rad, np.float64)
     columns = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
     return np.stack([*columns, np.cos(2.0 * angle), np.sin(2.0 * angle)], axis=-1)
 
 
-def _twice(angle_rad: Vector) -> Vector:
+def _twice(angle_rad: FloatArray) -> FloatArray:
     twice = 2.0 * np.asarray(angle_rad, np.float64)
     return np.stack([np.ones_like(twice), np.cos(twice), np.sin(twice)], axis=-1)
 
 
-def _with_heading(angle_rad: Vector, heading_rad: float, across_flats_mm: float) -> Vector:
-    """Return how an excess follows the harmonics and the heading ``(n, 6)``."""
+def _with_heading(angle_rad: FloatArray, heading_rad: float, across_flats_mm: float) -> FloatArray:
+    """Return the derivatives of an excess by harmonics and heading ``(n, 6)``."""
     turned = np.asarray(angle_rad, np.float64) - heading_rad
     ahead = hexagon_reach_mm(across_flats_mm, turned + HEADING_ERROR_RAD)
     behind = hexagon_reach_mm(across_flats_mm, turned - HEADING_ERROR_RAD)

@@ -1,8 +1,7 @@
-"""A hole by touch: its estimate, the contacts on it, and the confidence ellipse of its centre.
+"""The picture of a hole: estimate, contacts, and the confidence ellipse of the centre.
 
-What is known to some hundredths of a millimetre cannot be seen beside a radius of millimetres.
-Residuals, ellipse and the true centre's distance are therefore drawn larger than they are, by
-factors that stand in the legend.
+Errors of some hundredths of a millimetre are not visible beside a radius of millimetres. Residuals,
+ellipse and the distance of the true centre are therefore magnified by the factors in the legend.
 """
 
 from __future__ import annotations
@@ -16,29 +15,27 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
 from spikingtac.geometry.hole import Circle
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 PLANE_REGION = 5.991
 """95 % quantile of chi-squared with two degrees of freedom: the centre alone."""
 FACTORS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""By what small things are magnified: the largest that keeps them in their place."""
-CENTER_SHARE, RESIDUAL_SHARE = 0.5, 0.25
-"""Largest share of the radius that ellipse and true centre, and residuals, may take."""
+"""Possible magnifications; the largest that fits is taken."""
+CENTER_FRACTION, RESIDUAL_FRACTION = 0.5, 0.25
+"""Largest size of ellipse and residuals as a fraction of the radius."""
 HALF_WIDTH = 1.3
-"""Half the picture's width, in radii: room for the residuals outwards."""
+"""Half the picture's width, in radii: the residuals need room outside."""
 ESTIMATE_COLOR, TRUTH_COLOR, CONTACT_COLOR = "#0969da", "#cf222e", "#1f2328"
 TRUTH_WIDTH, ESTIMATE_WIDTH = 3.0, 1.2
-"""The estimate is a thin line over the broad one of the truth: they hardly differ."""
+"""Line widths: the estimate is a thin line over the broad one of the truth."""
 WIDTH_IN, HEIGHT_IN, DPI = 6.4, 7.2, 130
 
 
 @dataclass(frozen=True, kw_only=True)
 class HolePicture:
-    """What is drawn of one hole.
+    """The content of the picture of one hole.
 
     Attributes:
         circle: The estimate; its residuals belong to the readings. None where there is none.
@@ -48,13 +45,13 @@ class HolePicture:
     """
 
     circle: Circle | None
-    reading_mm: Vector
-    true_center_mm: Vector | None = None
+    reading_mm: FloatArray
+    true_center_mm: FloatArray | None = None
     true_radius_mm: float | None = None
 
     @property
-    def frame_mm(self) -> tuple[Vector, float]:
-        """What the picture is centred on: the true circle, or the estimate, or the readings."""
+    def frame_mm(self) -> tuple[FloatArray, float]:
+        """Centre and radius of the frame: of the true circle, the estimate, or the readings."""
         if self.true_center_mm is not None and self.true_radius_mm is not None:
             return self.true_center_mm, self.true_radius_mm
         if self.circle is not None:
@@ -64,7 +61,7 @@ class HolePicture:
 
     @property
     def center_factor(self) -> float:
-        """By what ellipse and true centre are magnified, one of :data:`FACTORS`."""
+        """Magnification of ellipse and true centre, one of :data:`FACTORS`."""
         if self.circle is None:
             return FACTORS[0]
         largest_mm2 = np.linalg.eigvalsh(self.circle.covariance_mm2[:2, :2])[-1]
@@ -72,15 +69,15 @@ class HolePicture:
         if self.true_center_mm is not None:
             away = np.linalg.norm(self.true_center_mm - self.circle.center_mm)
             size = max(size, float(away))
-        return _fitting(size, CENTER_SHARE * self.circle.radius_mm)
+        return _fitting(size, CENTER_FRACTION * self.circle.radius_mm)
 
     @property
     def residual_factor(self) -> float:
-        """By what the residuals are magnified, one of :data:`FACTORS`."""
+        """Magnification of the residuals, one of :data:`FACTORS`."""
         if self.circle is None:
             return FACTORS[0]
         size = float(np.abs(self.circle.residual_mm).max(initial=0.0))
-        return _fitting(size, RESIDUAL_SHARE * self.circle.radius_mm)
+        return _fitting(size, RESIDUAL_FRACTION * self.circle.radius_mm)
 
 
 def save_hole_plot(path: str | Path, title: str, picture: HolePicture) -> None:
@@ -150,7 +147,7 @@ def _fitting(size_mm: float, room_mm: float) -> float:
     return max((one for one in FACTORS if one * size_mm <= room_mm), default=FACTORS[0])
 
 
-def _on_wall(circle: Circle, reading_mm: Vector, times: float) -> Vector:
+def _on_wall(circle: Circle, reading_mm: FloatArray, times: float) -> FloatArray:
     """Return where the contacts lie on the wall ``(n, 2)``, off it by their residuals, mm."""
     away = reading_mm - circle.center_mm
     length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -168,6 +165,6 @@ def _region(circle: Circle, times: float, label: str) -> Ellipse:
     )
 
 
-def _ring(center_mm: Vector, radius_mm: float, color: str, width: float) -> Disc:
+def _ring(center_mm: FloatArray, radius_mm: float, color: str, width: float) -> Disc:
     x, y = center_mm
     return Disc((float(x), float(y)), radius_mm, fill=False, ec=color, lw=width)

@@ -1,4 +1,4 @@
-"""A picture of a tracked recording: the sensor at one moment beside the whole course."""
+"""The summary picture of a tracked recording: one moment, and the time courses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
 PICTURE_ENDINGS = (".png", ".svg", ".pdf")
 CREATOR = "spikingtac summary"
-"""Written into the picture, so that it is known for one of ours."""
+"""Creator field in the metadata of the picture."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """What happened over time.
+    """The quantities over time.
 
     Attributes:
         t_s: ``(n,)`` times, s.
@@ -67,7 +67,7 @@ def save_summary(
         title: One line above it.
         picture: The moment.
         course: The whole.
-        arrow_scale: How much longer than the displacement the arrows are.
+        arrow_scale: Length of the arrows per displacement.
     """
     from matplotlib.figure import Figure
 

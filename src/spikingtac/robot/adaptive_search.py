@@ -1,10 +1,10 @@
-"""The project's search: each touch goes where it is expected to teach most.
+"""The adaptive search: each touch has the direction that reduces the uncertainty most.
 
-The first two touches are opposite and find a chord, the third leaves its middle at a right angle;
-from then on there is a circle, and every touch starts at its centre, so that it meets the wall
-head-on, in the direction that makes the stated uncertainty of centre and radius smallest. A chord
-far from the centre meets the wall at an angle, where the bit slides and the force points out of the
-calibrated directions: such a chord finds the hole, and the estimate does not rest on it.
+The first two touches are opposite and give a chord; the third starts at its middle, at a right
+angle. These determine a circle. Every further touch starts at its centre, so that it meets the wall
+head-on. A chord far from the centre meets the wall at an angle: the bit slides, and the force is
+outside of the calibrated directions. Such a chord only locates the hole; the estimate does not use
+it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SearchError
 from spikingtac.geometry.hole import Circle
@@ -23,58 +22,54 @@ from spikingtac.geometry.touch_fit import TouchFitConfig, estimate_hole
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.cross_search import require_room
 from spikingtac.robot.prober import Prober, Touched
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 LEAST_CONTACTS = 3
 """A circle has three unknowns."""
 LEAST_CLEARANCE_MM = 0.1
-"""A hole must be this much wider than the bit's corners, mm; the plate's narrowest is by 0.27."""
+"""Least difference of the radii of hole and bit, mm; the plate's narrowest hole has 0.27."""
 SEARCHES = 2
-"""Searches of a hole before it is given up: one false contact among the first cannot be named."""
+"""Number of searches before an error: a false one of the first three contacts is not identified."""
 HEAD_ON_RAD = math.radians(10.0)
-"""Nearer to the wall's normal a touch is head-on: inside the cone of a friction of 0.18, the least
-of steel on dry plastic."""
+"""Largest angle to the wall's normal of a head-on touch, rad: it is inside the friction cone of
+0.18, the least friction of steel on dry plastic."""
+FIRST_RAD = math.pi / 4
+"""Direction of the first touch, rad (ours: inside the sector)."""
+AXIS_RAD = 0.0
+"""Direction along the pads, rad: a rod that turns in their plane moves the markers, one that tilts
+out of it hardly does."""
+SECTOR_RAD = math.radians(50.0)
+"""Largest angle between a touch and this axis, either way, rad (ours: four contacts at 45 degrees
+give as much information as four along the axes)."""
+RUN_UP_MM = 0.1
+"""Free travel that a touch needs before the wall, mm (ours: arm and detector settle there)."""
+DIRECTIONS = 72
+"""Number of directions that are compared for the next touch (ours: five degrees apart)."""
+INDIFFERENCE = 0.05
+"""Directions with an uncertainty within this fraction of the best count as equal (ours). The one
+farthest from all touched directions is taken, since neighbours share errors."""
+MISFIT_SIGMA = 6.0
+"""Largest distance of a contact from the circle, in standard deviations (ours)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveSearchConfig:
-    """When to end, and what to choose from.
+    """The settings of the search.
 
     Attributes:
-        contacts: Most contacts.
-        center_sigma_mm: End before that, once the centre's stated standard deviation along each
-            axis is below this, mm; 0 never ends early.
-        first_rad: Direction of the first touch, rad.
-        axis_rad: Direction along the pads, rad: a rod that turns in the pads' plane is felt well,
-            one that tilts out of it hardly moves the markers.
-        sector_rad: Directions farther than this from the axis, either way, are not touched (ours:
-            50 degrees; four contacts at 45 degrees tell as much as four along the axes).
-        run_up_mm: Free way that a touch needs before the wall, mm: arm and detector settle there.
-        directions: How many directions are compared for the next touch.
-        indifference: Directions whose uncertainty is within this share of the best are as good;
-            the one farthest from all that were touched is taken, since neighbours share errors.
-        misfit_sigma: Largest distance of a contact from the circle, in standard deviations.
-        fit: How contacts become a circle.
+        contacts: Largest number of contacts.
+        center_sigma_mm: The search ends earlier when the standard deviation of the centre along
+            each axis is below this, mm; 0 never ends it early.
+        fit: Settings of the estimate.
     """
 
     contacts: int = 12
     center_sigma_mm: float = 0.0
-    first_rad: float = math.pi / 4
-    axis_rad: float = 0.0
-    sector_rad: float = math.radians(50.0)
-    run_up_mm: float = 0.1
-    directions: int = 72
-    indifference: float = 0.05
-    misfit_sigma: float = 6.0
     fit: TouchFitConfig = field(default_factory=TouchFitConfig)
 
     def __post_init__(self) -> None:
-        if self.contacts < LEAST_CONTACTS or self.directions < LEAST_CONTACTS:
-            raise ConfigError(
-                f"contacts is {self.contacts} and directions {self.directions}; "
-                f"both must be at least {LEAST_CONTACTS}"
-            )
+        if self.contacts < LEAST_CONTACTS:
+            raise ConfigError(f"contacts is {self.contacts}, it must be at least {LEAST_CONTACTS}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +78,7 @@ class FoundHole:
 
     Attributes:
         circle: The hole and its uncertainty.
-        touches: The contacts that it rests on, in order; those that only found the hole are left
-            out.
+        touches: The contacts that the estimate uses, in order.
     """
 
     circle: Circle
@@ -92,16 +86,16 @@ class FoundHole:
 
 
 class _MisfitError(SearchError):
-    """The contacts make no hole that the bit fits into."""
+    """The contacts make no circle, or one that is no wider than the bit."""
 
 
 class AdaptiveSearch:
     """Searches one hole.
 
     Args:
-        prober: Who touches.
+        prober: Makes the touches.
         travel: The calibration.
-        config: When to end.
+        config: The settings.
     """
 
     def __init__(self, prober: Prober, travel: TravelModel, config: AdaptiveSearchConfig) -> None:
@@ -109,7 +103,7 @@ class AdaptiveSearch:
         self._travel = travel
         self._config = config
 
-    def run(self, start_mm: Vector) -> FoundHole:
+    def run(self, start_mm: FloatArray) -> FoundHole:
         """Search from a place inside the hole.
 
         Args:
@@ -126,7 +120,7 @@ class AdaptiveSearch:
                 return self._search(start)
         return self._search(start)
 
-    def _search(self, start: Vector) -> FoundHole:
+    def _search(self, start: FloatArray) -> FoundHole:
         touches = self._chord(start)
         touches.append(self._across(touches))
         circle = self._checked(touches)
@@ -141,9 +135,9 @@ class AdaptiveSearch:
         """Return the estimate from some contacts."""
         return hole_around(touches, self._travel, self._config.fit)
 
-    def _chord(self, start: Vector) -> list[Touched]:
-        """Touch both ways along a line; a touch that began too near the wall is made again."""
-        first = self._config.first_rad
+    def _chord(self, start: FloatArray) -> list[Touched]:
+        """Touch in both directions of a line; repeat a touch that began too near the wall."""
+        first = FIRST_RAD
         ahead = np.array([math.cos(first), math.sin(first)])
         one = self._prober.touch(start, ahead)
         other = self._prober.touch(start, -ahead)
@@ -152,7 +146,7 @@ class AdaptiveSearch:
         touches = [one, other]
         for number, touch in enumerate(touches):
             travel = float(self._travel.travel_mm(_angle(touch.direction)))
-            if touch.run_mm - travel < self._config.run_up_mm:
+            if touch.run_mm - travel < RUN_UP_MM:
                 touches[number] = self._prober.touch(middle, touch.direction)
         return touches
 
@@ -161,26 +155,24 @@ class AdaptiveSearch:
         return self._prober.touch(_middle(chord[0], chord[1]), across)
 
     def _next(self, touches: list[Touched], kept: list[Touched]) -> Touched:
-        """Touch where it teaches most; a touch that does not fit the others is made again."""
+        """Touch in the best direction; repeat a touch that does not fit the others."""
         middle, direction = self.circle(touches).center_mm, self.best_direction(kept)
         touched = self._prober.touch(middle, direction)
         if self._objection(self.circle([*touches, touched])) is None:
             return touched
         return self._prober.touch(middle, direction)
 
-    def best_direction(self, touches: list[Touched]) -> Vector:
-        """Return the unit direction ``(2,)`` that is expected to teach most.
+    def best_direction(self, touches: list[Touched]) -> FloatArray:
+        """Return the unit direction ``(2,)`` that reduces the uncertainty most.
 
-        For each candidate the covariance after one more contact there is known beforehand (the
-        information of a contact depends on its direction, not on its outcome); the one with the
-        least trace is the best.
+        The covariance after a contact is known beforehand for each candidate, since the information
+        of a contact depends on its direction alone. The best candidate has the least trace.
 
         Args:
-            touches: The contacts that the estimate rests on so far, head-on; may be none.
+            touches: The contacts that the estimate uses so far, head-on; may be none.
         """
-        config = self._config
-        angle = np.arange(config.directions) * (2.0 * math.pi / config.directions)
-        inside = np.abs(np.cos(angle - config.axis_rad)) >= math.cos(config.sector_rad) - 1e-9
+        angle = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
+        inside = np.abs(np.cos(angle - AXIS_RAD)) >= math.cos(SECTOR_RAD) - 1e-9
         angle = angle[inside]
         unit = np.column_stack([np.cos(angle), np.sin(angle)])
         touched = np.array([one.direction for one in touches], np.float64).reshape(-1, 2)
@@ -190,11 +182,11 @@ class AdaptiveSearch:
         gain = (spread**2).sum(axis=1) / (self._travel.sigma_mm**2 + (spread * row).sum(axis=1))
         left = float(np.trace(covariance)) - gain
         nearest = (unit @ touched.T).max(axis=1, initial=-1.0)
-        good = left <= float(left.min()) * (1.0 + config.indifference)
+        good = left <= float(left.min()) * (1.0 + INDIFFERENCE)
         return unit[np.flatnonzero(good)[int(nearest[good].argmin())]]
 
-    def _covariance(self, direction: Vector) -> Vector:
-        """Return the covariance ``(3, 3)`` that contacts in some directions ``(n, 2)`` leave."""
+    def _covariance(self, direction: FloatArray) -> FloatArray:
+        """Return the covariance ``(3, 3)`` after contacts in some directions ``(n, 2)``."""
         prior = self._config.fit.prior
         known = np.diag([prior.center_sigma_mm**-2.0] * 2 + [prior.radius_sigma_mm**-2.0])
         row = np.column_stack([direction, np.ones(len(direction))])
@@ -207,7 +199,7 @@ class AdaptiveSearch:
         return bool((sigma[:2] <= self._config.center_sigma_mm).all())
 
     def _checked(self, touches: list[Touched]) -> Circle:
-        """Return the estimate, where it is one.
+        """Return the estimate, if it is valid.
 
         Raises:
             SearchError: The contacts make no circle, or one that is no wider than the bit.
@@ -219,7 +211,7 @@ class AdaptiveSearch:
         return circle
 
     def _objection(self, circle: Circle) -> str | None:
-        """Return what speaks against a circle."""
+        """Return why a circle is not valid, or None."""
         corner_mm = self._travel.across_flats_mm / math.sqrt(3.0)
         if circle.radius_mm < corner_mm + LEAST_CLEARANCE_MM:
             return (
@@ -227,7 +219,7 @@ class AdaptiveSearch:
                 f"bit ({corner_mm:.2f} mm): it stands on the rim or is jammed; start inside a hole"
             )
         worst = float(np.abs(circle.residual_mm).max())
-        if worst > self._config.misfit_sigma * self._travel.sigma_mm:
+        if worst > MISFIT_SIGMA * self._travel.sigma_mm:
             return (
                 f"the contacts make no circle: one lies {worst:.3f} mm off, expected are "
                 f"{self._travel.sigma_mm:.3f} mm; a false contact, a hole that is not round, or a "
@@ -237,7 +229,7 @@ class AdaptiveSearch:
 
 
 def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFitConfig) -> Circle:
-    """Return the hole that some touches tell of; they began inside it, and so did their mean.
+    """Return the hole that fits some touches; the mean of their starts is inside it.
 
     Raises:
         ValueError: There is no touch.
@@ -248,7 +240,7 @@ def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFi
     return estimate_hole(reading, direction, inside, travel, config)
 
 
-def _angle(direction: Vector) -> Vector:
+def _angle(direction: FloatArray) -> FloatArray:
     return np.arctan2(direction[1], direction[0])
 
 
@@ -258,5 +250,5 @@ def _is_head_on(touch: Touched, circle: Circle) -> bool:
     return cosine >= math.cos(HEAD_ON_RAD)
 
 
-def _middle(one: Touched, other: Touched) -> Vector:
+def _middle(one: Touched, other: Touched) -> FloatArray:
     return (one.reading_mm + other.reading_mm) / 2.0

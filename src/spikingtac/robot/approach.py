@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState, TruthfulArm
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.types import Contact
+from spikingtac.types import Contact, FloatArray
 
-Vector = NDArray[np.float64]
 W = TypeVar("W")
 W_contra = TypeVar("W_contra", contravariant=True)
 
@@ -64,14 +62,14 @@ class Approach:
     """
 
     contact: Contact | None
-    collision_mm: Vector | None
-    true_collision_mm: Vector | None
-    stop_mm: Vector
-    true_stop_mm: Vector | None
+    collision_mm: FloatArray | None
+    true_collision_mm: FloatArray | None
+    stop_mm: FloatArray
+    true_stop_mm: FloatArray | None
     windows: int
-    direction: Vector
+    direction: FloatArray
 
-    def deviation_mm(self, real_mm: Vector, *, true: bool = True) -> float:
+    def deviation_mm(self, real_mm: FloatArray, *, true: bool = True) -> float:
         """Return the paper's detection deviation: X_collision - X_real, along the motion, mm.
 
         Args:
@@ -82,7 +80,7 @@ class Approach:
         found = self.true_collision_mm if true else self.collision_mm
         return _along(found, real_mm, self.direction)
 
-    def overshoot_mm(self, real_mm: Vector, *, true: bool = True) -> float:
+    def overshoot_mm(self, real_mm: FloatArray, *, true: bool = True) -> float:
         """Return the paper's overshoot: X_stop - X_real, along the motion, mm."""
         return _along(self.true_stop_mm if true else self.stop_mm, real_mm, self.direction)
 
@@ -113,7 +111,7 @@ class Approacher(Generic[W]):
         self._watchdog = watchdog
         self._pulled = 0
 
-    def approach(self, target_mm: Vector) -> Approach:
+    def approach(self, target_mm: FloatArray) -> Approach:
         """Move towards a target, stop at contact, and return once the arm is at rest.
 
         Raises:
@@ -145,7 +143,7 @@ class Approacher(Generic[W]):
         for _ in range(windows):
             self._pull()
 
-    def _listen(self, direction: Vector) -> Contact | None:
+    def _listen(self, direction: FloatArray) -> Contact | None:
         """Return the contact, with the stop already sent, or None at the target."""
         cruising = 0
         for _ in range(self._config.patience_windows):
@@ -189,11 +187,11 @@ class Approacher(Generic[W]):
         return state
 
 
-def _true_position(arm: Arm) -> Vector | None:
+def _true_position(arm: Arm) -> FloatArray | None:
     return arm.true_position_mm() if isinstance(arm, TruthfulArm) else None
 
 
-def _along(found_mm: Vector | None, real_mm: Vector, direction: Vector) -> float:
+def _along(found_mm: FloatArray | None, real_mm: FloatArray, direction: FloatArray) -> float:
     if found_mm is None:
         raise ValueError("there is no such position: no contact was found, or this is no twin")
     return float((found_mm - real_mm) @ direction)

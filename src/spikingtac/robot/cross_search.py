@@ -6,15 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.touch_fit import TouchFitConfig
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import Prober, Touched
-
-Vector = NDArray[np.float64]
+from spikingtac.types import FloatArray
 
 EAST, WEST = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
 NORTH, SOUTH = np.array([0.0, 1.0]), np.array([0.0, -1.0])
@@ -22,8 +20,8 @@ LEAST_ROOM_MM = 0.25
 """Opposite readings nearer than this leave no room, mm, where the travel is not known: the
 narrowest hole leaves 0.23 mm plus twice the travel, even at 0.9 of the free way."""
 LEAST_FREE_MM = 0.06
-"""The same without the travel, where it is known: a probe that leans on the rim answers when it is
-pressed on and when it is let go, so that nothing is left."""
+"""Least distance besides the travel, mm, where the travel is known: a probe on the rim is detected
+on both sides at once, which leaves nothing."""
 MISFIT_MM = 0.45
 """How far the two chords may contradict each other, mm, where the travel is not known: 0.3 mm is
 the largest difference of the travels along and across the pads."""
@@ -34,14 +32,14 @@ LEAST_COSINE = 0.2
 
 
 def cross_search(
-    prober: Prober, start_mm: Vector, travel: TravelModel | None = None
+    prober: Prober, start_mm: FloatArray, travel: TravelModel | None = None
 ) -> list[Touched]:
     """Touch +X and -X from the start, then +Y and -Y from the middle of the two.
 
     Args:
-        prober: Who touches.
+        prober: Makes the touches.
         start_mm: ``(2,)`` P0, inside the hole, mm.
-        travel: The calibration, to tell a bad start sooner; the motions do not depend on it.
+        travel: The calibration, to detect a bad start sooner; the motions do not depend on it.
 
     Returns:
         P1 to P4.
@@ -78,14 +76,14 @@ def require_room(one: Touched, other: Touched, travel: TravelModel | None = None
         )
 
 
-def _taken(touches: list[Touched], travel: TravelModel) -> Vector:
+def _taken(touches: list[Touched], travel: TravelModel) -> FloatArray:
     """Return the calibrated travel ``(n,)`` of each touch, mm."""
     direction = np.array([touch.direction for touch in touches])
     return travel.travel_mm(np.arctan2(direction[:, 1], direction[:, 0]))
 
 
 def _require_circle(touches: list[Touched], travel: TravelModel | None) -> None:
-    """Refuse a first chord that is much shorter or longer than the second says it must be.
+    """Refuse a first chord whose length contradicts the second chord.
 
     Raises:
         SearchError: Then at least one contact was none.
@@ -141,7 +139,9 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
     return replace(circle, covariance_mm2=covariance).grown(reach.offset_mm)
 
 
-def _spread_mm(away: Vector, direction: Vector, size: Vector, sigma_mm: Vector) -> Vector:
+def _spread_mm(
+    away: FloatArray, direction: FloatArray, size: FloatArray, sigma_mm: FloatArray
+) -> FloatArray:
     """Return the standard deviation ``(n,)`` of each contact along its motion, mm.
 
     A chord off the middle meets the wall at an angle: an error along the normal is longer along the
@@ -154,7 +154,7 @@ def _spread_mm(away: Vector, direction: Vector, size: Vector, sigma_mm: Vector) 
     return np.hypot(sigma_mm, slip.slip_sigma * np.abs(size) * slid) / np.cos(turn)
 
 
-def _circle(point: Vector, sigma_mm: float) -> Circle:
+def _circle(point: FloatArray, sigma_mm: float) -> Circle:
     """Return centre and R_measured of four points; the covariance is that of four even contacts."""
     center = np.array([point[:2, 0].mean(), point[2:, 1].mean()])
     distance = np.linalg.norm(point - center, axis=1)

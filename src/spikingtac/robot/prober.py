@@ -1,6 +1,6 @@
-"""One touch: approach a wall sideways, note where the arm was, and back off (Section V-C).
+"""One touch: approach a wall, record the position of the arm, and back off (Section V-C).
 
-Everything happens in a plane: the probe stands in a hole and moves in x and y, its height stays.
+All motions are in a plane: the probe stands in a hole and moves in x and y at constant height.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import Window, count_of
@@ -18,14 +17,12 @@ from spikingtac.errors import ConfigError, DeviceError, SearchError
 from spikingtac.robot.approach import ApproachConfig, Approacher
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.types import Contact
-
-Vector = NDArray[np.float64]
+from spikingtac.types import Contact, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProbingConfig:
-    """How a touch is made.
+    """The settings of a touch.
 
     Attributes:
         speed_mm_s: Speed of the touch that counts, mm/s (0.8 in the paper, Section V-C).
@@ -40,13 +37,11 @@ class ProbingConfig:
             mm; 0 counts the first touch, as published. What the pixels remember of earlier
             contacts moves the decision by up to 0.2 mm; a press that takes every pixel across its
             thresholds, and back, leaves the same memory each time.
-        agree_mm: How far finding and measuring touch may lie apart, mm; farther, and one of them
-            was false (ours: five times the spread of a touch).
-        back_off_mm: How far to go back behind the place of contact, mm.
-        travel_limit_mm: Longest way of one approach, mm.
-        force_limit_n: Force that the tip must not exceed though the wall be never felt, N.
-        tip_stiffness_n_mm: Of the grasped probe, N/mm (twin.md: 0.04 at 40 mm stick-out).
-        time_limit_s: Longest duration of one approach, s.
+        back_off_mm: Distance of the retreat from the place of contact, mm.
+        travel_limit_mm: Largest travel of one approach, mm.
+        force_limit_n: Largest force of the tip, N, even if the wall is never detected.
+        tip_stiffness_n_mm: Stiffness of the grasped probe at its tip, N/mm (twin.md: 0.04 at 40 mm
+            stick-out).
     """
 
     speed_mm_s: float = 0.8
@@ -54,13 +49,11 @@ class ProbingConfig:
     travel_speed_mm_s: float = 5.0
     find_speed_mm_s: float = 4.0
     conditioning_mm: float = 0.0
-    agree_mm: float = 0.12
     rest_windows: int = 50
     back_off_mm: float = 0.6
     travel_limit_mm: float = 11.0
     force_limit_n: float = 0.5
     tip_stiffness_n_mm: float = 0.04
-    time_limit_s: float = 60.0
 
     def __post_init__(self) -> None:
         lengths = self.speed_mm_s, self.travel_speed_mm_s, self.back_off_mm, self.reach_mm
@@ -69,7 +62,7 @@ class ProbingConfig:
 
     @classmethod
     def conditioned(cls) -> ProbingConfig:
-        """Return the project's touch: find, press on, back off, and touch again."""
+        """Return the conditioned touch: find, press on, back off, and touch again."""
         return cls(
             speed_mm_s=3.0,
             travel_speed_mm_s=8.0,
@@ -80,7 +73,7 @@ class ProbingConfig:
 
     @property
     def reach_mm(self) -> float:
-        """Longest way of one approach, mm: even one that is all push ends below the force limit."""
+        """Largest travel of one approach, mm: pressing all the way stays below the force limit."""
         return min(self.travel_limit_mm, self.force_limit_n / self.tip_stiffness_n_mm)
 
 
@@ -92,28 +85,26 @@ class Touched:
         start_mm: ``(2,)`` where the approach began, mm.
         direction: ``(2,)`` unit vector of the approach.
         reading_mm: ``(2,)`` the arm's position at the decision, as the controller reported it, mm.
-        true_mm: ``(2,)`` the same without staleness and repeatability; None on hardware.
     """
 
-    start_mm: Vector
-    direction: Vector
-    reading_mm: Vector
-    true_mm: Vector | None = None
+    start_mm: FloatArray
+    direction: FloatArray
+    reading_mm: FloatArray
 
     @property
     def run_mm(self) -> float:
-        """How far the arm had come since the start of the approach, mm."""
+        """Travel of the arm from the start of the approach to the decision, mm."""
         return float((self.reading_mm - self.start_mm) @ self.direction)
 
 
 class Prober(Protocol):
-    """What a search needs: somebody who touches walls and says where."""
+    """Touches walls and returns the places of contact; the searches need no more of an arm."""
 
-    def place_mm(self) -> Vector:
-        """Return where the probe stands ``(2,)``, mm."""
+    def place_mm(self) -> FloatArray:
+        """Return the position of the probe ``(2,)``, mm."""
         ...
 
-    def touch(self, start_mm: Vector, direction: Vector) -> Touched:
+    def touch(self, start_mm: FloatArray, direction: FloatArray) -> Touched:
         """Go to a place, approach in a direction until contact, and back off.
 
         Args:
@@ -121,18 +112,23 @@ class Prober(Protocol):
             direction: ``(2,)`` unit vector.
 
         Raises:
-            SearchError: No wall was felt within the limits; the arm is at rest.
+            SearchError: No wall was detected within the limits; the arm is at rest.
             DeviceError: Arm or sensor failed; the arm was told to stop.
         """
         ...
 
 
-FreeTravel = Callable[[Vector, Vector], bool]
+FreeTravel = Callable[[FloatArray, FloatArray], bool]
 """Brings the probe through free air to a start ``(2,)`` of an approach in a direction ``(2,)``, or
 as far ahead of it as the air is free: the twin's fast path. Where it says False, the arm moves."""
 
 MOST_TRIES = 3
-"""Pairs of touches before a place is given up; one in some hundred touches is false."""
+"""Number of pairs of touches before an error; about one touch in a hundred is false."""
+AGREE_MM = 0.12
+"""Largest distance of finding and measuring touch, mm; beyond it, one of them is false (ours: five
+times the spread of a touch)."""
+TIME_LIMIT_S = 60.0
+"""Longest duration of one approach, s (ours)."""
 WINDOW_S = 0.001
 """Period of the detector's windows, s (Section V-B)."""
 
@@ -144,13 +140,13 @@ class ArmProber:
     Args:
         arm: The arm, at rest, the probe in the hole.
         windows: Regular windows of the sensor.
-        detector: What decides on contact.
-        config: How a touch is made.
+        detector: Decides on contact.
+        config: The settings of a touch.
         watchdog: Checked with every window.
         free_travel: Moves the arm through free air in place of the arm's own motion.
 
     Attributes:
-        touches: How often a wall was touched.
+        touches: Number of touches of a wall.
     """
 
     arm: Arm
@@ -161,11 +157,11 @@ class ArmProber:
     free_travel: FreeTravel | None = None
     touches: int = field(default=0, init=False)
 
-    def place_mm(self) -> Vector:
+    def place_mm(self) -> FloatArray:
         """Return where the controller says that the probe stands ``(2,)``, mm."""
         return self.arm.pose().position_mm[:2]
 
-    def touch(self, start_mm: Vector, direction: Vector) -> Touched:
+    def touch(self, start_mm: FloatArray, direction: FloatArray) -> Touched:
         """Go, approach and back off; see :class:`Prober`."""
         start = np.asarray(start_mm, np.float64)
         heading = np.asarray(direction, np.float64)
@@ -180,7 +176,7 @@ class ArmProber:
         for _ in range(MOST_TRIES):
             found, measured = self._twice(start, heading)
             apart_mm = float((measured.reading_mm - found.reading_mm) @ heading)
-            if abs(apart_mm) <= self.config.agree_mm:
+            if abs(apart_mm) <= AGREE_MM:
                 return measured
         raise SearchError(
             f"finding and measuring touch differ by {apart_mm:.2f} mm in {MOST_TRIES} tries at "
@@ -188,8 +184,8 @@ class ArmProber:
             "contacts: calibrate its quiet windows anew"
         )
 
-    def _twice(self, start: Vector, heading: Vector) -> tuple[Touched, Touched]:
-        """Find the wall, press on, back off and measure; two witnesses of one wall."""
+    def _twice(self, start: FloatArray, heading: FloatArray) -> tuple[Touched, Touched]:
+        """Find the wall, press on, back off and measure; return both touches."""
         config = self.config
         found = self._meet(start, heading, config.find_speed_mm_s)
         self._move(found.reading_mm + config.conditioning_mm * heading, rest=False)
@@ -198,83 +194,81 @@ class ArmProber:
         self._retreat(measured)
         return found, measured
 
-    def _meet(self, start: Vector, heading: Vector, speed_mm_s: float) -> Touched:
+    def _meet(self, start: FloatArray, heading: FloatArray, speed_mm_s: float) -> Touched:
         """Approach from where the arm stands until contact."""
         self.detector.reset()
-        ear = _Ear(self.detector)
+        counting = _CountingDetector(self.detector)
         config = replace(self._approach(), speed_mm_s=speed_mm_s)
-        approacher = Approacher(self.arm, self.windows, ear, config, self.watchdog)
+        approacher = Approacher(self.arm, self.windows, counting, config, self.watchdog)
         found = approacher.approach(self._in_space(start + self.config.reach_mm * heading))
         if found.contact is None or found.collision_mm is None:
             self._move(start)
-            ear.require_life()
+            counting.require_events()
             raise _no_wall(start, heading, self.config.reach_mm)
         self.touches += 1
-        true = None if found.true_collision_mm is None else found.true_collision_mm[:2]
-        reading = found.collision_mm[:2]
-        return Touched(start, heading, reading, true)
+        return Touched(start, heading, found.collision_mm[:2])
 
     def _retreat(self, found: Touched) -> None:
-        """Go back along the way, at most to its start: that place was free."""
+        """Move back along the approach, at most to its start, which was free."""
         back_mm = min(max(found.run_mm, 0.0), self.config.back_off_mm)
         self._move(found.reading_mm - back_mm * found.direction)
 
     def _approach(self) -> ApproachConfig:
         config = self.config
-        seconds = min(config.time_limit_s, 2.0 * config.reach_mm / config.speed_mm_s + 1.0)
+        seconds = min(TIME_LIMIT_S, 2.0 * config.reach_mm / config.speed_mm_s + 1.0)
         return ApproachConfig(
             speed_mm_s=config.speed_mm_s,
             settle_windows=config.settle_windows,
             patience_windows=round(seconds / WINDOW_S),
         )
 
-    def _move(self, to_mm: Vector, rest: bool = True) -> None:
-        """Move, and wait until the rod hangs still if told; the detector does not listen."""
+    def _move(self, to_mm: FloatArray, rest: bool = True) -> None:
+        """Move without detection, and wait on request until the rod is at rest."""
         config = self.config
-        deaf = replace(self._approach(), speed_mm_s=config.travel_speed_mm_s)
-        mover = Approacher(self.arm, self.windows, _Deaf(), deaf, self.watchdog)
+        moving = replace(self._approach(), speed_mm_s=config.travel_speed_mm_s)
+        mover = Approacher(self.arm, self.windows, _NoDetector(), moving, self.watchdog)
         mover.approach(self._in_space(to_mm))
         if rest:
             mover.wait(config.rest_windows)
 
-    def _in_space(self, place_mm: Vector) -> Vector:
+    def _in_space(self, place_mm: FloatArray) -> FloatArray:
         return np.array([*place_mm, self.arm.pose().position_mm[2]])
 
 
-class _Ear:
-    """A detector that counts what it heard, to know a dead sensor from a silent one."""
+class _CountingDetector:
+    """A detector that counts windows and events, to recognise a dead sensor."""
 
     def __init__(self, detector: ContactDetector) -> None:
-        self.heard = 0
+        self.windows = 0
         self._events = 0
         self._detector = detector
 
     def update(self, window: Window) -> Contact | None:
-        self.heard += 1
+        self.windows += 1
         self._events += count_of(window)
         return self._detector.update(window)
 
-    def require_life(self) -> None:
-        """Raise where not one event came during a whole approach.
+    def require_events(self) -> None:
+        """Raise an error if there was no event during a whole approach.
 
         Raises:
-            DeviceError: Leak and vibration alone make any living sensor speak.
+            DeviceError: Leak and vibration alone cause events in a working sensor.
         """
-        if self.heard > 0 and self._events == 0:
+        if self.windows > 0 and self._events == 0:
             raise DeviceError(
-                f"the sensor gave no event in {self.heard} windows of a moving arm: it is dead, "
+                f"the sensor gave no event in {self.windows} windows of a moving arm: it is dead, "
                 "covered or masked; check the camera before anything else moves"
             )
 
 
-class _Deaf:
-    """A detector that hears nothing."""
+class _NoDetector:
+    """A detector that never decides."""
 
     def update(self, window: Window) -> Contact | None:
         return None
 
 
-def _no_wall(start: Vector, heading: Vector, reach_mm: float) -> SearchError:
+def _no_wall(start: FloatArray, heading: FloatArray, reach_mm: float) -> SearchError:
     angle = float(np.degrees(np.arctan2(heading[1], heading[0])))
     return SearchError(
         f"no wall within {reach_mm:g} mm of ({start[0]:.2f}, {start[1]:.2f}) mm towards "

@@ -9,7 +9,7 @@ from spikingtac.errors import ConfigError, SearchError
 from spikingtac.experiments.holes.scoring import REGION
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.adaptive_search import SECTOR_RAD, AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac.robot.prober import ProbingConfig
 from stand_ins.touching import IdealProber
@@ -70,7 +70,7 @@ def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
 def test_it_stays_in_the_sector_and_goes_all_around_it() -> None:
     config = AdaptiveSearchConfig()
     direction = np.array([t.direction for t in search(config).run(np.array(CENTER_MM)).touches])
-    assert np.abs(direction[:, 0]).min() >= math.cos(config.sector_rad) - 1e-9
+    assert np.abs(direction[:, 0]).min() >= math.cos(SECTOR_RAD) - 1e-9
     quarters = {(x > 0, y > 0) for x, y in direction}
     assert len(quarters) == 4
 

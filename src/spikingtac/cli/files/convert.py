@@ -1,4 +1,4 @@
-"""``spikingtac convert``: rewrite an event file in another format, or cut time out of it."""
+"""``spikingtac convert``: write an event file in another format, or a part of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spikingtac.errors import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Rewrite an event file in the format of the new name's ending; damage is mended on the way."""
+    """Write an event file in another format, chosen by the ending; damage is repaired."""
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(name="in", metavar="IN")]
     """Event file or recording folder to read."""
@@ -23,21 +23,21 @@ class Args:
     from_us: int | None = None
     """First microsecond to keep."""
     to_us: int | None = None
-    """First microsecond to leave out again."""
+    """First microsecond after the part to keep."""
     flip_polarity: bool = False
     """Exchange ON and OFF, so that dark markers read as white ones."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
-    """Words of a .raw file; EVT3 unless given."""
+    """Encoding of a .raw file; EVT3 unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False
-    """Refuse a damaged file instead of mending it."""
+    """Refuse a damaged file instead of repairing it."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Copy the events and say how many were written."""
+    """Copy the events and print how many were written."""
     from spikingtac.events.create import create_events
     from spikingtac.events.filters import flip_polarity, time_slice
     from spikingtac.events.open import open_events

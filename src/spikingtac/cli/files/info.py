@@ -1,4 +1,4 @@
-"""``spikingtac info``: what an event file holds, and what is wrong with it."""
+"""``spikingtac info``: the content of an event file, and its damage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
 
 PEAK_WINDOW_US = 1_000
-"""Windows in which the peak rate is counted: the project's contact window."""
+"""Window of the peak rate, us: that of contact detection."""
 
 US_PER_S = 1_000_000
 EVENTS_PER_MEV = 1_000_000
@@ -22,22 +22,22 @@ EVENTS_PER_MEV = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Say what an event file or recording folder holds: format, size, counts, rates, damage."""
+    """Print the content of an event file or recording folder: format, size, rates, damage."""
 
     file: tyro.conf.Positional[Path]
     """Event file or recording folder."""
     sensor: int = 0
-    """In a folder, the sensor: 1 reads events_1.raw."""
+    """In a folder, the sensor to read: 1 reads events_1.raw."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
-    """RAW words to assume, whatever the header says."""
+    """Encoding of a RAW file; it overrides the header."""
     strict: bool = False
-    """Refuse a damaged file instead of counting what is wrong."""
+    """Refuse a damaged file instead of counting the anomalies."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
 
 def run(args: Args) -> int:
-    """Read the whole file once and print what it holds."""
+    """Read the whole file once and print its content."""
     from spikingtac.events.open import open_events
 
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
@@ -48,7 +48,7 @@ def run(args: Args) -> int:
     for note in source.notes:
         remark(f"note: {note}")
     anomalies = found.pop("anomalies")
-    rows = [(key, _spoken(value)) for key, value in found.items()]
+    rows = [(key, _text(value)) for key, value in found.items()]
     emit_table(str(args.file), ("", ""), rows, words=2)
     if anomalies:
         from spikingtac.events.formats.codec import KINDS
@@ -90,7 +90,7 @@ def summary(source: FileSource) -> dict[str, Any]:
 
 
 class _PeakCounter:
-    """The largest count in any window, for events that come in order of time."""
+    """The largest number of events in a window, for events in order of time."""
 
     def __init__(self, window_us: int) -> None:
         self._window_us = window_us
@@ -109,7 +109,7 @@ class _PeakCounter:
         return self._peak
 
 
-def _spoken(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return " x ".join(map(str, value)) if isinstance(value, list) else str(value)

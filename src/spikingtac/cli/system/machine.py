@@ -15,7 +15,7 @@ USBFS_MEMORY_MB = 1000
 USB3_SPEED_MBIT_S = 5000
 """SuperSpeed; an event camera on USB 2 (480) drops events in fast motion."""
 VIEWER_PORT = 8765
-"""Where ``spikingtac view`` serves its page unless told."""
+"""Port of ``spikingtac view`` unless given."""
 CAMERA_VENDORS = {"03fd": "Prophesee", "04b4": "Prophesee (Cypress bridge)", "1fc9": "Prophesee",
                   "152a": "iniVation"}  # fmt: skip
 """USB vendor id -> whose event cameras carry it."""

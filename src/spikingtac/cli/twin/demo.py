@@ -24,25 +24,25 @@ class Args:
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     seed: int = 1
-    """Varies place, depth and speed of the finger."""
+    """Seed of place, depth and speed of the finger."""
     host: str = "127.0.0.1"
     """Address to serve on; beyond loopback the printed address carries a random token."""
     port: int = 8765
     """Port, or 0 for any free one."""
     no_browser: bool = False
-    """Serve, but open no browser."""
+    """Serve the page, but open no browser."""
     headless: bool = False
-    """Serve without a browser, end by itself, print the summary."""
+    """Serve without a browser, end after --seconds, and print the summary."""
     seconds: float | None = None
-    """How long to run; without end unless given (10 with --headless)."""
+    """Duration, s; without end unless given (10 with --headless)."""
     picture: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo.png")
-    """File for a picture of what was seen (.png, .svg, .pdf); the tracks go beside it."""
+    """File for a summary picture (.png, .svg, .pdf); the tracks are written beside it."""
     json: bool = False
     """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
-    """Simulate, track, serve; print what was seen once it ends."""
+    """Simulate, track and serve, and print the summary at the end."""
     from spikingtac.viewer.export.output_files import tracks_beside
 
     remark("simulating a finger on the skin; the first start compiles its kernels")

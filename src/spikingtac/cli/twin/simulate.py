@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import ConfigError
-
-CameraName = Literal["clean", "typical", "noisy"]
+from spikingtac.sim.camera.config import CAMERA_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,17 +25,18 @@ class Args:
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
     """Folder to write: events.raw, truth.npz, manifest.json."""
     seed: int = 0
-    """Of the motions' variations and of the camera's noise; equal seeds give equal bytes."""
+    """Seed of the motions' variations and of the camera's noise; equal seeds give equal bytes."""
     duration_s: float | None = None
-    """Length, s: a shorter one cuts the scene, a longer one repeats its contacts."""
-    camera: CameraName | None = None
-    """Camera preset; the scene's own (typical) unless told."""
+    """Length, s; a shorter one cuts the scene, a longer one repeats its contacts."""
+    camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
+    """Camera preset; the scene's own (typical) unless given."""
     serial: int | None = None
-    """Which sensor of the series: its tolerances; the scene's own unless told."""
+    """Serial number of the sensor specimen, which sets its tolerances; the scene's own unless
+    given."""
     overwrite: bool = False
-    """Replace a recording that is already there."""
+    """Replace an existing recording."""
     list: bool = False
-    """Print the scenes, one per line: name, two spaces, what it is."""
+    """Print the scenes, one per line: name, two spaces, description."""
     json: bool = False
     """Print one JSON object."""
 

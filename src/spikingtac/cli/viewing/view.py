@@ -10,14 +10,15 @@ import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
+from spikingtac.sim.camera.config import CAMERA_NAMES
 
 HEADLESS_S = 10.0
-"""How long --headless runs where --seconds is not given."""
+"""Duration with --headless where --seconds is not given, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """View a recording, a recording folder or a scene of the twin in the browser."""
+    """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
     """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
@@ -29,31 +30,31 @@ class Args:
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
     seed: int = 0
-    """Of a scene."""
-    camera: str | None = None
-    """Camera preset of a scene (an unknown name lists all); its own unless given."""
+    """Seed of a scene."""
+    camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
+    """Camera preset of a scene; the scene's own unless given."""
     host: str = "127.0.0.1"
     """Address to serve on; beyond loopback the printed address carries a random token."""
     port: int = 8765
     """Port, or 0 for any free one."""
     no_browser: bool = False
-    """Serve, but open no browser."""
+    """Serve the page, but open no browser."""
     headless: bool = False
-    """Serve without a browser, end by itself, print the summary."""
+    """Serve without a browser, end after --seconds, and print the summary."""
     seconds: float | None = None
-    """How long to run; without end unless given (10 with --headless)."""
+    """Duration, s; without end unless given (10 with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File for a picture of what was seen: .png, .svg or .pdf."""
+    """File for a summary picture: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
     overwrite: bool = False
-    """Replace an export that is already there."""
+    """Replace an existing export."""
     json: bool = False
     """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
-    """Serve the page; print a summary at the end."""
+    """Serve the page, and print the summary at its end."""
     check_seconds(args.seconds)
     arguments = {
         "source": args.source,
@@ -65,7 +66,7 @@ def run(args: Args) -> int:
     }
     if args.export is not None:
         if args.picture is not None:
-            raise ConfigError("--picture shows what a page saw; give it or --export, not both")
+            raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
     else:
         summary = show_source(arguments, args, repeat=False)
@@ -74,7 +75,7 @@ def run(args: Args) -> int:
 
 
 def check_seconds(seconds: float | None) -> None:
-    """Refuse a session of no length.
+    """Refuse a duration that is not positive.
 
     Raises:
         ConfigError: ``seconds`` is not above 0.
@@ -117,12 +118,12 @@ def show_source(
 
 
 def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
-    """Print the summary of the session, as a table or as JSON."""
+    """Print the summary, as a table or as JSON."""
     if as_json:
         emit_json({"source": source, **summary})
         return
     rows = ((name.replace("_", " "), _text(value)) for name, value in summary.items())
-    emit_table(f"what was seen of {source}", ("", ""), rows)
+    emit_table(f"summary of {source}", ("", ""), rows)
 
 
 def _text(value: Any) -> str:

@@ -13,8 +13,10 @@ from spikingtac.cli.robot import probe_arm, probe_twin
 from spikingtac.cli.robot.probe import Args, run
 from spikingtac.cli.robot.probe_result import output_paths
 from spikingtac.errors import ConfigError
+from spikingtac.robot.robotiq import RobotiqConfig, RobotiqGripper
 from spikingtac.sim.rig.walls import HoleWall, NoWall
 from spikingtac.types import EventPacket
+from stand_ins.robotiq_gripper import FakeGripper
 from stand_ins.touching import IdealProber
 
 HOST = "192.0.2.1"
@@ -159,3 +161,57 @@ def test_a_dead_sensor_is_known_before_the_arm_is_asked(
     monkeypatch.setattr(probe_arm, "connect", connected)
     assert main(arm_arguments) == 3
     assert "gave no event in its first 200 windows" in capsys.readouterr().err
+
+
+@pytest.fixture
+def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
+    """A gripper whose fingers meet the probe at half their way."""
+    with FakeGripper(object_at=120) as fake:
+
+        def connect(args: Args) -> RobotiqGripper:
+            return RobotiqGripper("127.0.0.1", RobotiqConfig(port=fake.port))
+
+        monkeypatch.setattr(probe_arm, "connect_gripper", connect)
+        monkeypatch.setattr(probe_arm, "GRIP_SETTLE_S", 0.0)
+        yield fake
+
+
+@pytest.mark.parametrize(("flags", "position"), [([], 120), (["--release"], 0)])
+def test_the_gripper_closes_on_the_probe_and_opens_on_request(
+    flags: list[str],
+    position: int,
+    arm_arguments: list[str],
+    gripper: FakeGripper,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([*arm_arguments, "--gripper", *flags, "-o", str(tmp_path), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["grip"] == {"object": "held", "position": 120}
+    assert json.loads((tmp_path / "hole.json").read_text())["grip"] == summary["grip"]
+    assert gripper.values["FOR"] == 0
+    assert gripper.values["POS"] == position
+
+
+def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
+    arm_arguments: list[str],
+    gripper: FakeGripper,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def connected(args: Args) -> StillArm:
+        raise AssertionError("the arm was asked")
+
+    gripper.object_at = None
+    monkeypatch.setattr(probe_arm, "connect", connected)
+    assert main([*arm_arguments, "--gripper"]) == 3
+    assert "holds nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [({"gripper": True}, "--gripper is for an arm"), ({"release": True}, "give --gripper too")],
+)
+def test_gripper_flags_need_what_they_act_on(given: dict[str, bool], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        run(Args(**given))  # type: ignore[arg-type]

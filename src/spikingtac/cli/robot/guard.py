@@ -1,0 +1,152 @@
+"""``spikingtac guard``: watch a camera's stream and stop an arm at the first contact."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, remark
+from spikingtac.contact.registry import DETECTORS
+from spikingtac.errors import ConfigError, DeviceError, named
+
+if TYPE_CHECKING:
+    from spikingtac.contact.detector import ContactDetector
+    from spikingtac.live.contact_process import ContactProcess
+    from spikingtac.robot.arm import Arm
+
+POLL_S = 0.02
+"""Time between two looks at the state of the guarding process, s."""
+SILENCE_S = 1.0
+"""Age of the last state at which the guarding process counts as stalled, s; it is renewed every
+0.02 s."""
+ENDED = ("ended", "failed")
+"""Phases after which the guarding process does nothing more."""
+NOT_A_SAFETY_FUNCTION = (
+    "note: this is no safety function: it does not replace the robot's protective stop"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Watch a camera's stream and stop a moving UR arm at the first contact.
+
+    Another program moves the arm. The arm is also stopped when the stream ends, stalls or lags
+    behind. This is not a safety function: it does not replace the robot's protective stop.
+    """
+
+    arm: str
+    """Address of the UR arm."""
+    events: Path
+    """Named pipe of the finger's camera, with RAW events."""
+    calibration: Path
+    """calibration.json of that finger."""
+    quiet: Path
+    """Recording of the moving arm without contact, from which the detector learns."""
+    detector: Annotated[str, tyro.conf.arg(metavar="|".join(DETECTORS))] = "default"
+    """Contact detector: default (signed, sequential) or event_count (as published)."""
+    budget: float = 1.0
+    """Accepted number of false contacts per hour of free motion."""
+    json: bool = False
+    """Print one JSON object at the end."""
+
+
+def run(args: Args) -> int:
+    """Guard the arm until a contact or a fault, and print which.
+
+    Raises:
+        ConfigError: An argument is not valid; nothing was connected.
+        DeviceError: The stream or the arm failed; the arm was told to stop.
+    """
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+
+    named(DETECTORS, args.detector, "contact detector")
+    if not args.budget > 0.0:
+        raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
+    if not is_stream(args.events):
+        raise ConfigError(
+            f"--events is {str(args.events)!r}, it must be a camera's named pipe; "
+            "to find the contacts in a recording: spikingtac contact RECORDING"
+        )
+    remark(NOT_A_SAFETY_FUNCTION)
+    process = start(args)
+    try:
+        status = _wait(process)
+    finally:
+        process.close()
+    if status["phase"] == "failed" or status["contact"] is None:
+        raise DeviceError(f"the guard stopped the arm without a contact: {status['reason']}")
+    summary = {name: status[name] for name in ("contact", "latency", "windows", "health")}
+    if args.json:
+        emit_json(summary)
+    else:
+        remark(f"contact at {summary['contact']['t_us']} us, the arm was told to stop")
+    return 0
+
+
+def start(args: Args) -> ContactProcess:
+    """Start the process that watches the stream and stops the arm."""
+    from spikingtac.live.arrivals import stream_arrivals
+    from spikingtac.live.contact_process import ContactProcess, Maker
+    from spikingtac.robot.ur import URArm
+
+    learning = {
+        "name": args.detector,
+        "calibration": str(args.calibration),
+        "quiet": str(args.quiet),
+        "budget": args.budget,
+    }
+    arm: Maker[Arm] = Maker(function=URArm, arguments={"host": args.arm})
+    return ContactProcess(
+        Maker(function=stream_arrivals, arguments={"path": str(args.events)}),
+        Maker(function=learnt_detector, arguments=learning),
+        arm,
+    )
+
+
+def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> ContactDetector:
+    """Build a detector from a quiet recording; the guarding process calls this.
+
+    Args:
+        name: Name of the detector.
+        calibration: Path of the finger's calibration.
+        quiet: Path of the quiet recording.
+        budget: Accepted number of false contacts per hour.
+    """
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.contact.registry import DetectionConfig, make_detector
+    from spikingtac.events.open import open_events
+    from spikingtac.events.windows import windows
+
+    config = DetectionConfig(false_alarms_per_hour=budget)
+    learning = ((window,) for window in windows(open_events(quiet), period_us=1000))
+    return make_detector(name, config, [Calibration.load(calibration)], learning)
+
+
+def _wait(process: ContactProcess) -> dict[str, Any]:
+    """Return the last state of the guarding process, after a contact or a fault.
+
+    Raises:
+        DeviceError: The process died, or its stream stalled.
+    """
+    ready = False
+    while True:
+        alive = process.alive()  # before the state: a process that has ended left its last one
+        status = process.status()
+        if status.get("phase") in ENDED:
+            return status
+        if not alive:
+            raise DeviceError(
+                "the guarding process died; the controller's own watchdog stops the arm: check both"
+            )
+        if status and time.monotonic() - status["at_s"] > SILENCE_S:
+            raise DeviceError(
+                "the stream stalled, the watchdog told the arm to stop; check camera and cable"
+            )
+        if status and not ready:
+            ready = True
+            remark("watching: the self-test has told the arm to stop; start its motion now")
+        time.sleep(POLL_S)

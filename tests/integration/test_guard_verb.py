@@ -1,0 +1,75 @@
+"""``spikingtac guard``: a contact ends it well, a fault with an error; the arm stops in both."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.cli.robot import guard
+from spikingtac.events.create import create_events
+from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.robot.watchdog import WatchdogConfig
+from stand_ins.guarded import NotingArm, detector, paced, stops
+from stand_ins.moving_rims import SIZE, calibration, windows
+
+CALM = WatchdogConfig(stale_s=0.25, backlog_s=2.0)
+
+
+@pytest.fixture
+def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.setattr("spikingtac.events.formats.evt.raw_stream.is_stream", lambda path: True)
+    files = ["--events", "pipe", "--calibration", "finger.json", "--quiet", "quiet.raw"]
+    return ["guard", "--arm", "192.0.2.1", *files, "--json"]
+
+
+def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the verb guard an arm that notes its stops, with a stream in slow real time."""
+
+    def start(args: guard.Args) -> ContactProcess:
+        arm = Maker(function=NotingArm, arguments={"notes": str(notes)})
+        source = Maker(function=paced, arguments=stream)
+        return ContactProcess(source, Maker(function=detector), arm, CALM)
+
+    monkeypatch.setattr(guard, "start", start)
+
+
+@pytest.mark.parametrize(
+    ("stream", "code"), [({"touch": 300}, 0), ({"end": 50}, 3)], ids=["contact", "end of stream"]
+)
+def test_contact_and_fault_stop_the_arm(
+    stream: dict[str, int],
+    code: int,
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    notes = tmp_path / "stops"
+    watch(stream, notes, monkeypatch)
+    assert main(words) == code
+    assert len(stops(notes)) == 2  # the self-test, and the contact or the fault
+    summary = json.loads(capsys.readouterr().out)
+    if code == 0:
+        assert 300_000 < summary["contact"]["t_us"] <= 304_000
+    else:
+        assert "the event stream ended" in summary["error"]
+
+
+def test_a_recording_is_no_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "events.raw").write_bytes(b"")
+    files = ["--calibration", "finger.json", "--quiet", "quiet.raw"]
+    recording = str(tmp_path / "events.raw")
+    assert main(["guard", "--arm", "192.0.2.1", "--events", recording, *files]) == 2
+    assert "must be a camera's named pipe" in capsys.readouterr().err
+
+
+def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:
+    calibration().save(tmp_path / "finger.json")
+    quiet = tmp_path / "quiet.npz"
+    with create_events(quiet, SIZE) as writer:
+        for window in windows(300, seed=1):
+            writer.write(window)
+    paths = str(tmp_path / "finger.json"), str(quiet)
+    learnt = guard.learnt_detector("event_count", *paths, 1.0)
+    assert all(learnt.update(window) is None for window in windows(20, seed=2, first=300))
