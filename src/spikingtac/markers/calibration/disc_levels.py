@@ -1,0 +1,125 @@
+"""Discs as the calibration's kernels see them: tables of brightness over the distance to the rim.
+
+See :mod:`spikingtac.markers.profile` for the formula of the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.profile import DiscProfile
+
+REACH_EDGES = 6.0
+"""Tables reach so many edge widths to both sides of the rim; the level is within 0.01 of its ends
+there for contrasts up to 12."""
+
+TABLE_STEPS = 256
+"""Entries of a table: the level changes by at most 0.02 between two."""
+
+NEIGHBOURS = 8
+"""Nearest markers that a disc is told from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Discs:
+    """How each marker looks.
+
+    Attributes:
+        radius_px: ``(m,)`` nominal radius, px.
+        edge_px: ``(m,)`` logistic scale of the edge, px.
+        contrast: ``(m,)`` intensity of the marker over that of its ground, above 1.
+    """
+
+    radius_px: NDArray[np.float64]
+    edge_px: NDArray[np.float64]
+    contrast: NDArray[np.float64]
+
+    def with_shape(
+        self, radius_px: NDArray[np.float64], edge_px: NDArray[np.float64]
+    ) -> Discs:
+        """Return the same discs with other radii and edges."""
+        return replace(self, radius_px=radius_px, edge_px=edge_px)
+
+    @property
+    def shape(self) -> NDArray[np.float64]:
+        """``(m, 3)`` radius, edge (px) and contrast minus 1, as kernels read them."""
+        return np.column_stack([self.radius_px, self.edge_px, self.contrast - 1.0])
+
+    @property
+    def tables(self) -> NDArray[np.float32]:
+        """``(m, TABLE_STEPS)`` level from -REACH_EDGES to +REACH_EDGES edge widths."""
+        z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
+        return np.array(
+            [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast], np.float32
+        )
+
+
+def nearest_markers(center_px: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return ``(m, k)`` indices of each marker's nearest others, nearest first."""
+    distance = np.hypot(*(center_px[:, np.newaxis] - center_px[np.newaxis]).transpose(2, 0, 1))
+    count = min(NEIGHBOURS, len(center_px) - 1)
+    return np.ascontiguousarray(np.argsort(distance, axis=1)[:, 1 : 1 + count])
+
+
+@njit(cache=True, inline="always")
+def bounds_kernel(center: float, reach: float, size: int) -> tuple[int, int]:
+    """Return the first pixel and the one after the last within ``reach``, inside of the image."""
+    first = max(0, int(np.floor(center - reach)))
+    last = min(size, int(np.ceil(center + reach)) + 1)
+    return first, max(first, last)
+
+
+@njit(cache=True, inline="always")
+def level_kernel(q_px: float, edge_px: float, table: NDArray[np.float32]) -> np.float32:
+    """Return the level at a distance outside of the rim from a marker's table."""
+    z = (q_px / edge_px + REACH_EDGES) * ((TABLE_STEPS - 1) / (2.0 * REACH_EDGES))
+    if z >= TABLE_STEPS - 1:
+        return np.float32(0.0)
+    if z <= 0.0:
+        return np.float32(1.0)
+    cell = int(z)
+    return table[cell] + np.float32(z - cell) * (table[cell + 1] - table[cell])
+
+
+@njit(cache=True)
+def draw_kernel(
+    center: NDArray[np.float64],
+    discs: tuple[NDArray[np.float64], NDArray[np.float32]],
+    image: tuple[NDArray[np.float32], NDArray[np.int32]],
+    touched: NDArray[np.int64],
+) -> int:
+    """Draw all discs; return how many pixels were touched.
+
+    Args:
+        center: ``(m, 2)`` places, px.
+        discs: Shape ``(m, 3)`` and tables ``(m, TABLE_STEPS)``.
+        image: ``(height, width)`` level and owner; the owner must be -1 everywhere before.
+        touched: Room for the indices of the touched pixels.
+    """
+    shape, tables = discs
+    level, owner = image
+    height, width = level.shape
+    count = 0
+    for m in range(len(shape)):
+        radius, edge = shape[m, 0], shape[m, 1]
+        reach = radius + REACH_EDGES * edge
+        top, bottom = bounds_kernel(center[m, 1], reach, height)
+        left, right = bounds_kernel(center[m, 0], reach, width)
+        for y in range(top, bottom):
+            for x in range(left, right):
+                rho = np.sqrt((x - center[m, 0]) ** 2 + (y - center[m, 1]) ** 2)
+                if rho > reach:
+                    continue
+                value = level_kernel(rho - radius, edge, tables[m])
+                if owner[y, x] < 0:
+                    touched[count] = y * width + x
+                    count += 1
+                elif value <= level[y, x]:
+                    continue
+                level[y, x] = value
+                owner[y, x] = m
+    return count
