@@ -1,4 +1,4 @@
-"""The events of a recording kept in memory: calibration reads them several times, also backwards."""
+"""The events of a recording, kept in memory to be read several times, also backwards."""
 
 from __future__ import annotations
 

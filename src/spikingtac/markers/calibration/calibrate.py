@@ -16,18 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
 from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.following import Follower, PixelSteps
 from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, mean_steps
-from spikingtac.markers.calibration.quality import Quality, judge, provenance, refuse_without_grid
+from spikingtac.markers.calibration.quality import (
+    Quality,
+    judge,
+    level_changes,
+    provenance,
+    refuse_without_grid,
+)
 from spikingtac.markers.calibration.reference import Method, mean_pitch_px, reference
 from spikingtac.markers.calibration.refinement import (
     Refined,
     choose_states,
-    level_changes,
     refine,
 )
 from spikingtac.markers.calibration.rest import (
@@ -58,8 +63,8 @@ FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
 FIRST_RADIUS_SHARE = 0.95
 """Radius from which it begins, as a share of that of the blobs, which the blur makes larger."""
 
-EVENTS_PER_SAMPLE = 20
-"""Samples are so many events per marker apart: markers move by 0.2 px between two."""
+SAMPLE_PX = 0.2
+"""Samples are so far apart that the markers move by this much between two, on the average."""
 
 MOST_SAMPLES = 6_000
 """Bound of the samples: longer recordings are sampled more coarsely."""
@@ -101,9 +106,7 @@ class CalibrationConfig:
     most_events: int = 100_000_000
     rest: RestConfig = field(default_factory=RestConfig)
     blobs: BlobConfig = field(
-        default_factory=lambda: BlobConfig(
-            threshold=0.45, min_area_px=12.0, max_area_px=20_000.0
-        )
+        default_factory=lambda: BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
     )
 
     def __post_init__(self) -> None:
@@ -230,10 +233,15 @@ def _explained(look: _Look, config: CalibrationConfig) -> tuple[Refined, Learned
 def _samples(look: _Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     # Events before each sample; first, typical and last sample of each rest.
     events = look.events
-    apart = max(EVENTS_PER_SAMPLE * len(look.sighting.center_px), len(events) // MOST_SAMPLES)
+    # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
+    diameter_px = 2.0 * look.sighting.radius_px * len(look.sighting.center_px)
+    events_per_px = diameter_px * (1.0 / look.steps.on + 1.0 / look.steps.off)
+    apart = max(int(SAMPLE_PX * events_per_px), len(events) // MOST_SAMPLES, 1)
     begin_us, length_us = look.rests_us[:, :1], np.diff(look.rests_us, axis=1)
     rest = events.index_at((begin_us + length_us * np.array(REST_SHARES)).astype(np.int64))
-    index = np.unique(np.concatenate([np.arange(0, len(events), apart), rest.ravel(), [len(events)]]))
+    index = np.unique(
+        np.concatenate([np.arange(0, len(events), apart), rest.ravel(), [len(events)]])
+    )
     return index, np.searchsorted(index, rest)
 
 
@@ -287,9 +295,7 @@ def _assembled(
         px_per_mm=scale,
         provenance={
             "method": config.method,
-            "unloaded_rests_us": (
-                look.events.t_start_us + look.rests_us[look.unloaded]
-            ).tolist(),
+            "unloaded_rests_us": (look.events.t_start_us + look.rests_us[look.unloaded]).tolist(),
             "missing": np.flatnonzero(~measured).tolist(),
             "swings": np.round(learned.swings, 1).tolist(),
             "residual": np.round(refined.residual, 4).tolist(),

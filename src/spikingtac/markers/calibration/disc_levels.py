@@ -1,4 +1,4 @@
-"""Discs as the calibration's kernels see them: tables of brightness over the distance to the rim.
+"""Discs as the calibration's kernels draw and fit them.
 
 See :mod:`spikingtac.markers.profile` for the formula of the level.
 """
@@ -20,6 +20,31 @@ there for contrasts up to 12."""
 TABLE_STEPS = 256
 """Entries of a table: the level changes by at most 0.02 between two."""
 
+ITERATIONS = 3
+"""Gauss-Newton steps at each sample: the markers move by less than a pixel between two."""
+
+LARGEST_STEP_PX = 1.5
+"""Bound of one Gauss-Newton step."""
+
+INSIDE_EDGES, OUTSIDE_EDGES, MARGIN_PX = 4.5, 3.5, 1.0
+"""The annulus of a fit: so many edge widths, and this margin, inside and outside of the rim."""
+
+RESIDUAL_LEVEL = 0.3
+"""Residuals beyond this level count less (Cauchy weights)."""
+
+LEVEL_VARIANCE = 0.003
+"""Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
+swing, ours: the rms of the levels that the model left over on simulated recordings.)"""
+
+IN_BAND_WEIGHT = 0.6
+"""A level inside of its band counts less than one outside of it."""
+
+AGREEING_LEVEL = 0.35
+"""A pixel agrees with the disc within this level."""
+
+SMALL_STEP_PX = 0.01
+"""A fit ends after a smaller step."""
+
 NEIGHBOURS = 8
 """Nearest markers that a disc is told from."""
 
@@ -38,9 +63,7 @@ class Discs:
     edge_px: NDArray[np.float64]
     contrast: NDArray[np.float64]
 
-    def with_shape(
-        self, radius_px: NDArray[np.float64], edge_px: NDArray[np.float64]
-    ) -> Discs:
+    def with_shape(self, radius_px: NDArray[np.float64], edge_px: NDArray[np.float64]) -> Discs:
         """Return the same discs with other radii and edges."""
         return replace(self, radius_px=radius_px, edge_px=edge_px)
 
@@ -123,3 +146,119 @@ def draw_kernel(
                 level[y, x] = value
                 owner[y, x] = m
     return count
+
+
+@njit(cache=True)
+def crowded_kernel(
+    m: int,
+    place: NDArray[np.float64],
+    reach: float,
+    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+) -> bool:
+    """Return whether another disc's surroundings overlap those within ``reach`` of a place."""
+    center, nearest, _ = scene
+    for other in nearest[m]:
+        dx, dy = center[other, 0] - place[0], center[other, 1] - place[1]
+        if dx * dx + dy * dy < 4.0 * reach * reach:
+            return True
+    return False
+
+
+@njit(cache=True)
+def nearer_kernel(
+    x: float,
+    y: float,
+    q_px: float,
+    m: int,
+    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+) -> bool:
+    """Return whether a pixel at ``q_px`` from marker ``m``'s rim is nearer to another's rim."""
+    center, nearest, shape = scene
+    for other in nearest[m]:
+        limit = max(q_px + shape[other, 0], 0.0)
+        if (x - center[other, 0]) ** 2 + (y - center[other, 1]) ** 2 < limit * limit:
+            return True
+    return False
+
+
+@njit(cache=True)
+def sums_kernel(
+    state: tuple[NDArray[np.float32], NDArray[np.int8]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    m: int,
+    place: NDArray[np.float64],
+    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+    sums: NDArray[np.float64],
+) -> None:
+    """Sum the normal equations of a disc's centre: xx, xy, yy, x, y, edge in all, edge agreeing.
+
+    ``state`` is the level at which each pixel last fired and the polarity of that event; ``scene``
+    is places ``(m, 2)``, nearest others ``(m, k)`` and shapes ``(m, 3)``.
+    """
+    level, side = state
+    height, width = level.shape
+    radius, edge, k = scene[2][m]
+    swing = np.log1p(k)
+    outer = OUTSIDE_EDGES * edge + MARGIN_PX
+    inner = -INSIDE_EDGES * edge - MARGIN_PX
+    sums[:] = 0.0
+    top, bottom = bounds_kernel(place[1], radius + outer, height)
+    left, right = bounds_kernel(place[0], radius + outer, width)
+    crowded = crowded_kernel(m, place, radius + outer, scene)
+    for y in range(top, bottom):
+        for x in range(left, right):
+            dx, dy = x - place[0], y - place[1]
+            rho = np.sqrt(dx * dx + dy * dy)
+            q = rho - radius
+            if q > outer or q < inner or rho < 0.5:
+                continue
+            if crowded and nearer_kernel(x, y, q, m, scene):
+                continue
+            cover = 1.0 / (1.0 + np.exp(q / edge))
+            light = 1.0 + k * cover
+            expected = np.log(light) / swing
+            slope = k * cover * (1.0 - cover) / (edge * light * swing)
+            on, off = steps[0][y, x], steps[1][y, x]
+            value, variance = level[y, x] + 0.5 * (on - off), (on + off) ** 2
+            if side[y, x] > 0:
+                value, variance = level[y, x] + 0.5 * on, on * on
+            elif side[y, x] < 0:
+                value, variance = level[y, x] - 0.5 * off, off * off
+            error = value - expected
+            doubt = (1.0 + (error / RESIDUAL_LEVEL) ** 2) * (LEVEL_VARIANCE + variance / 12.0)
+            inside = level[y, x] - off <= expected <= level[y, x] + on
+            weight = (IN_BAND_WEIGHT if inside else 1.0) / doubt
+            gx, gy = slope * dx / rho, slope * dy / rho
+            sums[0] += weight * gx * gx
+            sums[1] += weight * gx * gy
+            sums[2] += weight * gy * gy
+            sums[3] += weight * gx * error
+            sums[4] += weight * gy * error
+            sums[5] += slope
+            sums[6] += slope if abs(error) < AGREEING_LEVEL else 0.0
+
+
+@njit(cache=True)
+def fit_kernel(
+    state: tuple[NDArray[np.float32], NDArray[np.int8]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    m: int,
+    place: NDArray[np.float64],
+    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+    sums: NDArray[np.float64],
+) -> float:
+    """Move ``place`` to where the disc fits best; return the share of its edge that agrees."""
+    for _ in range(ITERATIONS):
+        sums_kernel(state, steps, m, place, scene, sums)
+        det = sums[0] * sums[2] - sums[1] * sums[1]
+        if det <= 1e-9:
+            break
+        sx = (sums[2] * sums[3] - sums[1] * sums[4]) / det
+        sy = (sums[0] * sums[4] - sums[1] * sums[3]) / det
+        length = np.sqrt(sx * sx + sy * sy)
+        shrink = LARGEST_STEP_PX / length if length > LARGEST_STEP_PX else 1.0
+        place[0] += shrink * sx
+        place[1] += shrink * sy
+        if length < SMALL_STEP_PX:
+            break
+    return sums[6] / sums[5] if sums[5] > 0.0 else 0.0

@@ -26,6 +26,17 @@ STILL_LEVEL = 1e-4
 """Smaller changes of the level are no motion."""
 
 
+OFFSET_STATES = 30.0
+"""Noise and wrong steps let a pixel's offset drift; it is a mean over so many states."""
+
+RIM_WEIGHT = 0.1
+"""What a state counts for a pixel's offset while the pixel lies on a rim, where the offset cannot
+be told from the place."""
+
+RIM_LEVELS = (0.03, 0.97)
+"""Between these levels a pixel lies on a rim."""
+
+
 @dataclass(frozen=True, slots=True)
 class Walk:
     """Real and ideal pixels at chosen samples.
@@ -41,6 +52,17 @@ class Walk:
     expected: NDArray[np.float32]
     drawn: NDArray[np.float32]
     events: NDArray[np.float64]
+
+    def left_over(self, rim_weight: float = RIM_WEIGHT) -> NDArray[np.float32]:
+        """Return real minus expected levels, less each pixel's mean over the states around.
+
+        Args:
+            rim_weight: What a state counts for a pixel's mean while the pixel lies on a rim.
+        """
+        error = self.measured - self.expected
+        states = len(error)
+        remove_offsets_kernel(error.reshape(states, -1), self.drawn.reshape(states, -1), rim_weight)
+        return error
 
 
 def walk(
@@ -60,7 +82,9 @@ def walk(
         steps: What one event of each pixel stands for.
     """
     shape = (len(states), *events.shape)
-    out = Walk(*(np.zeros(shape, np.float32) for _ in range(3)), np.zeros((len(discs.radius_px), 4)))
+    out = Walk(
+        *(np.zeros(shape, np.float32) for _ in range(3)), np.zeros((len(discs.radius_px), 4))
+    )
     walk_kernel(
         events.code,
         (course.index, course.center_px, states),
@@ -176,3 +200,36 @@ def keep_kernel(
         expected[q] = mean / phases.shape[1]
         measured[q] = total[q]
         drawn[q] = now[q]
+
+
+@njit(cache=True)
+def remove_offsets_kernel(
+    error: NDArray[np.float32], drawn: NDArray[np.float32], rim_weight: float
+) -> None:
+    """Take each pixel's mean over the states around off its error.
+
+    Both are ``(states, pixels)``. The mean has exponential weights to both sides, and states at
+    which the pixel lies on a rim weigh ``rim_weight``.
+    """
+    states = len(error)
+    keep = np.exp(-1.0 / OFFSET_STATES)
+    total, known = np.empty(states), np.empty(states)
+    for q in range(error.shape[1]):
+        sums = weights = 0.0
+        for state in range(states):
+            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
+            weight = rim_weight if on_rim else 1.0
+            sums = keep * sums + weight * error[state, q]
+            weights = keep * weights + weight
+            total[state], known[state] = sums, weights
+        sums = weights = 0.0
+        for back in range(states):
+            state = states - 1 - back
+            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
+            weight = rim_weight if on_rim else 1.0
+            total[state] += keep * sums
+            known[state] += keep * weights
+            sums = keep * sums + weight * error[state, q]
+            weights = keep * weights + weight
+        for state in range(states):
+            error[state, q] -= np.float32(total[state] / known[state])

@@ -1,9 +1,9 @@
 """Follow the markers through a recording, forwards and backwards.
 
-Each pixel keeps the level at which it last fired. The true level lies within a band around it, from
-one OFF step below to one ON step above, and most likely half a step beyond in the direction of the
-last event. A disc is fitted to these levels at each sample time by Gauss-Newton; then the levels are
-drawn towards the bands that the discs allow, so that noise and wrong steps do not add up.
+Each pixel keeps the level at which it last fired. The true level lies within a band around it,
+from one OFF step below to one ON step above, and most likely half a step beyond in the direction
+of the last event. A disc is fitted to these levels at each sample by Gauss-Newton; then the levels
+are drawn towards the bands that the discs allow, so that noise and wrong steps do not add up.
 """
 
 from __future__ import annotations
@@ -17,35 +17,16 @@ from numpy.typing import NDArray
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import (
     Discs,
-    bounds_kernel,
     draw_kernel,
+    fit_kernel,
     nearest_markers,
 )
-
-ITERATIONS = 3
-"""Gauss-Newton steps at each sample: the markers move by less than a pixel between two."""
-
-LARGEST_STEP_PX = 1.5
-"""Bound of one Gauss-Newton step."""
-
-INSIDE_EDGES, OUTSIDE_EDGES, MARGIN_PX = 4.5, 3.5, 1.0
-"""The annulus of a fit: so many edge widths, and this margin, inside and outside of the rim."""
-
-RESIDUAL_LEVEL = 0.3
-"""Residuals beyond this level count less (Cauchy weights)."""
-
-LEVEL_VARIANCE = 0.003
-"""Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
-swing, ours: the rms of the levels that the model left over on simulated recordings.)"""
-
-IN_BAND_WEIGHT = 0.6
-"""A level inside of its band counts less than one outside of it."""
 
 PULL = 0.2
 """Share of a band's violation that is taken away at each sample."""
 
-AGREEING_LEVEL, FEWEST_AGREEMENT = 0.35, 0.45
-"""A pixel agrees within this level; a disc is believed when so much of its edge agrees."""
+FEWEST_AGREEMENT = 0.45
+"""A disc is believed when so much of its edge agrees."""
 
 SPEED_KEPT = 0.8
 """Share of the last step by which a marker is expected to go on."""
@@ -97,7 +78,9 @@ class Follower:
         note_polarity_kernel(events.code, self._last, self._before)
 
     def both_ways(
-        self, seen: tuple[int, NDArray[np.float32], NDArray[np.float64]], discs: Discs,
+        self,
+        seen: tuple[int, NDArray[np.float32], NDArray[np.float64]],
+        discs: Discs,
         steps: PixelSteps,
     ) -> Course:
         """Go on to the end from one sample, all the way back, and forth; average the last two.
@@ -179,95 +162,6 @@ def move_kernel(
         side[pixel] = before[i]
 
 
-@njit(cache=True, fastmath=True)
-def nearer_kernel(
-    x: float, y: float, q_px: float, m: int, scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
-) -> bool:
-    """Return whether a pixel at ``q_px`` from marker ``m``'s rim is nearer to another's rim."""
-    center, nearest, shape = scene
-    for other in nearest[m]:
-        rho = np.sqrt((x - center[other, 0]) ** 2 + (y - center[other, 1]) ** 2)
-        if rho - shape[other, 0] < q_px:
-            return True
-    return False
-
-
-@njit(cache=True, fastmath=True)
-def sums_kernel(
-    state: tuple[NDArray[np.float32], NDArray[np.int8]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    m: int,
-    place: NDArray[np.float64],
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
-    sums: NDArray[np.float64],
-) -> None:
-    """Sum the normal equations of a disc's centre: xx, xy, yy, x, y, edge in all, edge agreeing."""
-    level, side = state
-    height, width = level.shape
-    radius, edge, k = scene[2][m]
-    swing = np.log1p(k)
-    outer = OUTSIDE_EDGES * edge + MARGIN_PX
-    inner = -INSIDE_EDGES * edge - MARGIN_PX
-    sums[:] = 0.0
-    top, bottom = bounds_kernel(place[1], radius + outer, height)
-    left, right = bounds_kernel(place[0], radius + outer, width)
-    for y in range(top, bottom):
-        for x in range(left, right):
-            dx, dy = x - place[0], y - place[1]
-            rho = np.sqrt(dx * dx + dy * dy)
-            q = rho - radius
-            if q > outer or q < inner or rho < 0.5 or nearer_kernel(x, y, q, m, scene):
-                continue
-            cover = 1.0 / (1.0 + np.exp(q / edge))
-            light = 1.0 + k * cover
-            expected = np.log(light) / swing
-            slope = k * cover * (1.0 - cover) / (edge * light * swing)
-            on, off = steps[0][y, x], steps[1][y, x]
-            value, variance = level[y, x] + 0.5 * (on - off), (on + off) ** 2
-            if side[y, x] > 0:
-                value, variance = level[y, x] + 0.5 * on, on * on
-            elif side[y, x] < 0:
-                value, variance = level[y, x] - 0.5 * off, off * off
-            error = value - expected
-            weight = 1.0 / (LEVEL_VARIANCE + variance / 12.0) / (1.0 + (error / RESIDUAL_LEVEL) ** 2)
-            if level[y, x] - off <= expected <= level[y, x] + on:
-                weight *= IN_BAND_WEIGHT
-            gx, gy = slope * dx / rho, slope * dy / rho
-            sums[0] += weight * gx * gx
-            sums[1] += weight * gx * gy
-            sums[2] += weight * gy * gy
-            sums[3] += weight * gx * error
-            sums[4] += weight * gy * error
-            sums[5] += slope
-            if abs(error) < AGREEING_LEVEL:
-                sums[6] += slope
-
-
-@njit(cache=True)
-def fit_kernel(
-    state: tuple[NDArray[np.float32], NDArray[np.int8]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    m: int,
-    place: NDArray[np.float64],
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
-    sums: NDArray[np.float64],
-) -> float:
-    """Move ``place`` to where the disc fits best; return the share of its edge that agrees."""
-    for _ in range(ITERATIONS):
-        sums_kernel(state, steps, m, place, scene, sums)
-        det = sums[0] * sums[2] - sums[1] * sums[1]
-        if det <= 1e-9:
-            break
-        sx = (sums[2] * sums[3] - sums[1] * sums[4]) / det
-        sy = (sums[0] * sums[4] - sums[1] * sums[3]) / det
-        length = np.sqrt(sx * sx + sy * sy)
-        shrink = LARGEST_STEP_PX / length if length > LARGEST_STEP_PX else 1.0
-        place[0] += shrink * sx
-        place[1] += shrink * sy
-    sums_kernel(state, steps, m, place, scene, sums)
-    return sums[6] / sums[5] if sums[5] > 0.0 else 0.0
-
-
 @njit(cache=True)
 def lead_kernel(
     center: NDArray[np.float64],
@@ -300,7 +194,9 @@ def pull_kernel(
     on, off = steps
     for i in range(len(level)):
         apart = expected[i] - level[i]
-        level[i] += np.float32(PULL) * (max(apart - on[i], np.float32(0.0)) + min(apart + off[i], np.float32(0.0)))
+        level[i] += np.float32(PULL) * (
+            max(apart - on[i], np.float32(0.0)) + min(apart + off[i], np.float32(0.0))
+        )
 
 
 @njit(cache=True)

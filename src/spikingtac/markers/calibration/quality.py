@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import nearest_markers
+from spikingtac.markers.calibration.expected_levels import walk
+from spikingtac.markers.calibration.refinement import Refined, corrections_kernel
 
 FEWEST_EXPLAINED = 0.35
-"""Share of the level changes around a marker that its disc must explain for its place to count as
-measured. (Ours: discs that are there explain 0.6 and more, discs put elsewhere less than 0.2.)"""
+"""Share of the level changes around a marker that its disc explains where it is surely measured.
+(Ours: simulated sensors give 0.3 to 0.9, a recorded one 0.1 to 0.4, since its pixels drift.)"""
 
-FEWEST_EVENTS = 40.0
-"""Events beyond the sensor's noise that a marker needs, of both polarities together."""
+FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
+"""Events beyond the sensor's noise that a marker needs, and the share of the median over all
+markers that is enough in itself."""
 
-GRID_EXPLAINED = 0.45
-"""Median of that share over all markers below which no grid of discs was seen."""
+DOUBTFUL_SHARE = 0.5
+"""A measured marker is doubtful when its disc explains less than this share of the median."""
 
-WORDS = ((0.85, "very good"), (0.7, "good"), (0.55, "usable"), (0.0, "poor"))
+GRID_EXPLAINED = 0.15
+"""Median of the explained shares below which no grid of discs was seen."""
+
+WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
 """What the median of the explained shares is called."""
 
 
@@ -44,9 +52,37 @@ class Quality:
         return float(np.median(self.explained[self.measured])) if self.measured.any() else 0.0
 
     @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """``(m,)`` measured markers that their disc explains badly."""
+        return self.measured & (self.explained < DOUBTFUL_SHARE * self.median)
+
+    @property
     def word(self) -> str:
         """The quality in a word or two."""
         return next(word for least, word in WORDS if self.median >= least)
+
+
+def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` weighted squares of the level changes around each marker.
+
+    The first is what the model leaves over, the second all changes from each pixel's mean.
+    """
+    seen = walk(events, at.course, at.states, at.discs, at.pixel)
+    places = at.course.center_px[at.states]
+    discs = (at.discs.shape, nearest_markers(places[0]))
+    out = np.zeros((places.shape[1], 2))
+    alone = replace(seen, expected=np.zeros_like(seen.expected))
+    for column, levels in enumerate((seen, alone)):
+        sums = np.zeros((places.shape[1], 7))
+        corrections_kernel(
+            levels.left_over(1.0),
+            places,
+            discs,
+            (at.pixel.on, at.pixel.off),
+            (np.zeros((*places.shape[:2], 3)), sums),
+        )
+        out[:, column] = sums[:, 5]
+    return out
 
 
 def judge(
@@ -62,7 +98,8 @@ def judge(
     """
     explained = 1.0 - changes[:, 0] / np.maximum(changes[:, 1], 1e-9)
     above = (events[:, :2] - noise).sum(axis=1)
-    measured = (explained >= FEWEST_EXPLAINED) & (above >= FEWEST_EVENTS)
+    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
+    measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED))
     return Quality(explained.clip(-1.0, 1.0), above, measured)
 
 
@@ -85,6 +122,7 @@ def provenance(quality: Quality) -> dict[str, Any]:
     """Return the quality as keys of a calibration's provenance."""
     return {
         "quality": quality.word,
+        "doubtful": np.flatnonzero(quality.doubtful).tolist(),
         "explained": np.round(quality.explained, 3).tolist(),
         "events": np.round(quality.events).astype(int).tolist(),
     }

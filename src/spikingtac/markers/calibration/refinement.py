@@ -14,16 +14,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_levels import Discs, bounds_kernel, nearest_markers
-from spikingtac.markers.calibration.expected_levels import Walk, walk
-from spikingtac.markers.calibration.following import (
+from spikingtac.markers.calibration.disc_levels import (
     LEVEL_VARIANCE,
     MARGIN_PX,
     OUTSIDE_EDGES,
-    Course,
-    PixelSteps,
+    Discs,
+    bounds_kernel,
+    crowded_kernel,
     nearer_kernel,
+    nearest_markers,
 )
+from spikingtac.markers.calibration.expected_levels import Walk, walk
+from spikingtac.markers.calibration.following import Course, PixelSteps
 
 ROUNDS = 10
 """Times that the ideal pixels walk: places move by less than 0.01 px after it (simulated)."""
@@ -46,16 +48,6 @@ RADIUS_SHARES = (0.5, 1.6)
 
 RESIDUAL_LEVEL = 0.35
 """Residuals beyond this level count less (Cauchy weights)."""
-
-OFFSET_STATES = 30.0
-"""Noise and wrong steps let a pixel's offset drift; it is a mean over so many states."""
-
-RIM_WEIGHT = np.float32(0.1)
-"""What a state counts for a pixel's offset while the pixel lies on a rim, where the offset cannot
-be told from the place."""
-
-RIM_LEVELS = (0.03, 0.97)
-"""Between these levels a pixel lies on a rim."""
 
 PLACE_PRIOR, RADIUS_PRIOR, EDGE_PRIOR, COUNT_PRIOR = 1.0, 100.0, 300.0, 100.0
 """Added to the curvature of a place, a radius and an edge (1 / px^2), and to counts of events, so
@@ -110,7 +102,7 @@ def refine(
     for _ in range(ROUNDS):
         at = replace(at, course=_frozen(at.course, still))
         seen = walk(events, at.course, at.states, at.discs, at.pixel)
-        error = _without_offsets(seen)
+        error = seen.left_over()
         markers = len(first_radius_px)
         move = np.zeros((len(at.states), markers, 3))
         shape = np.zeros((markers, 7))
@@ -137,56 +129,11 @@ def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArra
     return np.unique(np.concatenate([even, still[:, 1]]))
 
 
-def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
-    """Return ``(m, 2)`` weighted squares of the level changes around each marker.
-
-    The first is what the model leaves over, the second all changes from each pixel's mean.
-    """
-    seen = walk(events, at.course, at.states, at.discs, at.pixel)
-    places = at.course.center_px[at.states]
-    discs = (at.discs.shape, nearest_markers(places[0]))
-    out = np.zeros((places.shape[1], 2))
-    alone = replace(seen, expected=np.zeros_like(seen.expected))
-    for column, levels in enumerate((seen, alone)):
-        sums = np.zeros((places.shape[1], 7))
-        corrections_kernel(
-            _without_offsets(levels, np.float32(1.0)),
-            places,
-            discs,
-            (at.pixel.on, at.pixel.off),
-            (np.zeros((*places.shape[:2], 3)), sums),
-        )
-        out[:, column] = sums[:, 5]
-    return out
-
-
 def _frozen(course: Course, still: NDArray[np.int64]) -> Course:
     center_px = course.center_px.copy()
     for first, typical, last in still:
         center_px[first : last + 1] = center_px[typical]
     return replace(course, center_px=center_px)
-
-
-def _without_offsets(
-    seen: Walk, rim_weight: np.float32 = RIM_WEIGHT
-) -> NDArray[np.float32]:
-    # Real minus ideal levels, less each pixel's mean over the states around.
-    error = seen.measured - seen.expected
-    on_rim = (seen.drawn > RIM_LEVELS[0]) & (seen.drawn < RIM_LEVELS[1])
-    weight = np.where(on_rim, rim_weight, np.float32(1.0))
-    keep = np.float32(np.exp(-1.0 / OFFSET_STATES))
-    total, known = np.zeros_like(error), np.zeros_like(error)
-    for order in (range(len(error)), range(len(error) - 1, -1, -1)):
-        sums, weights = np.zeros_like(error[0]), np.zeros_like(error[0])
-        for state in order:
-            sums = keep * sums + weight[state] * error[state]
-            weights = keep * weights + weight[state]
-            total[state] += sums
-            known[state] += weights
-    # Both directions count the state itself.
-    total -= weight * error
-    known -= weight
-    return error - total / np.maximum(known, 1e-3)
 
 
 def _stepped(
@@ -243,7 +190,7 @@ def _recounted(
     )
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def corrections_kernel(
     error: NDArray[np.float32],
     places: NDArray[np.float64],
@@ -270,7 +217,7 @@ def corrections_kernel(
             move[state, m, 2] = min(sums[0], sums[2])
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True)
 def add_rim_kernel(
     error: NDArray[np.float32],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
@@ -287,12 +234,13 @@ def add_rim_kernel(
     outer = OUTSIDE_EDGES * edge + MARGIN_PX
     top, bottom = bounds_kernel(cy, radius + outer, height)
     left, right = bounds_kernel(cx, radius + outer, width)
+    crowded = crowded_kernel(m, scene[0][m], radius + outer, scene)
     for y in range(top, bottom):
         for x in range(left, right):
             dx, dy = x - cx, y - cy
             rho = np.sqrt(dx * dx + dy * dy)
             q = rho - radius
-            if q > outer or rho < 0.5 or nearer_kernel(x, y, q, m, scene):
+            if q > outer or rho < 0.5 or (crowded and nearer_kernel(x, y, q, m, scene)):
                 continue
             z = q / edge
             cover = 1.0 / (1.0 + np.exp(max(z, -30.0)))

@@ -94,9 +94,7 @@ def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArra
     return moving if moving.any() else ~moving
 
 
-def unloaded_rests(
-    maps: NDArray[np.float32], length_us: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return ``bool[rests]``: at which rests nothing touches the skin.
 
     Rests that look alike, or are linked by others that do, are one group; the group that lasts
@@ -108,7 +106,10 @@ def unloaded_rests(
     """
     smooth = np.array([uniform_filter(level, SMOOTH_PX) for level in maps])
     changed = np.array(
-        [[np.count_nonzero(np.abs(one - other) > CHANGED_LEVEL) for other in smooth] for one in smooth]
+        [
+            [np.count_nonzero(np.abs(one - other) > CHANGED_LEVEL) for other in smooth]
+            for one in smooth
+        ]
     )
     limit = max(ALIKE_SHARE * float(np.percentile(changed, 90)), ALIKE_PX)
     _, group = connected_components(changed < limit)
