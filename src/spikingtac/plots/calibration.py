@@ -1,4 +1,4 @@
-"""A picture of a calibration: circles and numbers over the pixels' steps."""
+"""A picture of a calibration: the markers as they look, good and doubtful ones told apart."""
 
 from __future__ import annotations
 
@@ -7,47 +7,86 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 
 WIDTH_IN = 7.0
 """Width of the picture, inches."""
 
+STATUS = {
+    "good": ("tab:green", "-"),
+    "doubtful": ("tab:orange", "-"),
+    "expected": ("tab:red", "--"),
+}
+"""Colour and line of a marker's circle, by what is known of it."""
+
+LEVELS = {"white": (0.15, 0.85), "dark": (0.85, 0.15)}
+"""Grey of the ground and of the markers."""
+
 
 def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
-    """Draw the reference circles over the map of ON steps and write the picture.
-
-    Missing markers are dashed. Where no steps are stored, the ground is plain.
+    """Draw the markers and circles around them, and write the picture.
 
     Args:
         calibration: What to draw.
         path: File to write; its ending chooses the format.
     """
     width, height = calibration.size
-    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width + 0.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    steps = calibration.step_on_map
-    if steps is not None:
-        shown = axes.imshow(steps, cmap="viridis")
-        figure.colorbar(shown, ax=axes, label="share of the full swing per ON event", shrink=0.8)
-    missing = set(calibration.provenance.get("missing", []))
+    axes.imshow(picture(calibration), cmap="gray", vmin=0.0, vmax=1.0)
+    status = marker_status(calibration)
     for marker, center in enumerate(calibration.reference_px):
-        lost = marker in missing
-        circle = Circle(
-            (float(center[0]), float(center[1])),
-            float(calibration.radius_px[marker]),
-            fill=False,
-            color="red" if lost else "white" if steps is not None else "black",
-            linestyle="--" if lost else "-",
+        color, line = STATUS[status[marker]]
+        radius_px = float(calibration.radius_px[marker])
+        place = (float(center[0]), float(center[1]))
+        axes.add_patch(
+            Circle(place, radius_px, fill=False, color=color, linestyle=line, linewidth=1.6)
         )
-        axes.add_patch(circle)
-        color = "white" if steps is not None else "black"
-        axes.annotate(str(marker), tuple(center), color=color, ha="center", va="center", size=7)
+        axes.annotate(str(marker), place, color=color, ha="center", va="center", size=7)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x, px", ylabel="y, px")
     axes.set_aspect("equal")
     rows, columns = calibration.grid
-    radius_px = float(np.mean(calibration.radius_px))
-    axes.set_title(f"{rows}x{columns} markers, radius {radius_px:.2f} px")
+    said = calibration.provenance.get("quality")
+    axes.set_title(
+        f"{rows}x{columns} {calibration.polarity} markers, radius "
+        f"{float(np.mean(calibration.radius_px)):.2f} px" + (f", quality {said}" if said else "")
+    )
+    handles = [
+        Line2D([], [], color=color, linestyle=line, label=f"{name}: {status.count(name)}")
+        for name, (color, line) in STATUS.items()
+        if name in status
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     figure.savefig(path, dpi=120)
+
+
+def marker_status(calibration: Calibration) -> list[str]:
+    """Return for each marker whether it is good, doubtful, or only expected from the others."""
+    doubtful = set(calibration.provenance.get("doubtful", []))
+    measured = calibration.marker_measured
+    missing = set(calibration.provenance.get("missing", []))
+    if measured is not None:
+        missing = set(np.flatnonzero(~measured).tolist())
+    return [
+        "expected" if marker in missing else "doubtful" if marker in doubtful else "good"
+        for marker in range(len(calibration.radius_px))
+    ]
+
+
+def picture(calibration: Calibration) -> NDArray[np.float64]:
+    """Return ``(height, width)`` grey levels 0 to 1 of the sensor as its calibration has it."""
+    width, height = calibration.size
+    y, x = np.mgrid[:height, :width]
+    cover = np.zeros((height, width))
+    edges = calibration.marker_edge_px
+    for marker, (cx, cy) in enumerate(calibration.reference_px):
+        edge_px = calibration.edge_px or 0.5 if edges is None else float(edges[marker])
+        q_px = np.hypot(x - cx, y - cy) - calibration.radius_px[marker]
+        cover = np.maximum(cover, 1.0 / (1.0 + np.exp(np.clip(q_px / edge_px, -40.0, 40.0))))
+    ground, marker_level = LEVELS[calibration.polarity]
+    return ground + (marker_level - ground) * cover

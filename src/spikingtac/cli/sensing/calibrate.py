@@ -1,4 +1,4 @@
-"""``spikingtac calibrate``: learn where the markers rest from bootstrap slides."""
+"""``spikingtac calibrate``: learn where the markers rest and how they look."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
 
-FEWEST_SWINGS = 2.0
-"""Full swings per pixel below which a marker's steps are hardly its own: worth a remark."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
     """Learn where the markers rest, how large they are and what an event stands for.
 
-    The recording begins with an unloaded skin; then an object slides over all of it, to and fro in
-    several directions, by more than a marker's diameter, and is lifted between the slides.
+    Any recording will do in which the markers move: presses, contacts or slides. It is best when
+    it begins without load, when every marker moves by more than its diameter, and when the skin
+    rests for half a second between contacts.
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
@@ -34,14 +32,15 @@ class Args:
     """Size of the grid, as 8x8; found by itself unless given."""
     pitch_mm: float | None = None
     """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
-    polarity: Literal["white", "dark"] = "white"
-    """White markers on dark ground, or dark on light."""
+    polarity: Literal["auto", "white", "dark"] = "auto"
+    """White markers on dark ground, or dark on light; found by itself unless given."""
     method: Literal["rest-mean", "bounding-box"] = "rest-mean"
     """How rests become a reference; bounding-box is the published one."""
-    allow_missing: int = 0
-    """So many markers may be missing (broken): they are put where the others expect them."""
+    allow_missing: int | None = None
+    """So many markers may be missing: they are put where the others expect them. A third of them
+    may be missing unless given."""
     plot: Path | None = None
-    """Picture to write: the reference circles over the map painted from them and the steps."""
+    """Picture to write: the markers as circles, good and doubtful ones told apart."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False
@@ -98,7 +97,10 @@ def summary(calibration: Calibration) -> dict[str, Any]:
     return {
         "grid": list(calibration.grid),
         "size": list(calibration.size),
+        "polarity": calibration.polarity,
         "markers": len(calibration.radius_px),
+        "measured": len(calibration.radius_px) - len(notes["missing"]),
+        "quality": notes["quality"],
         "radius_px": float(calibration.radius_px.mean()),
         "contrast": calibration.contrast,
         "edge_px": calibration.edge_px,
@@ -108,22 +110,25 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "px_per_mm": calibration.px_per_mm,
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
-        "missing": notes["missing"],
-        "unsteady": notes["unsteady"],
-        "swings": notes["swings"],
-        "residual": notes["residual"],
+        **{
+            name: notes[name]
+            for name in ("missing", "doubtful", "explained", "events", "swings", "residual")
+        },
         "scatter_px": notes["scatter_px"],
     }
 
 
 def _print(calibration: Calibration, args: Args) -> None:
     found = summary(calibration)
-    radii, notes = calibration.radius_px, calibration.provenance
+    radii = calibration.radius_px
+    explained = middle_of(found["explained"])
+    shown = f"{found['measured']} of {found['markers']} markers measured"
     rows = [
-        ("grid", "x".join(map(str, calibration.grid)), "rows x columns"),
+        ("quality", found["quality"], f"{shown}; discs explain {explained:.0%} of the changes"),
+        ("grid", "x".join(map(str, calibration.grid)), f"rows x columns, {calibration.polarity}"),
         ("radius", f"{radii.mean():.2f}", f"px, {radii.min():.2f} to {radii.max():.2f}"),
+        ("edge", f"{found['edge_px']:.2f}", "px, logistic scale"),
         ("contrast", f"{found['contrast']:.2f}", "ratio, at a threshold of 0.25"),
-        ("edge", f"{found['edge_px']:.2f}", "px"),
         ("step ON, OFF", f"{found['step_on']:.3f}, {found['step_off']:.3f}", "of a full swing"),
         ("unloaded rests", found["unloaded_rests"], found["method"]),
     ]
@@ -132,22 +137,25 @@ def _print(calibration: Calibration, args: Args) -> None:
     if calibration.px_per_mm is not None:
         rows.append(("scale", f"{calibration.px_per_mm:.3f}", "px/mm"))
     for name, key, unit in (
-        ("full swings", "swings", "per pixel"),
+        ("full swings", "swings", "per marker"),
         ("residual", "residual", "levels, rms"),
         ("scatter", "scatter_px", "px over the rests"),
     ):
         values = sorted(found[key])
-        middle = values[len(values) // 2]
-        rows.append((name, f"{middle:.3g}", f"{unit}, {values[0]:.3g} to {values[-1]:.3g}"))
+        rows.append(
+            (name, f"{middle_of(values):.3g}", f"{unit}, {values[0]:.3g} to {values[-1]:.3g}")
+        )
     emit_table(str(args.output), ("", "", ""), rows, words=3)
-    few = [i for i, value in enumerate(notes["swings"]) if value < FEWEST_SWINGS]
-    for what, markers in (
-        ("missing, put where the others expect them", found["missing"]),
-        ("hardly seen to move, slide over them more", sorted({*few} - {*found["missing"]})),
-        ("unsteady, their edge often disagreed with a disc", found["unsteady"]),
-    ):
-        if markers:
-            remark(f"note: markers {what}: {', '.join(_named(calibration, i) for i in markers)}")
+    for marker in found["missing"]:
+        remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
+    if found["doubtful"]:
+        named = ", ".join(_named(calibration, marker) for marker in found["doubtful"])
+        remark(f"Doubtful, since discs explain little of what was seen there: {named}.")
+
+
+def middle_of(values: list[float]) -> float:
+    """Return the middle one of some numbers."""
+    return float(sorted(values)[len(values) // 2])
 
 
 def _named(calibration: Calibration, marker: int) -> str:

@@ -1,8 +1,9 @@
-"""Calibrate a sensor from bootstrap slides, beginning with an empty map (section IV-D, and ours).
+"""Calibrate a sensor from any recording in which its markers move (section IV-D, and ours).
 
-Runs of events give each pixel's step; the map that they build shows the markers; the grid is found
-in them; they are followed back to the beginning and forth again; what both directions show at rest
-is averaged, since their errors from lag and hysteresis are opposed.
+The balance of ON and OFF events tells what one of them stands for; the maps at rest show the
+markers; the grid is found in them; the markers are followed through the recording; and places,
+radii, edges and steps are refined until ideal pixels fire what the real ones fired. Slides are
+motion like any other.
 """
 
 from __future__ import annotations
@@ -15,24 +16,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.candidates import Sighting, missing_markers_text, sight_markers
-from spikingtac.markers.calibration.contrast_steps import ContrastSteps, StepConfig, learn_steps
-from spikingtac.markers.calibration.marker_course import FEWEST_AGREEMENT
+from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
+from spikingtac.markers.calibration.disc_levels import Discs
+from spikingtac.markers.calibration.following import Follower, PixelSteps
+from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, mean_steps
+from spikingtac.markers.calibration.quality import (
+    Quality,
+    judge,
+    level_changes,
+    provenance,
+    refuse_without_grid,
+)
 from spikingtac.markers.calibration.reference import Method, mean_pitch_px, reference
-from spikingtac.markers.calibration.rest import RestConfig, find_rests
-from spikingtac.markers.calibration.rest_course import RestCourse, watch_rests
-from spikingtac.markers.calibration.slides import buffer_slides
+from spikingtac.markers.calibration.refinement import (
+    Refined,
+    choose_states,
+    refine,
+)
+from spikingtac.markers.calibration.rest import (
+    RestConfig,
+    find_rests,
+    moving_events,
+    unloaded_rests,
+)
+from spikingtac.markers.calibration.sighting import (
+    Sighting,
+    lit_share,
+    refuse_gaps,
+    sight_markers,
+)
+from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps, nearest_marker
 from spikingtac.markers.lag.recording_lag import slide_lag_us
-from spikingtac.markers.profile import EDGE_DEFAULT_PX, DiscProfile
 from spikingtac.markers.published.blobs import BlobConfig
 
 LagEstimator = Callable[[EventSource, Calibration], float | None]
 """Learns ``lag_us`` from the recording and the calibration so far; None where it cannot."""
 
-CONTRASTS = (1.2, 100.0)
+CONTRASTS = (1.3, 12.0)
 """Least and largest contrast that the steps may stand for."""
+
+FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
+"""Edge width and contrast from which the refinement begins."""
+
+FIRST_RADIUS_SHARE = 0.95
+"""Radius from which it begins, as a share of that of the blobs, which the blur makes larger."""
+
+SAMPLE_PX = 0.2
+"""Samples are so far apart that the markers move by this much between two, on the average."""
+
+MOST_SAMPLES = 6_000
+"""Bound of the samples: longer recordings are sampled more coarsely."""
+
+REST_SHARES = (0.35, 0.8, 0.95)
+"""Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
+rest."""
+
+EVEN_LOOKS = 16
+"""Looks at regular times where a recording has no rest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,42 +84,40 @@ class CalibrationConfig:
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
         pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
-        polarity: White markers on dark ground, or dark on light.
-        method: How rests become a reference (:mod:`spikingtac.markers.calibration.reference`).
-        allow_missing: So many markers may be missing (broken ones): they are put where their
-            neighbours expect them, and named in ``provenance``.
+        polarity: White markers on dark ground, dark on light, or "auto" to find out.
+        method: How rests become a reference
+            (:mod:`spikingtac.markers.calibration.reference`).
+        allow_missing: So many markers may be missing: they are put where their neighbours expect
+            them, and named. None allows a third.
         threshold: Contrast threshold of the camera, log intensity. Only the product of steps and
             contrast can be learnt from events, so it sets the scale of ``contrast``; 0.25 is the
             usual setting, and a wrong one shifts radii by some 0.1 px.
-        sample_us: Time between positions; 10 ms move a marker by less than its edge is wide.
         most_events: Bound of the memory: 8 bytes each.
-        steps: How full swings are told.
         rest: How silence is told.
         blobs: What counts as a candidate.
     """
 
     grid: tuple[int, int] | None = None
     pitch_mm: float | None = None
-    polarity: Literal["white", "dark"] = "white"
+    polarity: Literal["auto", "white", "dark"] = "auto"
     method: Method = "rest-mean"
-    allow_missing: int = 0
+    allow_missing: int | None = None
     threshold: float = 0.25
-    sample_us: int = 10_000
     most_events: int = 100_000_000
-    steps: StepConfig = field(default_factory=StepConfig)
     rest: RestConfig = field(default_factory=RestConfig)
-    blobs: BlobConfig = field(default_factory=lambda: BlobConfig(max_area_px=20_000.0))
+    blobs: BlobConfig = field(
+        default_factory=lambda: BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
+    )
 
     def __post_init__(self) -> None:
         if self.grid is not None and min(self.grid) < 1:
             raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
         if self.pitch_mm is not None and not self.pitch_mm > 0.0:
             raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
-        if self.sample_us < 1 or self.allow_missing < 0 or not self.threshold > 0.0:
-            raise ConfigError(
-                f"sample_us {self.sample_us} and threshold {self.threshold} must be positive, "
-                f"allow_missing {self.allow_missing} not negative"
-            )
+        if self.allow_missing is not None and self.allow_missing < 0:
+            raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
+        if not self.threshold > 0.0:
+            raise ConfigError(f"threshold is {self.threshold}, it must be positive")
 
 
 def calibrate(
@@ -85,7 +125,7 @@ def calibrate(
     config: CalibrationConfig | None = None,
     estimate_lag: LagEstimator | None = slide_lag_us,
 ) -> Calibration:
-    """Learn a sensor's calibration from a recording of slides.
+    """Learn a sensor's calibration from a recording in which its markers move.
 
     Args:
         source: The recording; it is read once (again by ``estimate_lag``, if that is given).
@@ -93,103 +133,173 @@ def calibrate(
         estimate_lag: Fills in ``lag_us`` at the end; None leaves it unknown.
 
     Raises:
-        CalibrationError: Markers are missing, or the recording has no slides or rests; says which,
+        CalibrationError: The recording shows no grid of markers, or too few of them; says why,
             where, and what to do.
     """
     config = config or CalibrationConfig()
-    slides = buffer_slides(source, config.most_events)
-    if config.polarity == "dark":
-        slides = slides.inverted()
-    steps = learn_steps(slides, config.steps)
-    rests_us = find_rests(slides, config.rest)
-    sighting = sight_markers(slides, steps, rests_us, config.blobs, config.grid)
-    gaps = sighting.grid.missing
-    if len(gaps) > config.allow_missing:
-        raise CalibrationError(missing_markers_text(sighting.grid, slides.size))
-    start = DiscProfile(contrast_of(steps, config.threshold), EDGE_DEFAULT_PX)
-    rests = watch_rests(slides, steps, rests_us, sighting, (start, config.sample_us))
-    calibration = _assembled(steps, rests, sighting, config)
+    look = _look(buffer_events(source, config.most_events), config)
+    refined, learned = _explained(look, config)
+    noise = look.noise(refined.discs)
+    quality = judge(level_changes(look.events, refined), refined.events, noise)
+    refuse_without_grid(quality)
+    missing = np.flatnonzero(~quality.measured)
+    refuse_gaps(look.sighting.grid, look.events.size, missing, config.allow_missing)
+    calibration = _assembled(look, (refined, learned), quality, config)
     lag_us = estimate_lag(source, calibration) if estimate_lag else None
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
 
 
-def contrast_of(steps: ContrastSteps, threshold: float) -> float:
-    """Return marker over ground intensity that mean steps and a threshold (log) stand for."""
-    mean = 0.5 * (steps.mean_on + steps.mean_off)
-    return float(np.exp(threshold / mean).clip(*CONTRASTS))
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """A recording and what its maps at rest showed."""
+
+    events: BufferedEvents
+    polarity: str
+    steps: MeanSteps
+    rests_us: NDArray[np.int64]
+    unloaded: NDArray[np.bool_]
+    maps: NDArray[np.float32]
+    sighting: Sighting
+
+    def noise(self, discs: Discs) -> NDArray[np.float64]:
+        # ON and OFF events near a marker over the whole recording, as the silence has them.
+        silent = ~moving_events(self.events, self.rests_us)
+        silence_us = float(np.diff(self.rests_us, axis=1).sum())
+        if not len(self.rests_us) or silent.all():
+            return np.zeros(2)
+        on = np.count_nonzero(self.events.code[silent] & 1)
+        counts = np.array([on, np.count_nonzero(silent) - on], float)
+        reach_px = float(np.median(discs.radius_px + 6.0 * discs.edge_px))
+        share = np.pi * reach_px**2 / self.events.pixels
+        return counts * share * self.events.duration_us / max(silence_us, 1.0)
+
+
+def _look(events: BufferedEvents, config: CalibrationConfig) -> _Look:
+    rests_us = find_rests(events, config.rest)
+    steps = mean_steps(events, moving_events(events, rests_us))
+    looks_us = rests_us
+    if not len(rests_us):
+        edges_us = np.linspace(0, events.duration_us, EVEN_LOOKS + 1).astype(np.int64)
+        looks_us = np.column_stack([edges_us[:-1], edges_us[1:]])
+    index = events.index_at(looks_us.mean(axis=1).astype(np.int64))
+    views = {}
+    for polarity in ("white", "dark"):
+        seen = events if polarity == "white" else events.inverted()
+        mean = steps if polarity == "white" else steps.inverted()
+        if config.polarity in ("auto", polarity):
+            views[polarity] = (seen, mean, level_maps(seen, mean, index))
+    polarity = min(views, key=lambda name: lit_share(views[name][2]))
+    seen, mean, maps = views[polarity]
+    length_us = np.diff(looks_us, axis=1)[:, 0]
+    unloaded = unloaded_rests(maps, length_us)
+    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
+    sighting = sight_markers(level.astype(np.float32), events.size, config.blobs, config.grid)
+    return _Look(seen, polarity, mean, looks_us, unloaded, maps, sighting)
+
+
+def _explained(look: _Look, config: CalibrationConfig) -> tuple[Refined, LearnedSteps]:
+    # Follow the markers, learn the steps from where they went, refine everything.
+    events, markers = look.events, len(look.sighting.center_px)
+    index, still = _samples(look)
+    discs = Discs(
+        np.full(markers, FIRST_RADIUS_SHARE * look.sighting.radius_px),
+        np.full(markers, FIRST_EDGE_PX),
+        np.full(markers, FIRST_CONTRAST),
+    )
+    even = [np.full(events.shape, step, np.float32) for step in (look.steps.on, look.steps.off)]
+    length_us = np.where(look.unloaded, np.diff(look.rests_us, axis=1)[:, 0], 0)
+    longest = int(length_us.argmax())
+    seen = (int(still[longest, 1]), look.maps[longest], look.sighting.center_px)
+    course = Follower(events, index).both_ways(seen, discs, PixelSteps(*even))
+    learned = learn_steps(events, course, discs, look.sighting.center_px, look.steps)
+    step = np.sqrt(learned.on * learned.off)
+    discs = replace(discs, contrast=np.exp(config.threshold / step).clip(*CONTRASTS))
+    nothing = np.zeros(markers)
+    start = Refined(
+        course,
+        choose_states(len(index), still, events.pixels),
+        discs,
+        learned.on,
+        learned.off,
+        learned.pixel,
+        nothing,
+        nothing,
+        np.zeros((markers, 4)),
+    )
+    cell = nearest_marker(events.size, look.sighting.center_px)
+    return refine(events, start, still, cell, look.noise(discs)), learned
+
+
+def _samples(look: _Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    # Events before each sample; first, typical and last sample of each rest.
+    events = look.events
+    # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
+    diameter_px = 2.0 * look.sighting.radius_px * len(look.sighting.center_px)
+    events_per_px = diameter_px * (1.0 / look.steps.on + 1.0 / look.steps.off)
+    apart = max(int(SAMPLE_PX * events_per_px), len(events) // MOST_SAMPLES, 1)
+    begin_us, length_us = look.rests_us[:, :1], np.diff(look.rests_us, axis=1)
+    rest = events.index_at((begin_us + length_us * np.array(REST_SHARES)).astype(np.int64))
+    index = np.unique(
+        np.concatenate([np.arange(0, len(events), apart), rest.ravel(), [len(events)]])
+    )
+    return index, np.searchsorted(index, rest)
 
 
 def _assembled(
-    steps: ContrastSteps, rests: RestCourse, sighting: Sighting, config: CalibrationConfig
+    look: _Look,
+    found: tuple[Refined, LearnedSteps],
+    quality: Quality,
+    config: CalibrationConfig,
 ) -> Calibration:
-    shape = sighting.grid.shape
-    place = _Places(sighting, rests.marker)
-    reference_px = place.positions(reference(rests.position_px, config.method))
-    radius_px = place.values(rests.fit.radius_px, float(np.median(rests.fit.radius_px)))
+    refined, learned = found
+    still = _samples(look)[1]
+    rest_px = refined.course.center_px[still[look.unloaded, 1]]
+    length_us = np.diff(look.rests_us[look.unloaded], axis=1)[:, 0]
+    reference_px = reference(rest_px, length_us, config.method)
+    grid, measured = look.sighting.grid, quality.measured
+    shift = np.median((reference_px - look.sighting.center_px)[measured], axis=0)
+    reference_px[~measured] = grid.expected_px[~measured] + shift
+    values = {
+        name: np.where(measured, value, np.median(value[measured]))
+        for name, value in (
+            ("radius", refined.discs.radius_px),
+            ("edge", refined.discs.edge_px),
+            ("contrast", refined.discs.contrast),
+            ("on", refined.on),
+            ("off", refined.off),
+        )
+    }
+    known = learned.pixel_swings > 0
     scale = None
     if config.pitch_mm is not None and len(reference_px) > 1:
-        scale = mean_pitch_px(reference_px, shape) / config.pitch_mm
+        scale = mean_pitch_px(reference_px, grid.shape) / config.pitch_mm
+    off_px = rest_px - reference_px
+    scatter_px = np.sqrt((off_px**2).sum(axis=2).mean(axis=0))
     return Calibration(
         reference_px=reference_px,
-        radius_px=radius_px,
-        grid=shape,
-        size=(steps.on.shape[1], steps.on.shape[0]),
-        polarity=config.polarity,
-        step_on=steps.mean_on,
-        step_off=steps.mean_off,
-        step_on_map=steps.on,
-        step_off_map=steps.off,
-        contrast=rests.fit.profile.contrast,
-        edge_px=rests.fit.profile.edge_px,
+        radius_px=values["radius"],
+        grid=grid.shape,
+        size=look.events.size,
+        polarity=look.polarity,
+        step_on=float(np.median(values["on"])),
+        step_off=float(np.median(values["off"])),
+        step_on_map=np.where(known, refined.pixel.on, 0.0).astype(np.float32),
+        step_off_map=np.where(known, refined.pixel.off, 0.0).astype(np.float32),
+        contrast=float(np.median(values["contrast"])),
+        edge_px=float(np.median(values["edge"])),
+        marker_contrast=values["contrast"],
+        marker_edge_px=values["edge"],
+        marker_step_on=values["on"],
+        marker_step_off=values["off"],
+        marker_measured=measured,
         px_per_mm=scale,
         provenance={
             "method": config.method,
-            "unloaded_rests_us": rests.span_us.tolist(),
-            "missing": sighting.grid.missing.tolist(),
-            "unsteady": rests.marker[rests.agreement < FEWEST_AGREEMENT].tolist(),
-            "swings": np.round(_swings(steps, reference_px, radius_px), 1).tolist(),
-            "residual": np.round(place.values(rests.fit.residual, 1.0), 4).tolist(),
-            "scatter_px": np.round(place.values(rests.scatter_px, 0.0), 4).tolist(),
+            "unloaded_rests_us": (look.events.t_start_us + look.rests_us[look.unloaded]).tolist(),
+            "missing": np.flatnonzero(~measured).tolist(),
+            "swings": np.round(learned.swings, 1).tolist(),
+            "residual": np.round(refined.residual, 4).tolist(),
+            "scatter_px": np.round(scatter_px, 4).tolist(),
+            **provenance(quality),
         },
     )
-
-
-class _Places:
-    """Puts values of the markers that were followed into arrays of all markers."""
-
-    def __init__(self, sighting: Sighting, marker: NDArray[np.int64]) -> None:
-        self._sighting, self._marker = sighting, marker
-
-    def values(self, values: NDArray[np.float64], other: float) -> NDArray[np.float64]:
-        out = np.full(len(self._sighting.center_px), other)
-        out[self._marker] = values
-        return out
-
-    def positions(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        # Missing markers keep their distance to the others' mean shift since the sighting.
-        seen_px = self._sighting.center_px
-        out = seen_px + np.median(position_px - seen_px[self._marker], axis=0)
-        out[self._marker] = position_px
-        return out
-
-
-def _swings(
-    steps: ContrastSteps, reference_px: NDArray[np.float64], radius_px: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    # Mean full swings per pixel of each marker's disc: how well its steps are known.
-    disc = paint_labels((steps.on.shape[1], steps.on.shape[0]), reference_px, radius_px)
-    markers = len(reference_px)
-    pixels = np.bincount(disc.ravel(), minlength=markers + 1)
-    total = np.bincount(disc.ravel(), steps.swings.ravel(), minlength=markers + 1)
-    return total[1:] / np.maximum(pixels[1:], 1)
-
-
-def paint_labels(
-    size: tuple[int, int], reference_px: NDArray[np.float64], radius_px: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Return ``(height, width)`` with each disc's pixels numbered from 1, 0 on the ground."""
-    out = np.zeros((size[1], size[0]), np.int64)
-    y, x = np.ogrid[: size[1], : size[0]]
-    for number, ((cx, cy), radius) in enumerate(zip(reference_px, radius_px, strict=True), start=1):
-        out[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = number
-    return out

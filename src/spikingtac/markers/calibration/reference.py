@@ -1,9 +1,10 @@
-"""Where markers rest without load, from where they stood whenever the sensor was silent.
+"""Where markers rest without load, from where they stood whenever nothing touched them.
 
 The paper takes the middle of the box around all equilibrium states (section IV-D, the equation of
-P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours: creep after a slide leaves
-each rest a little off, to the side from which it came, and slides to and fro cancel in the mean,
-where a box keeps the two outermost rests of each axis alone.
+P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours: creep after a contact leaves
+each rest a little off, to the side from which it came. Contacts of many kinds cancel in the mean,
+where a box keeps the two outermost rests of each axis alone. Long rests count more, since the skin
+has crept back in them, and rests far from the others count less.
 """
 
 from __future__ import annotations
@@ -13,49 +14,46 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import CalibrationError
-
 Method = Literal["rest-mean", "bounding-box"]
 
-NEAR_SHARE = 0.04
-"""Share of the pitch within which a rest's markers stand, on the average, of the median over all
-rests: 1.5 px in the paper's sensor. A hold under load is farther off."""
+NEAR_PX = 0.15
+"""A rest so far from the weighted median counts half (Cauchy weights): the residual of creep."""
 
 
-def unloaded(position_px: NDArray[np.float64], pitch_px: float) -> NDArray[np.bool_]:
-    """Return which rests are without load: where the markers stand about where they mostly do.
+def reference(
+    position_px: NDArray[np.float64], weight: NDArray[np.floating], method: Method
+) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` reference positions, px.
 
     Args:
-        position_px: ``(rests, m, 2)`` positions, px.
-        pitch_px: Distance of neighbouring markers, px.
-
-    Raises:
-        CalibrationError: No two rests agree.
+        position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
+        weight: ``(rests,)`` how long each rest lasted.
+        method: How they are reduced to one.
     """
-    near = np.zeros(len(position_px), bool)
-    if len(position_px):
-        # The median of separate coordinates may lie between clusters; the medoid never does.
-        between = position_px[:, np.newaxis] - position_px[np.newaxis]
-        distance = np.hypot(between[..., 0], between[..., 1]).mean(axis=2)
-        agreeing = (distance < 2 * NEAR_SHARE * pitch_px).sum(axis=1)
-        medoid = np.lexsort((distance.mean(axis=1), -agreeing))[0]
-        near = distance[medoid] < 2 * NEAR_SHARE * pitch_px
-        middle = np.median(position_px[near], axis=0)
-        off = position_px - middle
-        near = np.hypot(off[..., 0], off[..., 1]).mean(axis=1) < NEAR_SHARE * pitch_px
-    if not near.any():
-        raise CalibrationError(
-            "the recording holds no stretch of silence in which the markers stand still without "
-            "load; lift the object off the skin for half a second between slides"
-        )
-    return near
-
-
-def reference(position_px: NDArray[np.float64], method: Method) -> NDArray[np.float64]:
-    """Return ``(m, 2)`` reference positions from ``(rests, m, 2)`` unloaded ones, px."""
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
-    return position_px.mean(axis=0)
+    middle = weighted_median(position_px, weight)
+    off = np.linalg.norm(position_px - middle, axis=2)
+    share = np.asarray(weight, float)[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
+    return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
+
+
+def weighted_median(
+    values: NDArray[np.float64], weight: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Return the medians over the first axis, interpolated between the middles of the weights.
+
+    Example:
+        >>> float(weighted_median(np.array([1.0, 2.0, 9.0]), np.array([1, 1, 1])))
+        2.0
+    """
+    order = np.argsort(values, axis=0, kind="stable")
+    ordered = np.take_along_axis(values, order, axis=0)
+    share = np.asarray(weight, float)[order] / float(np.sum(weight))
+    middle = np.cumsum(share, axis=0) - 0.5 * share
+    flat = zip(middle.reshape(len(values), -1).T, ordered.reshape(len(values), -1).T, strict=True)
+    found = [np.interp(0.5, place, value) for place, value in flat]
+    return np.array(found).reshape(values.shape[1:])
 
 
 def mean_pitch_px(position_px: NDArray[np.float64], shape: tuple[int, int]) -> float:

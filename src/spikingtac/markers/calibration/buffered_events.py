@@ -1,8 +1,8 @@
-"""Bootstrap slides kept in memory: calibration reads them several times, also backwards."""
+"""The events of a recording, kept in memory to be read several times, also backwards."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,11 @@ LONGEST_US = int(np.iinfo(np.uint32).max)
 
 
 @dataclass(frozen=True, slots=True)
-class Slides:
-    """The events of a recording in 8 bytes each, white markers on dark ground.
+class BufferedEvents:
+    """The events of a recording in 8 bytes each.
 
     Attributes:
-        code: ``uint32[n]``, ``2 * (y * width + x)`` plus 1 where the pixel became brighter (for
-            dark markers: darker, so that everything after works on white ones).
+        code: ``uint32[n]``, ``2 * (y * width + x)`` plus 1 where the pixel became brighter.
         time_us: ``uint32[n]`` since ``t_start_us``.
         size: ``(width, height)``, px.
         t_start_us: Where the recording begins, us.
@@ -42,18 +41,21 @@ class Slides:
         """``(height, width)`` of an image."""
         return (self.size[1], self.size[0])
 
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of the sensor."""
+        return self.size[0] * self.size[1]
+
     def index_at(self, times_us: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return how many events came before each time since the start."""
         return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
 
-    def inverted(self) -> Slides:
-        """Return the same slides with swapped polarities."""
-        return Slides(
-            self.code ^ np.uint32(1), self.time_us, self.size, self.t_start_us, self.duration_us
-        )
+    def inverted(self) -> BufferedEvents:
+        """Return the same events with swapped polarities (dark markers become bright ones)."""
+        return replace(self, code=self.code ^ np.uint32(1))
 
 
-def buffer_slides(source: EventSource, most_events: int) -> Slides:
+def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:
     """Read a source once, to its end.
 
     Args:
@@ -73,7 +75,7 @@ def buffer_slides(source: EventSource, most_events: int) -> Slides:
         events += len(packet)
         if events > most_events or end_us - start_us > LONGEST_US:
             raise CalibrationError(
-                f"the recording holds more than {most_events:,} events or 71 minutes; slides of "
+                f"the recording holds more than {most_events:,} events or 71 minutes; contacts of "
                 "some ten seconds are enough, cut them out with: "
                 "spikingtac convert RECORDING OUT --from-us N --to-us N"
             )
@@ -82,9 +84,9 @@ def buffer_slides(source: EventSource, most_events: int) -> Slides:
     if not events:
         raise CalibrationError(
             "the recording holds no events, so no marker can be found; record the sensor while "
-            "something slides over all of its skin"
+            "something touches all of its skin"
         )
-    return Slides(
+    return BufferedEvents(
         np.concatenate(codes), np.concatenate(times), source.size, start_us, end_us - start_us
     )
 

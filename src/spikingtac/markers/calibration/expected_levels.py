@@ -1,0 +1,235 @@
+"""What ideal pixels would have fired while the markers went their way.
+
+Every pixel follows the logarithm of a blurred disc and fires when it has left the level of its last
+event by a step. Where that level stood when the recording began is not known, so that several ideal
+pixels, spread evenly over the possible levels, are followed for each real one. What real pixels
+fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
+partial swings that give no event, and by steps that are large in one direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.following import Course, PixelSteps
+
+PHASES = 6
+"""Ideal pixels for each real one: their mean is within a twelfth of a step of the true mean."""
+
+STILL_LEVEL = 1e-4
+"""Smaller changes of the level are no motion."""
+
+
+OFFSET_STATES = 30.0
+"""Noise and wrong steps let a pixel's offset drift; it is a mean over so many states."""
+
+RIM_WEIGHT = 0.1
+"""What a state counts for a pixel's offset while the pixel lies on a rim, where the offset cannot
+be told from the place."""
+
+RIM_LEVELS = (0.03, 0.97)
+"""Between these levels a pixel lies on a rim."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Real and ideal pixels at chosen samples.
+
+    Attributes:
+        measured: ``(states, height, width)`` sum of the real events' steps since the start.
+        expected: The mean level at which ideal pixels fired last.
+        drawn: The level that the discs show.
+        events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
+    """
+
+    measured: NDArray[np.float32]
+    expected: NDArray[np.float32]
+    drawn: NDArray[np.float32]
+    events: NDArray[np.float64]
+
+    def left_over(self, rim_weight: float = RIM_WEIGHT) -> NDArray[np.float32]:
+        """Return real minus expected levels, less each pixel's mean over the states around.
+
+        Args:
+            rim_weight: What a state counts for a pixel's mean while the pixel lies on a rim.
+        """
+        error = self.measured - self.expected
+        states = len(error)
+        remove_offsets_kernel(error.reshape(states, -1), self.drawn.reshape(states, -1), rim_weight)
+        return error
+
+
+def walk(
+    events: BufferedEvents,
+    course: Course,
+    states: NDArray[np.int64],
+    discs: Discs,
+    steps: PixelSteps,
+) -> Walk:
+    """Let ideal pixels fire along a course.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        course: Where the markers went.
+        states: Which samples to keep, increasing, no sample twice.
+        discs: How the markers look.
+        steps: What one event of each pixel stands for.
+    """
+    shape = (len(states), *events.shape)
+    out = Walk(
+        *(np.zeros(shape, np.float32) for _ in range(3)), np.zeros((len(discs.radius_px), 4))
+    )
+    walk_kernel(
+        events.code,
+        (course.index, course.center_px, states),
+        (discs.shape, discs.tables),
+        (steps.on.ravel(), steps.off.ravel()),
+        np.empty((events.pixels, PHASES), np.float32),
+        (out.measured, out.expected, out.drawn, out.events),
+    )
+    return out
+
+
+@njit(cache=True)
+def fire_kernel(
+    phases: NDArray[np.float32], level: float, on: float, off: float
+) -> tuple[int, int]:
+    """Let a pixel's ideal copies follow the level; return how many ON and OFF events they fire."""
+    rises = falls = 0
+    for phase in range(len(phases)):
+        while level > phases[phase] + on:
+            phases[phase] += on
+            rises += 1
+        while level < phases[phase] - off:
+            phases[phase] -= off
+            falls += 1
+    return rises, falls
+
+
+@njit(cache=True)
+def spread_kernel(
+    phases: NDArray[np.float32],
+    level: NDArray[np.float32],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+) -> None:
+    """Spread every pixel's copies evenly over the levels at which it may have fired last."""
+    on, off = steps
+    count = phases.shape[1]
+    for q in range(len(level)):
+        for phase in range(count):
+            share = (phase + 0.5) / count
+            phases[q, phase] = level[q] + off[q] - (on[q] + off[q]) * share
+
+
+@njit(cache=True)
+def walk_kernel(
+    code: NDArray[np.uint32],
+    course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]],
+    discs: tuple[NDArray[np.float64], NDArray[np.float32]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    phases: NDArray[np.float32],
+    out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]],
+) -> None:
+    """Walk along the samples; fill a :class:`Walk`."""
+    index, places, states = course
+    on, off = steps
+    measured, expected, drawn, events = out
+    image = np.zeros(measured.shape[1:], np.float32)
+    owner = np.full(image.shape, -1, np.int32)
+    now, whose = image.ravel(), owner.ravel()
+    before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
+    touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
+    last_owner = np.full(len(now), -1, np.int32)
+    count = formers = kept = 0
+    at = index[0]
+    for sample in range(len(index)):
+        for i in range(at, index[sample]):
+            q = code[i] >> 1
+            total[q] += on[q] if code[i] & 1 else -off[q]
+            if last_owner[q] >= 0:
+                events[last_owner[q], 0 if code[i] & 1 else 1] += 1
+        at = index[sample]
+        count = draw_kernel(places[sample], discs, (image, owner), touched)
+        if sample == 0:
+            spread_kernel(phases, now, steps)
+            before[:] = now
+        for i in range(formers):  # what was a disc and is ground now
+            q = former[i]
+            if whose[q] < 0 and before[q] != 0.0:
+                rises, falls = fire_kernel(phases[q], 0.0, on[q], off[q])
+                events[last_owner[q], 3] += falls
+                before[q] = 0.0
+        for i in range(count):
+            q = touched[i]
+            last_owner[q] = whose[q]
+            if abs(now[q] - before[q]) > STILL_LEVEL:
+                rises, falls = fire_kernel(phases[q], now[q], on[q], off[q])
+                events[whose[q], 2] += rises
+                events[whose[q], 3] += falls
+                before[q] = now[q]
+        if kept < len(states) and states[kept] == sample:
+            keep_kernel(phases, total, now, (measured[kept], expected[kept], drawn[kept]))
+            kept += 1
+        for i in range(count):
+            former[i] = touched[i]
+            now[touched[i]] = 0.0
+            whose[touched[i]] = -1
+        formers = count
+    events[:, 2:] /= phases.shape[1]
+
+
+@njit(cache=True)
+def keep_kernel(
+    phases: NDArray[np.float32],
+    total: NDArray[np.float32],
+    now: NDArray[np.float32],
+    out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+) -> None:
+    """Keep one state: sums of events, mean of the copies, drawn level."""
+    measured, expected, drawn = out[0].ravel(), out[1].ravel(), out[2].ravel()
+    for q in range(len(now)):
+        mean = np.float32(0.0)
+        for phase in range(phases.shape[1]):
+            mean += phases[q, phase]
+        expected[q] = mean / phases.shape[1]
+        measured[q] = total[q]
+        drawn[q] = now[q]
+
+
+@njit(cache=True)
+def remove_offsets_kernel(
+    error: NDArray[np.float32], drawn: NDArray[np.float32], rim_weight: float
+) -> None:
+    """Take each pixel's mean over the states around off its error.
+
+    Both are ``(states, pixels)``. The mean has exponential weights to both sides, and states at
+    which the pixel lies on a rim weigh ``rim_weight``.
+    """
+    states = len(error)
+    keep = np.exp(-1.0 / OFFSET_STATES)
+    total, known = np.empty(states), np.empty(states)
+    for q in range(error.shape[1]):
+        sums = weights = 0.0
+        for state in range(states):
+            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
+            weight = rim_weight if on_rim else 1.0
+            sums = keep * sums + weight * error[state, q]
+            weights = keep * weights + weight
+            total[state], known[state] = sums, weights
+        sums = weights = 0.0
+        for back in range(states):
+            state = states - 1 - back
+            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
+            weight = rim_weight if on_rim else 1.0
+            total[state] += keep * sums
+            known[state] += keep * weights
+            sums = keep * sums + weight * error[state, q]
+            weights = keep * weights + weight
+        for state in range(states):
+            error[state, q] -= np.float32(total[state] / known[state])

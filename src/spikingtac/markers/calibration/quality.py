@@ -1,0 +1,128 @@
+"""How well a calibration explains its recording: per marker, in words, and as a refusal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import CalibrationError
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import nearest_markers
+from spikingtac.markers.calibration.expected_levels import walk
+from spikingtac.markers.calibration.refinement import Refined, corrections_kernel
+
+FEWEST_EXPLAINED = 0.35
+"""Share of the level changes around a marker that its disc explains where it is surely measured.
+(Ours: simulated sensors give 0.3 to 0.9, a recorded one 0.1 to 0.4, since its pixels drift.)"""
+
+FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
+"""Events beyond the sensor's noise that a marker needs, and the share of the median over all
+markers that is enough in itself."""
+
+DOUBTFUL_SHARE = 0.5
+"""A measured marker is doubtful when its disc explains less than this share of the median."""
+
+GRID_EXPLAINED = 0.15
+"""Median of the explained shares below which no grid of discs was seen."""
+
+WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
+"""What the median of the explained shares is called."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How well each marker is known.
+
+    Attributes:
+        explained: ``(m,)`` share of the pixels' level changes that the marker's disc explains.
+        events: ``(m,)`` events near the marker beyond the sensor's noise.
+        measured: ``(m,) bool`` whether the recording tells where the marker is.
+    """
+
+    explained: NDArray[np.float64]
+    events: NDArray[np.float64]
+    measured: NDArray[np.bool_]
+
+    @property
+    def median(self) -> float:
+        """Median explained share of the measured markers; 0 without any."""
+        return float(np.median(self.explained[self.measured])) if self.measured.any() else 0.0
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """``(m,)`` measured markers that their disc explains badly."""
+        return self.measured & (self.explained < DOUBTFUL_SHARE * self.median)
+
+    @property
+    def word(self) -> str:
+        """The quality in a word or two."""
+        return next(word for least, word in WORDS if self.median >= least)
+
+
+def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` weighted squares of the level changes around each marker.
+
+    The first is what the model leaves over, the second all changes from each pixel's mean.
+    """
+    seen = walk(events, at.course, at.states, at.discs, at.pixel)
+    places = at.course.center_px[at.states]
+    discs = (at.discs.shape, nearest_markers(places[0]))
+    out = np.zeros((places.shape[1], 2))
+    alone = replace(seen, expected=np.zeros_like(seen.expected))
+    for column, levels in enumerate((seen, alone)):
+        sums = np.zeros((places.shape[1], 7))
+        corrections_kernel(
+            levels.left_over(1.0),
+            places,
+            discs,
+            (at.pixel.on, at.pixel.off),
+            (np.zeros((*places.shape[:2], 3)), sums),
+        )
+        out[:, column] = sums[:, 5]
+    return out
+
+
+def judge(
+    changes: NDArray[np.float64], events: NDArray[np.float64], noise: NDArray[np.float64]
+) -> Quality:
+    """Tell measured markers from those that the recording does not show.
+
+    Args:
+        changes: ``(m, 2)`` weighted squares of the level changes around each marker: those that
+            the discs leave over, and all.
+        events: ``(m, 4)`` real ON and OFF events near each marker, expected ON and OFF.
+        noise: ``(2,)`` ON and OFF events that come without motion.
+    """
+    explained = 1.0 - changes[:, 0] / np.maximum(changes[:, 1], 1e-9)
+    above = (events[:, :2] - noise).sum(axis=1)
+    busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
+    measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED))
+    return Quality(explained.clip(-1.0, 1.0), above, measured)
+
+
+def refuse_without_grid(quality: Quality) -> None:
+    """Refuse what is no grid of discs.
+
+    Raises:
+        CalibrationError: Discs on a grid do not explain the events.
+    """
+    median = float(np.median(quality.explained))
+    if median < GRID_EXPLAINED:
+        raise CalibrationError(
+            f"no grid of markers: discs in rows and columns explain {max(median, 0.0):.0%} of "
+            f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more; the "
+            "recording seems to show something else"
+        )
+
+
+def provenance(quality: Quality) -> dict[str, Any]:
+    """Return the quality as keys of a calibration's provenance."""
+    return {
+        "quality": quality.word,
+        "doubtful": np.flatnonzero(quality.doubtful).tolist(),
+        "explained": np.round(quality.explained, 3).tolist(),
+        "events": np.round(quality.events).astype(int).tolist(),
+    }

@@ -1,0 +1,224 @@
+"""What one event of each marker and of each pixel stands for, from full swings of brightness.
+
+Once it is known where the markers went, one can see which pixels a marker covered after they had
+been ground, or left after it had covered them. With a and b the shares of a full swing that an ON
+and an OFF event stand for, the mean counts of such swings are
+
+    1 = a (n_on + 1/2) + b / 2,    1 = b (n_off + 1/2) + a / 2,
+
+since the level at which the pixel fired last lies anywhere within a step before the swing begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.following import Course, PixelSteps
+from spikingtac.markers.calibration.level_maps import MeanSteps
+
+GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
+"""A pixel is ground below the first level and marker above the second."""
+
+SETTLE_SAMPLES = 3
+"""Events that come so many samples late still count for a swing."""
+
+NEIGHBOUR_SWINGS = 10.0
+"""Swings at its neighbours' counts that each marker is given beforehand: light and lens change
+slowly over the skin."""
+
+PIXEL_SWINGS = 3.0
+"""Swings at its marker's counts that each pixel is given beforehand."""
+
+FEWEST_SWINGS = 50.0
+"""Full swings in all below which the sensor's mean steps are kept."""
+
+FEWEST_EVENTS = 0.3
+"""Least mean count of a full swing: a rarer event tells nothing."""
+
+STEP_BOUNDS = (0.02, 1.0)
+"""Least and largest step."""
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedSteps:
+    """The steps of markers and pixels.
+
+    Attributes:
+        on: ``(m,)`` share of a full swing of each marker's ON event.
+        off: ``(m,)`` the same for OFF events.
+        pixel: The same for each pixel, in units of the swing of the marker that rests nearest.
+        swings: ``(m,)`` full swings seen of each marker, both ways together.
+        pixel_swings: ``(height, width)`` full swings seen of each pixel.
+    """
+
+    on: NDArray[np.float64]
+    off: NDArray[np.float64]
+    pixel: PixelSteps
+    swings: NDArray[np.float64]
+    pixel_swings: NDArray[np.float32]
+
+
+def learn_steps(
+    events: BufferedEvents,
+    course: Course,
+    discs: Discs,
+    rest_px: NDArray[np.float64],
+    start: MeanSteps,
+) -> LearnedSteps:
+    """Count the events of full swings and turn them into steps.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        course: Where the markers went.
+        discs: How they look.
+        rest_px: ``(m, 2)`` where they rest, px.
+        start: The sensor's mean steps, kept where too few swings were seen.
+    """
+    markers = len(rest_px)
+    by_marker = np.zeros((markers, 4))
+    by_pixel = np.zeros((events.pixels, 4), np.float32)
+    count_swings_kernel(
+        events.code,
+        (course.index, course.center_px),
+        (discs.shape, discs.tables),
+        np.zeros(events.shape, np.float32),
+        (by_marker, by_pixel),
+    )
+    mean = _mean_counts(by_marker, start)
+    near = _nearby_sums(by_marker, rest_px)
+    counts = []
+    for column in (0, 2):
+        known, swings = by_marker[:, column], by_marker[:, column + 1]
+        expected = (near[:, column] + mean[column // 2]) / (near[:, column + 1] + 1.0)
+        counts.append((known + NEIGHBOUR_SWINGS * expected) / (swings + NEIGHBOUR_SWINGS))
+    on, off = steps_of_counts(counts[0], counts[1])
+    cell = nearest_marker(events.size, rest_px)
+    single = [
+        (by_pixel[:, column] + PIXEL_SWINGS * counts[column // 2][cell])
+        / (by_pixel[:, column + 1] + PIXEL_SWINGS)
+        for column in (0, 2)
+    ]
+    pixel_on, pixel_off = (
+        step.astype(np.float32).reshape(events.shape) for step in steps_of_counts(*single)
+    )
+    return LearnedSteps(
+        on,
+        off,
+        PixelSteps(pixel_on, pixel_off),
+        by_marker[:, 1] + by_marker[:, 3],
+        (by_pixel[:, 1] + by_pixel[:, 3]).reshape(events.shape),
+    )
+
+
+def steps_of_counts(
+    on: NDArray[np.floating], off: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ON and OFF steps that mean counts of full swings stand for.
+
+    Args:
+        on: Mean ON events of a swing from ground to marker, any shape.
+        off: Mean OFF events of the way back, same shape.
+
+    Example:
+        >>> on, off = steps_of_counts(np.array([6.0]), np.array([6.0]))
+        >>> float(on.round(4)[0])  # 1 / (6 + 1)
+        0.1429
+    """
+    rises = np.maximum(on, FEWEST_EVENTS) + 0.5
+    falls = np.maximum(off, FEWEST_EVENTS) + 0.5
+    both = rises * falls - 0.25
+    on_step = ((falls - 0.5) / both).clip(*STEP_BOUNDS)
+    return on_step, ((rises - 0.5) / both).clip(*STEP_BOUNDS)
+
+
+def nearest_marker(size: tuple[int, int], rest_px: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return for each pixel, row by row, the index of the marker that rests nearest."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    best = np.full(y.shape, np.inf)
+    out = np.zeros(y.shape, np.int64)
+    for marker, (cx, cy) in enumerate(rest_px):
+        distance = (x - cx) ** 2 + (y - cy) ** 2
+        out[distance < best] = marker
+        best = np.minimum(best, distance)
+    return out.ravel()
+
+
+def _mean_counts(by_marker: NDArray[np.float64], start: MeanSteps) -> tuple[float, float]:
+    total = by_marker.sum(axis=0)
+    if min(total[1], total[3]) < FEWEST_SWINGS:
+        # The inverse of steps_of_counts.
+        return (
+            (1.0 - 0.5 * start.off) / start.on - 0.5,
+            (1.0 - 0.5 * start.on) / start.off - 0.5,
+        )
+    return float(total[0] / total[1]), float(total[2] / total[3])
+
+
+def _nearby_sums(
+    by_marker: NDArray[np.float64], rest_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    # Sums over the neighbourhood, a Gaussian as wide as the pitch.
+    apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
+    pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
+    return np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
+
+
+@njit(cache=True)
+def count_swings_kernel(
+    code: NDArray[np.uint32],
+    course: tuple[NDArray[np.int64], NDArray[np.float64]],
+    discs: tuple[NDArray[np.float64], NDArray[np.float32]],
+    drawn: NDArray[np.float32],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> None:
+    """Sum ON events and number of rises, OFF events and number of falls.
+
+    ``out`` is ``(m, 4)`` by marker and ``(pixels, 4)`` by pixel; ``drawn`` is an empty image.
+    """
+    index, places = course
+    by_marker, by_pixel = out
+    pixels = drawn.size
+    flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
+    whose = owner.ravel()
+    touched = np.empty(pixels, np.int64)
+    counts = np.zeros((pixels, 2), np.int32)
+    last, pending = np.zeros(pixels, np.int8), np.zeros(pixels, np.int8)
+    waited, marker = np.zeros(pixels, np.int32), np.zeros(pixels, np.int32)
+    at = index[0]
+    for sample in range(len(index)):
+        for i in range(at, index[sample]):
+            counts[code[i] >> 1, code[i] & 1] += 1
+        at = index[sample]
+        drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
+        for q in range(pixels):
+            now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
+            if pending[q] != 0:
+                waited[q] += 1
+                if waited[q] >= SETTLE_SAMPLES or now != last[q]:
+                    rise = 0 if pending[q] == 2 else 2
+                    events = counts[q, 1] if rise == 0 else counts[q, 0]
+                    by_marker[marker[q], rise] += events
+                    by_marker[marker[q], rise + 1] += 1
+                    by_pixel[q, rise] += events
+                    by_pixel[q, rise + 1] += 1
+                    pending[q] = 0
+                    counts[q, 0] = counts[q, 1] = 0
+            if now == 0:
+                continue
+            if now == 2:
+                marker[q] = whose[q]
+            if now != last[q] and last[q] != 0:
+                pending[q] = now
+                waited[q] = 0
+            elif pending[q] == 0:
+                counts[q, 0] = counts[q, 1] = 0
+            last[q] = now
+        for i in range(drawn_pixels):
+            flat[touched[i]] = 0.0
+            whose[touched[i]] = -1
