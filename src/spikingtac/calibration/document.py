@@ -13,6 +13,15 @@ from spikingtac.errors import CalibrationError
 CALIBRATION_SCHEMA = 1
 OPTIONAL_NUMBERS = ("step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm")
 """Keys that may be absent; finite and not negative where present."""
+OPTIONAL_MARKER_NUMBERS = (
+    "marker_contrast",
+    "marker_edge_px",
+    "marker_step_on",
+    "marker_step_off",
+)
+"""Keys that may be absent: one positive number for each marker."""
+MEASURED = "marker_measured"
+"""Key that may be absent: one true or false for each marker."""
 OPTIONAL_MAPS = ("step_on_map", "step_off_map")
 """Keys that may be absent; packed maps (:mod:`spikingtac.calibration.step_maps`)."""
 
@@ -53,6 +62,7 @@ def _checked(document: Any) -> dict[str, Any]:
         "grid": grid,
         **_markers(document, grid[0] * grid[1]),
         **_numbers(document),
+        **_marker_values(document, grid[0] * grid[1]),
         **_maps(document, size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
@@ -81,6 +91,26 @@ def _numbers(document: dict[str, Any]) -> dict[str, float]:
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} is {value}, it must be finite and not negative")
     return numbers
+
+
+def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[Any]]:
+    values: dict[str, NDArray[Any]] = {}
+    for name in (*OPTIONAL_MARKER_NUMBERS, MEASURED):
+        given = document.get(name)
+        if given is None:
+            continue
+        value = np.array(given)
+        if value.shape != (markers,):
+            raise ValueError(f"{name} has shape {value.shape}, expected ({markers},)")
+        if name == MEASURED:
+            if value.dtype != np.bool_:
+                raise ValueError(f"{name} must hold true or false for each marker")
+        else:
+            value = value.astype(np.float64)
+            if not (np.isfinite(value).all() and (value > 0).all()):
+                raise ValueError(f"{name} must be finite and positive")
+        values[name] = value
+    return values
 
 
 def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:

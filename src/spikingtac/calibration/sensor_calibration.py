@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
+    MEASURED,
     OPTIONAL_MAPS,
+    OPTIONAL_MARKER_NUMBERS,
     OPTIONAL_NUMBERS,
     checked_document,
 )
@@ -37,6 +39,12 @@ class Calibration:
         step_off_map: The same for OFF events.
         contrast: Marker over ground intensity ratio, or None.
         edge_px: Logistic scale of a marker's edge, px, or None.
+        marker_contrast: ``(m,)`` each marker's own contrast, or None (``contrast``).
+        marker_edge_px: ``(m,)`` each marker's own edge scale, px, or None (``edge_px``).
+        marker_step_on: ``(m,)`` each marker's own ``step_on``, or None.
+        marker_step_off: ``(m,)`` each marker's own ``step_off``, or None.
+        marker_measured: ``(m,) bool``, False where the recording could not tell: the marker's
+            place is expected from the others. None counts as all True.
         lag_us: Delay of the events behind the motion, us, or None.
         px_per_mm: Image scale at the skin, or None where no pitch was given.
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
@@ -54,6 +62,11 @@ class Calibration:
     step_off_map: NDArray[np.float32] | None = None
     contrast: float | None = None
     edge_px: float | None = None
+    marker_contrast: NDArray[np.float64] | None = None
+    marker_edge_px: NDArray[np.float64] | None = None
+    marker_step_on: NDArray[np.float64] | None = None
+    marker_step_off: NDArray[np.float64] | None = None
+    marker_measured: NDArray[np.bool_] | None = None
     lag_us: float | None = None
     px_per_mm: float | None = None
     hysteresis: str | None = None
@@ -79,6 +92,12 @@ class Calibration:
             document["hysteresis"] = self.hysteresis
         document["reference_px"] = np.round(self.reference_px, 4).tolist()
         document["radius_px"] = np.round(self.radius_px, 4).tolist()
+        for name in OPTIONAL_MARKER_NUMBERS:
+            values = getattr(self, name)
+            if values is not None:
+                document[name] = np.round(values, 5).tolist()
+        if self.marker_measured is not None:
+            document[MEASURED] = [bool(value) for value in self.marker_measured]
         for name in OPTIONAL_MAPS:
             values = getattr(self, name)
             if values is not None:
