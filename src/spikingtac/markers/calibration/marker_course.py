@@ -56,7 +56,7 @@ def follow(
         profile: The discs' profile.
         keep: Which of the ``n`` times to keep a map of.
     """
-    window = fit_window(profile, slide_map.values.shape[1], REACH_PX)
+    window = fit_window([profile] * len(radius_px), slide_map.values.shape[1], REACH_PX)
     pixels, curves = window.pixels, window.curves(ITERATIONS)
     outline_px = round_outline(radius_px)
     center = np.array(start_px, np.float64)
@@ -105,7 +105,7 @@ def refit(
         profile: The discs' profile.
     """
     out = np.array(position_px, np.float64)
-    window = fit_window(profile, maps[0].shape[1], REACH_PX)
+    window = fit_window([profile] * len(radius_px), maps[0].shape[1], REACH_PX)
     pixels, curves = window.pixels, window.curves(ITERATIONS)
     outline_px = round_outline(radius_px)
     for values, center in zip(maps, out, strict=True):
