@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.disc_fit import round_outline
-from spikingtac.markers.graded.initial_map import painted_graded_map, profile_of
+from spikingtac.markers.graded.initial_map import painted_graded_map
 from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 
 
@@ -52,7 +53,7 @@ class CentroidLocator:
         self._window = round_window(float(calibration.radius_px.max()) + config.reach_px)
         self._mass = np.ones(len(calibration.radius_px))
         self._agreement = np.ones(len(calibration.radius_px))
-        painted = painted_graded_map(calibration, profile_of(calibration))
+        painted = painted_graded_map(calibration, appearance_of(calibration))
         self._centroids(painted, calibration.reference_px.copy())
         self._full_mass = np.maximum(self._mass, 1.0)
 

@@ -245,7 +245,7 @@ def fit_discs_kernel(
     center_px: NDArray[np.float64],
     outline_px: NDArray[np.float64],
     window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]],
-    curves: tuple[NDArray[np.float32], float, float, int],
+    curves: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], int],
     prior: tuple[NDArray[np.float64], float],
     follow: tuple[NDArray[np.float64], float, float],
     agreement: NDArray[np.float64],
@@ -257,8 +257,8 @@ def fit_discs_kernel(
         center_px: ``(m, 2)`` start and result, px.
         outline_px: ``(m, 3)`` r, b and c of each disc, px.
         window: Offsets, places and counts of :class:`FitWindow`.
-        curves: Coefficients, inner and outer end (px) of :class:`FitWindow`; Gauss-Newton steps at
-            most.
+        curves: Coefficients, inner and outer ends (px) of :class:`FitWindow`; Gauss-Newton steps
+            at most.
         prior: ``(m, 2)`` where the neighbours expect each marker, px, and its weight as a share of
             the fit's own curvature.
         follow: ``(m,)`` radii at rest, px; largest change of the outline as a share of them; share
@@ -266,6 +266,7 @@ def fit_discs_kernel(
         agreement: ``(m,)`` result: share of the edge that agrees with the fit, 0 to 1.
     """
     rest_px, most_share, gain = follow
+    coefficients, inner_px, outer_px, iterations = curves
     levels = padded.ravel(), padded.shape[1], padded.shape[0]
     edge = np.empty((5, window[0].size), np.float32)
     state = np.empty(5)
@@ -274,9 +275,8 @@ def fit_discs_kernel(
         for k in range(3):  # a slice assignment would compile for seconds, and runs no faster
             state[2 + k] = outline_px[m, k]
         expected = prior[0][m, 0], prior[0][m, 1], prior[1]
-        gr, gb, gc, rr, agreement[m] = _fit_one_kernel(
-            levels, window, edge, state, curves, expected
-        )
+        curve = coefficients[m], inner_px[m], outer_px[m], iterations
+        gr, gb, gc, rr, agreement[m] = _fit_one_kernel(levels, window, edge, state, curve, expected)
         center_px[m, 0], center_px[m, 1] = state[0], state[1]
         step, most = gain / (rr + 1e-3), most_share * rest_px[m]
         r, b, c = state[2] + step * gr, state[3] + 2.0 * step * gb, state[4] + 2.0 * step * gc

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.disc_fit import fit_discs_kernel, round_outline
 from spikingtac.markers.graded.fit_window import fit_window
-from spikingtac.markers.graded.initial_map import profile_of
 from spikingtac.state_map.graded import GradedStateMap
 
 
@@ -33,7 +33,7 @@ class DiscLocatorConfig:
     """
 
     iterations: int = field(default=3, metadata={"range": (1, 8)})
-    reach_px: float = field(default=3.5, metadata={"range": (1.0, 6.0)})
+    reach_px: float = field(default=6.0, metadata={"range": (1.0, 6.0)})
     grid_weight: float = field(default=0.03, metadata={"range": (0.0, 0.5)})
     outline_per_s: float = field(default=150.0, metadata={"range": (0.0, 400.0), "unit": "1/s"})
     outline_share: float = 0.3
@@ -55,7 +55,9 @@ class DiscLocator:
         self._config = config
         self._radius_px = calibration.radius_px.astype(np.float64)
         self.outline_px = round_outline(self._radius_px)
-        window = fit_window(profile_of(calibration), calibration.size[0], config.reach_px)
+        window = fit_window(
+            appearance_of(calibration).profiles, calibration.size[0], config.reach_px
+        )
         self._pixels, self._curves = window.pixels, window.curves(config.iterations)
         self._agreement = np.ones(len(calibration.radius_px))
 

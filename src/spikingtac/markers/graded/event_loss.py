@@ -20,8 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.appearance import Appearance, appearance_of, nearest_marker
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.state_map.graded import STEP_DEFAULT
 from spikingtac.types import EventPacket
 
 SLOW_PX_S = 10.0
@@ -96,12 +96,10 @@ class EventLoss:
 
     def __init__(self, calibration: Calibration) -> None:
         """Begin with :data:`FIRST_SHARE`."""
-        step = 0.5 * (
-            (calibration.step_on or STEP_DEFAULT) + (calibration.step_off or STEP_DEFAULT)
-        )
-        self._events_per_px = 4.0 * calibration.radius_px * (1.0 / step - 0.5)
+        appearance = appearance_of(calibration)
+        self._events_per_px = 2.0 * calibration.radius_px * _swing_events(appearance)
         self._reference_px = calibration.reference_px
-        self._owner = _nearest(calibration.reference_px, calibration.size)
+        self._owner = nearest_marker(calibration.reference_px, calibration.size)
         count = len(calibration.reference_px)
         self._area_px = np.bincount(self._owner.ravel(), minlength=count).astype(np.float64)
         self._counts = np.zeros(count, np.int64)
@@ -180,16 +178,14 @@ class EventLoss:
         self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
 
 
-def _nearest(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """Return ``(height, width)`` which marker rests nearest to each pixel."""
-    columns, rows = np.arange(size[0]), np.arange(size[1])[:, np.newaxis]
-    nearest = np.full((size[1], size[0]), np.inf)
-    owner = np.zeros((size[1], size[0]), np.uint16)
-    for marker, (x, y) in enumerate(reference_px):
-        away = (columns - x) ** 2 + (rows - y) ** 2
-        owner[away < nearest] = marker
-        np.minimum(nearest, away, out=nearest)
-    return owner
+def _swing_events(appearance: Appearance) -> NDArray[np.float64]:
+    """Return ``(m,)`` events of one swing up and one swing down.
+
+    After a reversal the level first crosses half a step of the other polarity, on the average,
+    without an event.
+    """
+    on, off = appearance.step_on, appearance.step_off
+    return (1.0 - off / 2.0) / on + (1.0 - on / 2.0) / off
 
 
 @njit(cache=True, nogil=True)

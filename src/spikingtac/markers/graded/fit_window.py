@@ -40,34 +40,36 @@ class FitWindow:
         offset: ``int64[n]`` offsets into the flat padded map.
         place_px: ``float32[2, n]`` columns and rows relative to the central pixel, px.
         within: ``int64[k]`` how many pixels are nearer than 0, 1, 2, ... RING_PX.
-        coefficients: ``(2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of S and -dS/dq over -1
-            (at the inner end) to 1.
-        inner_px: Where the edge begins, px outside of the radius (negative).
-        outer_px: Where it ends, px outside of the radius.
+        coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
+            -dS/dq over -1 (at the inner end) to 1.
+        inner_px: ``(m,)`` where each edge begins, px outside of the radius (negative).
+        outer_px: ``(m,)`` where it ends, px outside of the radius.
     """
 
     offset: NDArray[np.int64]
     place_px: NDArray[np.float32]
     within: NDArray[np.int64]
     coefficients: NDArray[np.float32]
-    inner_px: float
-    outer_px: float
+    inner_px: NDArray[np.float64]
+    outer_px: NDArray[np.float64]
 
     @property
     def pixels(self) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
         """Offsets, places and counts, as the fit takes them."""
         return self.offset, self.place_px, self.within
 
-    def curves(self, iterations: int) -> tuple[NDArray[np.float32], float, float, int]:
-        """Return the profile as the fit takes it, with the number of its steps at most."""
+    def curves(
+        self, iterations: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], int]:
+        """Return the profiles as the fit takes them, with the number of its steps at most."""
         return self.coefficients, self.inner_px, self.outer_px, iterations
 
 
-def fit_window(profile: DiscProfile, width_px: int, reach_px: float) -> FitWindow:
+def fit_window(profiles: list[DiscProfile], width_px: int, reach_px: float) -> FitWindow:
     """Choose the pixels and the polynomials.
 
     Args:
-        profile: The discs' profile.
+        profiles: The profile of each disc.
         width_px: Width of the sensor, px.
         reach_px: Farthest from the radius that a fit reads, px.
     """
@@ -79,12 +81,18 @@ def fit_window(profile: DiscProfile, width_px: int, reach_px: float) -> FitWindo
     order = np.argsort(distance, kind="stable")
     order = order[distance[order] <= farthest_px]
     dx, dy, distance = dx[order], dy[order], distance[order]
-    inner_px, outer_px = _steep_stretch_px(profile, reach_px)
+    stretches_px = [_steep_stretch_px(profile, reach_px) for profile in profiles]
+    inner_px, outer_px = (np.array(ends) for ends in zip(*stretches_px, strict=True))
     return FitWindow(
         offset=(dy * row_px + dx).astype(np.int64),
         place_px=np.stack([dx, dy]).astype(np.float32),
         within=np.searchsorted(distance, np.arange(0.0, farthest_px + RING_PX, RING_PX)),
-        coefficients=_polynomials(profile, inner_px, outer_px),
+        coefficients=np.stack(
+            [
+                _polynomials(profile, *stretch_px)
+                for profile, stretch_px in zip(profiles, stretches_px, strict=True)
+            ]
+        ),
         inner_px=inner_px,
         outer_px=outer_px,
     )

@@ -1,36 +1,33 @@
-"""What a tracker begins with: a profile and a map painted from the calibration."""
+"""What a tracker begins with: a map painted from the calibration."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX, DiscProfile
-from spikingtac.state_map.graded import STEP_DEFAULT, GradedStateMap
+from spikingtac.markers.graded.appearance import Appearance, nearest_marker
+from spikingtac.markers.profile import DiscProfile
+from spikingtac.state_map.graded import GradedStateMap
 
 LAG_DEFAULT_US = 500.0
 """Delay of the events where nothing was calibrated: 150 us of latency and a 2 kHz photoreceptor's
 mean time constant (the twin's preset ``typical``)."""
 
 
-def profile_of(calibration: Calibration) -> DiscProfile:
-    """Return the calibrated profile, or the default for what was not calibrated."""
-    return DiscProfile(
-        contrast=calibration.contrast or CONTRAST_DEFAULT,
-        edge_px=calibration.edge_px or EDGE_DEFAULT_PX,
-    )
-
-
-def painted_graded_map(calibration: Calibration, profile: DiscProfile) -> GradedStateMap:
+def painted_graded_map(calibration: Calibration, appearance: Appearance) -> GradedStateMap:
     """Return the graded map of a sensor at rest, with the calibrated steps."""
     width, height = calibration.size
     start = np.zeros((height, width), np.float32)
-    for center_px, radius_px in zip(calibration.reference_px, calibration.radius_px, strict=True):
+    for center_px, radius_px, profile in zip(
+        calibration.reference_px, calibration.radius_px, appearance.profiles, strict=True
+    ):
         _paint_disc(start, center_px, float(radius_px), profile)
+    owner = nearest_marker(calibration.reference_px, calibration.size)
     return GradedStateMap(
         start,
-        _steps(calibration.step_on_map, calibration.step_on),
-        _steps(calibration.step_off_map, calibration.step_off),
+        _steps(calibration.step_on_map, appearance.step_on[owner]),
+        _steps(calibration.step_off_map, appearance.step_off[owner]),
         dark_markers=calibration.polarity == "dark",
     )
 
@@ -50,8 +47,8 @@ def _paint_disc(
     np.maximum(patch, profile.level(distance - radius_px), out=patch)
 
 
-def _steps(step_map: np.ndarray | None, step: float | None) -> np.ndarray | float:
-    fallback = step or STEP_DEFAULT
+def _steps(step_map: NDArray[np.float32] | None, usual: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return each pixel's own step where it is known, and else that of its marker."""
     if step_map is None:
-        return fallback
-    return np.where(step_map > 0.0, step_map, fallback).astype(np.float32)
+        return usual.astype(np.float32)
+    return np.where(step_map > 0.0, step_map, usual).astype(np.float32)

@@ -14,20 +14,45 @@ single pixels know, and so the centre.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.profile import TABLE_STEP_PX, DiscProfile
+from spikingtac.markers.graded.appearance import profile_tables
+from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
 
+TABLE_ENTRIES = 1024
+"""Entries of a profile's table: steps of 1/70 px for an edge of 1 px."""
 
-def leak_tables(profile: DiscProfile) -> NDArray[np.float32]:
-    """Return ``(2, n)`` S(q) and the weight of the leak: 1 where S is flat, 0 where it is steep."""
-    level, slope = profile.tables
-    return np.stack([level, 1.0 - np.sqrt(slope / slope.min())]).astype(np.float32)
+
+@dataclass(frozen=True, slots=True)
+class LeakTables:
+    """What the leak reads of every marker.
+
+    Attributes:
+        level: ``(m, 3, TABLE_ENTRIES)`` S(q), the weight of the leak (1 where S is flat, 0 where it
+            is steepest), and dS/dq, 1/px.
+        reach_px: ``(m,)`` the tables go from minus to plus this distance from the radius, px.
+    """
+
+    level: NDArray[np.float32]
+    reach_px: NDArray[np.float64]
+
+    def some(self, chosen: slice) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return tables and reaches of some markers."""
+        return self.level[chosen], self.reach_px[chosen]
+
+
+def leak_tables(profiles: list[DiscProfile]) -> LeakTables:
+    """Tabulate the profiles of all markers."""
+    tables, reach_px = profile_tables(profiles, TABLE_ENTRIES)
+    slope = tables[:, 1]
+    weight = 1.0 - np.sqrt(slope / slope.min(axis=1, keepdims=True))
+    return LeakTables(np.stack([tables[:, 0], weight, slope], axis=1).astype(np.float32), reach_px)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -76,9 +101,9 @@ def leak_to_discs_kernel(
     memory: NDArray[np.float32],
     center_px: NDArray[np.float64],
     outline_px: NDArray[np.float64],
-    tables: NDArray[np.float32],
-    reach: tuple[float, float],
-    tolerance: float,
+    tables: tuple[NDArray[np.float32], NDArray[np.float64]],
+    outer_px: float,
+    tolerance: NDArray[np.float64],
     share: float,
 ) -> None:  # pragma: no cover - compiled
     """Move map pixels that disagree with the fitted disc towards it.
@@ -89,19 +114,19 @@ def leak_to_discs_kernel(
         center_px: ``(m, 2)`` disc centres, px.
         outline_px: ``(m, 3)`` r, b and c of each disc (:mod:`spikingtac.markers.graded.disc_fit`),
             px.
-        tables: ``(2, n)`` S(q), and the weight of the leak at q.
-        reach: Of the tables and of the leak, px.
-        tolerance: Disagreement that is left alone.
+        tables: Tables and reaches of :class:`LeakTables`.
+        outer_px: How far outside of a disc the leak works, px.
+        tolerance: ``(m,)`` disagreement that is left alone.
         share: Share of the excess that is given up where the weight is 1.
     """
-    reach_px, outer_px = reach
+    table, reach_px = tables
     height, width = memory.shape
-    limit, portion = np.float32(tolerance), np.float32(share)
-    scale, last = np.float32(1.0 / TABLE_STEP_PX), np.float32(tables.shape[1] - 1)
+    portion, last = np.float32(share), np.float32(table.shape[2] - 1)
     entries = np.empty(width, np.int32)
     for m in range(center_px.shape[0]):
         x, y = center_px[m, 0], center_px[m, 1]
-        outer, start = outline_px[m, 0] + outer_px, np.float32(outline_px[m, 0] - reach_px)
+        limit, scale = np.float32(tolerance[m]), np.float32(0.5 * last / reach_px[m])
+        outer, start = outline_px[m, 0] + outer_px, np.float32(outline_px[m, 0] - reach_px[m])
         shape = np.float32(outline_px[m, 1]), np.float32(outline_px[m, 2]), start, scale, last
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
             half = np.sqrt(max(outer * outer - (row - y) ** 2, 0.0))
@@ -110,7 +135,7 @@ def leak_to_discs_kernel(
             entry = entries[: after - first]
             _entries_kernel(np.float32(first - x), np.float32(row - y), shape, entry)
             levels = padded[row + PAD_PX, PAD_PX + first : PAD_PX + after]
-            _give_kernel(levels, memory[row, first:after], entry, tables, limit, portion)
+            _give_kernel(levels, memory[row, first:after], entry, table[m], limit, portion)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -119,8 +144,7 @@ def ease_outlines_kernel(
     memory: NDArray[np.float32],
     discs: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     radius_px: NDArray[np.float64],
-    tables: NDArray[np.float32],
-    reach_px: float,
+    tables: tuple[NDArray[np.float32], NDArray[np.float64]],
     limits: tuple[float, float],
 ) -> None:  # pragma: no cover - compiled
     """Move the edges of discs at rest towards their calibrated outlines.
@@ -130,12 +154,13 @@ def ease_outlines_kernel(
         memory: The clipped sums behind it; changed.
         discs: ``(m, 2)`` centres, px; ``(m, 2)`` velocities, px/s; ``(m, 3)`` r, b and c, px.
         radius_px: ``(m,)`` calibrated radii.
-        tables: ``(2, n)`` S(q) and dS/dq.
-        reach_px: Of the tables, px.
+        tables: Tables and reaches of :class:`LeakTables`.
         limits: Share of the way that is gone; speed from which a marker does not rest, px/s.
     """
     center_px, velocity_px_s, outline_px = discs
     share, still_px_s = limits
+    table, reach_px = tables
+    last = table.shape[2] - 1
     height, width = memory.shape
     for m in range(center_px.shape[0]):
         x, y = center_px[m, 0], center_px[m, 1]
@@ -143,7 +168,7 @@ def ease_outlines_kernel(
         as_calibrated = r == radius_px[m] and b == 0.0 and c == 0.0
         if as_calibrated or np.hypot(velocity_px_s[m, 0], velocity_px_s[m, 1]) > still_px_s:
             continue
-        outer = r + abs(b) + abs(c) + reach_px
+        outer, scale = r + abs(b) + abs(c) + reach_px[m], 0.5 * last / reach_px[m]
         for row in range(max(0, int(np.ceil(y - outer))), min(height - 1, int(y + outer)) + 1):
             for column in range(
                 max(0, int(np.ceil(x - outer))), min(width - 1, int(x + outer)) + 1
@@ -151,10 +176,10 @@ def ease_outlines_kernel(
                 dx, dy = column - x, row - y
                 rho2 = dx * dx + dy * dy + 1e-6
                 bulge = (b * (dx * dx - dy * dy) + 2.0 * c * dx * dy) / rho2
-                place = (np.sqrt(rho2) - r - bulge + reach_px) / TABLE_STEP_PX
-                if 0.0 < place < tables.shape[1] - 1:
+                place = (np.sqrt(rho2) - r - bulge + reach_px[m]) * scale
+                if 0.0 < place < last:
                     swelling = r - radius_px[m] + bulge
                     old = memory[row, column]
-                    new = min(max(old + share * swelling * tables[1, int(place)], 0.0), 1.0)
+                    new = min(max(old + share * swelling * table[m, 2, int(place)], 0.0), 1.0)
                     memory[row, column] = new
                     padded[row + PAD_PX, column + PAD_PX] += new - old

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.event_loss import EventLoss
-from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_graded_map, profile_of
+from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_graded_map
 from spikingtac.markers.graded.map_leak import (
     ease_outlines_kernel,
     leak_tables,
@@ -100,8 +101,8 @@ class MaintenanceConfig:
 
     period_us: int = 4_000
     leak_per_s: float = field(default=10.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
-    leak_tolerance: float = field(default=0.04, metadata={"range": (0.0, 0.5)})
-    wary_tolerance: float = field(default=0.14, metadata={"range": (0.0, 0.5)})
+    leak_tolerance: float = field(default=0.3, metadata={"range": (0.0, 3.0)})
+    wary_tolerance: float = field(default=1.0, metadata={"range": (0.0, 3.0)})
     leak_reach_px: float = 3.5
     ease_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
     leak_groups: int = 8
@@ -142,9 +143,10 @@ class GradedTracker:
         self._maintenance_config = maintenance
         self._calibration = calibration
         self._law = law or NoLaw()
-        self._profile = profile_of(calibration)
-        self._map = painted_graded_map(calibration, self._profile)
-        self._leak_tables = leak_tables(self._profile)
+        appearance = appearance_of(calibration)
+        self._map = painted_graded_map(calibration, appearance)
+        self._band = 0.5 * (appearance.step_on + appearance.step_off)
+        self._leak_tables = leak_tables(appearance.profiles)
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()
@@ -233,15 +235,16 @@ class GradedTracker:
         self._turn = (self._turn + 1) % settings.leak_groups
         some = slice(self._turn, None, settings.leak_groups)
         position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
+        tables = self._leak_tables.some(some)
         whole = not settings.adapt_to_loss or self._kept.share == 1.0
         leak_to_discs_kernel(
             self._map.padded,
             self._map.memory,
             position_px,
             outline_px,
-            self._leak_tables,
-            (self._profile.reach_px, settings.leak_reach_px),
-            settings.leak_tolerance if whole else settings.wary_tolerance,
+            tables,
+            settings.leak_reach_px,
+            self._band[some] * (settings.leak_tolerance if whole else settings.wary_tolerance),
             1.0 - np.exp(-settings.leak_per_s * time_s),
         )
         ease_outlines_kernel(
@@ -249,8 +252,7 @@ class GradedTracker:
             self._map.memory,
             (position_px, self._filter.velocity_px_s[some], outline_px),
             self._calibration.radius_px[some],
-            self._profile.tables,
-            self._profile.reach_px,
+            tables,
             (1.0 - np.exp(-settings.ease_per_s * time_s), AT_REST_PX_S),
         )
 

@@ -1,0 +1,82 @@
+"""How each marker looks to the sensor: its edge, and the share of a full swing per event.
+
+Calibrations give these for every marker where a recording taught them, for the sensor as a whole
+otherwise, and a calibration that was written by hand gives neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX, DiscProfile
+from spikingtac.state_map.graded import STEP_DEFAULT
+
+
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """What is known of every marker of one sensor.
+
+    Attributes:
+        profiles: The ``m`` profiles of the discs.
+        step_on: ``(m,)`` share of the full swing per ON event.
+        step_off: ``(m,)`` the same per OFF event.
+    """
+
+    profiles: list[DiscProfile]
+    step_on: NDArray[np.float64]
+    step_off: NDArray[np.float64]
+
+
+def appearance_of(calibration: Calibration) -> Appearance:
+    """Return each marker's appearance: its own where it is known, else the sensor's, else usual."""
+    count = len(calibration.reference_px)
+    contrast = _each(calibration.marker_contrast, calibration.contrast, CONTRAST_DEFAULT, count)
+    edge_px = _each(calibration.marker_edge_px, calibration.edge_px, EDGE_DEFAULT_PX, count)
+    return Appearance(
+        profiles=[
+            DiscProfile(float(ratio), float(edge))
+            for ratio, edge in zip(contrast, edge_px, strict=True)
+        ],
+        step_on=_each(calibration.marker_step_on, calibration.step_on, STEP_DEFAULT, count),
+        step_off=_each(calibration.marker_step_off, calibration.step_off, STEP_DEFAULT, count),
+    )
+
+
+def profile_tables(
+    profiles: list[DiscProfile], entries: int
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return ``(m, 2, entries)`` S and dS/dq, 1/px, and the ``(m,)`` reach of each table, px.
+
+    Args:
+        profiles: The discs' profiles.
+        entries: Entries of each table, from minus to plus the reach.
+    """
+    reach_px = np.array([profile.reach_px for profile in profiles])
+    tables = np.empty((len(profiles), 2, entries), np.float32)
+    for table, profile, reach in zip(tables, profiles, reach_px, strict=True):
+        q_px = np.linspace(-reach, reach, entries)
+        table[0], table[1] = profile.level(q_px), profile.slope(q_px)
+        table[:, 0], table[:, -1] = (1.0, 0.0), (0.0, 0.0)
+    return tables, reach_px
+
+
+def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
+    """Return ``(height, width)`` which marker rests nearest to each pixel."""
+    columns, rows = np.arange(size[0]), np.arange(size[1])[:, np.newaxis]
+    nearest = np.full((size[1], size[0]), np.inf)
+    owner = np.zeros((size[1], size[0]), np.uint16)
+    for marker, (x, y) in enumerate(reference_px):
+        away = (columns - x) ** 2 + (rows - y) ** 2
+        owner[away < nearest] = marker
+        np.minimum(nearest, away, out=nearest)
+    return owner
+
+
+def _each(
+    own: NDArray[np.float64] | None, common: float | None, usual: float, count: int
+) -> NDArray[np.float64]:
+    return np.full(count, common or usual) if own is None else np.asarray(own, np.float64)
