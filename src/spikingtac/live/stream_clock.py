@@ -1,0 +1,99 @@
+"""Sensor time against host time: how far a live stream is behind, and whether its clock leapt.
+
+Sensor and host share no clock. The fastest transport so far maps one to the other; what arrives
+later than it lags behind. The map may drift, since no two crystals run alike.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from spikingtac.errors import ConfigError
+
+US_PER_S = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamClockConfig:
+    """How sensor time is mapped to host time.
+
+    Attributes:
+        drift: Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog
+            that grows more slowly than this is taken for drift.
+        leap_s: A sensor time that runs ahead of host time by this much is a leap, s (ours: filled
+            with empty windows it costs a detector 20 ms; transport varies by less).
+        span_s: A backlog counts once it has lasted this long, s (ours: USB transfers deliver
+            several windows at once, of which the first are late).
+    """
+
+    drift: float = 100e-6
+    leap_s: float = 0.5
+    span_s: float = 0.020
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.drift < 1.0 and self.leap_s > 0.0 and self.span_s >= 0.0):
+            raise ConfigError("drift must be in [0, 1), leap_s positive, span_s not negative")
+
+
+class StreamClock:
+    """Follows one stream; both clocks may only go forward.
+
+    Args:
+        config: What counts as drift, leap and backlog.
+    """
+
+    def __init__(self, config: StreamClockConfig | None = None) -> None:
+        self._config = config or StreamClockConfig()
+        self._offset_s: float | None = None  # host less sensor time of the fastest transport
+        self._usual_s = 0.0  # the same of the usual transport; it changes with the drift only
+        self._last_s = 0.0
+        self._lags: deque[tuple[float, float]] = deque()
+
+    def arrive(self, sensor_us: int, host_s: float) -> float:
+        """Learn from an arrival.
+
+        Args:
+            sensor_us: Sensor time of the arrived data's end, us.
+            host_s: Host time of their arrival, s.
+
+        Returns:
+            By how much the sensor's clock leapt ahead, s; 0 without a leap. The map begins anew
+            after a leap, so that each is returned once.
+        """
+        delay_s = host_s - sensor_us / US_PER_S
+        if self._offset_s is None:
+            self._begin(delay_s, host_s)
+            return 0.0
+        drift_s = self._config.drift * max(host_s - self._last_s, 0.0)
+        self._last_s = max(host_s, self._last_s)
+        ahead_s = self._usual_s - drift_s - delay_s
+        if ahead_s >= self._config.leap_s:
+            self._begin(delay_s, host_s)
+            return ahead_s
+        self._offset_s = min(self._offset_s + drift_s, delay_s)
+        self._usual_s += min(max(delay_s - self._usual_s, -drift_s), drift_s)
+        return 0.0
+
+    def _begin(self, delay_s: float, host_s: float) -> None:
+        self._offset_s = self._usual_s = delay_s
+        self._last_s = host_s
+        self._lags.clear()
+
+    def lag_s(self, sensor_us: int, host_s: float) -> float:
+        """Return how much later than by the fastest transport something happens, s."""
+        if self._offset_s is None:
+            return 0.0
+        return max(host_s - sensor_us / US_PER_S - self._offset_s, 0.0)
+
+    def backlog_s(self, sensor_us: int, host_s: float) -> float:
+        """Return the lag that has lasted for the span, s: the least lag within it.
+
+        Args:
+            sensor_us: Sensor time of the data that are processed now, us.
+            host_s: Host time now, s.
+        """
+        self._lags.append((host_s, self.lag_s(sensor_us, host_s)))
+        while len(self._lags) > 1 and self._lags[1][0] <= host_s - self._config.span_s:
+            self._lags.popleft()
+        return min(lag_s for _, lag_s in self._lags)

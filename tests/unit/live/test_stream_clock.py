@@ -1,0 +1,98 @@
+"""Sensor time against host time: lag, drift and leaps, on clocks that only the tests move."""
+
+import pytest
+
+from spikingtac.live.stream_clock import StreamClock, StreamClockConfig
+
+CONFIG = StreamClockConfig()
+OFFSET_S = 1234.5
+"""Host time less sensor time, of a transport that takes no time."""
+
+
+def run(
+    clock: StreamClock, windows: range, rate: float = 1.0, late_s: float = 0.0
+) -> tuple[float, float]:
+    """Let windows of 1 ms arrive at ``rate`` times their pace; return last backlog and leap."""
+    backlog_s = leap_s = 0.0
+    for number in windows:
+        end_us = (number + 1) * 1000
+        host_s = OFFSET_S + end_us * 1e-6 / rate + late_s
+        leap_s = max(leap_s, clock.arrive(end_us, host_s))
+        backlog_s = clock.backlog_s(end_us, host_s)
+    return backlog_s, leap_s
+
+
+def test_a_steady_stream_has_no_backlog_and_no_leap() -> None:
+    assert run(StreamClock(), range(5000)) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_a_consumer_at_half_the_pace_falls_behind() -> None:
+    clock = StreamClock()
+    run(clock, range(100))
+    backlog_s = 0.0
+    for number in range(100, 200):  # each window is processed 1 ms later than the one before
+        end_us = (number + 1) * 1000
+        host_s = OFFSET_S + end_us * 1e-6 + (number - 99) * 1e-3
+        clock.arrive(end_us, host_s)
+        backlog_s = clock.backlog_s(end_us, host_s)
+    assert backlog_s == pytest.approx(0.1, abs=0.012)
+
+
+@pytest.mark.parametrize("drift", [-90e-6, 90e-6])
+def test_an_hour_of_drift_between_the_clocks_is_no_lag_and_no_leap(drift: float) -> None:
+    clock, worst_s, leap_s = StreamClock(), 0.0, 0.0
+    for second in range(3600):
+        end_us = second * 1_000_000
+        host_s = OFFSET_S + second * (1.0 + drift)
+        leap_s = max(leap_s, clock.arrive(end_us, host_s))
+        worst_s = max(worst_s, clock.backlog_s(end_us, host_s))
+    assert worst_s < 1e-4
+    assert leap_s == 0.0
+
+
+def test_packets_that_come_in_bursts_are_no_backlog() -> None:
+    clock, worst_s = StreamClock(), 0.0
+    for number in range(4000):
+        end_us = (number + 1) * 1000
+        burst_s = OFFSET_S + (number // 8 + 1) * 0.008  # eight windows at once
+        clock.arrive(end_us, burst_s)
+        worst_s = max(worst_s, clock.backlog_s(end_us, burst_s))
+    assert worst_s < 1e-6
+
+
+def test_a_pause_that_is_made_up_for_is_no_backlog_and_one_that_lasts_is() -> None:
+    clock = StreamClock()
+    run(clock, range(1000))
+    late_s = 0.03
+    end_us = 1_001_000
+    clock.arrive(end_us, OFFSET_S + end_us * 1e-6 + late_s)
+    assert clock.backlog_s(end_us, OFFSET_S + end_us * 1e-6 + late_s) < 1e-6
+    backlog_s, _ = run(clock, range(1001, 1050), late_s=late_s)
+    assert backlog_s == pytest.approx(late_s, abs=1e-4)
+
+
+@pytest.mark.parametrize("leap_s", [0.6, 600.0, 8_000.0])
+def test_a_leap_of_the_sensors_clock_is_told_once(leap_s: float) -> None:
+    clock = StreamClock()
+    run(clock, range(1000))
+    host_s = OFFSET_S + 1.001
+    assert clock.arrive(round((1.001 + leap_s) * 1e6), host_s) == pytest.approx(leap_s, abs=1e-3)
+    assert clock.arrive(round((1.002 + leap_s) * 1e6), host_s + 0.001) == 0.0
+    assert clock.backlog_s(round((1.002 + leap_s) * 1e6), host_s + 0.001) < 1e-6
+
+
+def test_windows_that_fill_a_leap_add_up_to_it() -> None:
+    clock, leaps_s = StreamClock(), []
+    run(clock, range(1000))
+    for number in range(1000, 2000):  # one second of silence, read at once
+        leaps_s.append(clock.arrive((number + 1) * 1000, OFFSET_S + 1.0))
+    assert max(leaps_s) == pytest.approx(CONFIG.leap_s, abs=0.002)
+    assert 1 <= sum(leap_s > 0.0 for leap_s in leaps_s) <= 2
+
+
+def test_windows_that_waited_before_the_first_are_no_leap() -> None:
+    """A stream that is opened late delivers what waited, faster than real time."""
+    clock, leap_s = StreamClock(), 0.0
+    for number in range(300):
+        leap_s = max(leap_s, clock.arrive((number + 1) * 1000, OFFSET_S + 0.3 + number * 1e-5))
+    assert leap_s == 0.0
