@@ -12,7 +12,8 @@ import pytest
 from spikingtac.live.contact_process import ContactProcess
 from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
-from stand_ins.guarded import NotingArm, detector, moving_ur, paced, stops
+from stand_ins.guarded import SLOWED, NotingArm, detector, long_failure, moving_ur, paced, stops
+from stand_ins.moving_rims import PERIOD_US
 from stand_ins.ur_controller import URController
 
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
@@ -20,6 +21,8 @@ SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 STALE_S = 0.25
 """Far above the 10 ms that a robot is given, so that a busy machine's pauses are no silence."""
 PATIENCE_S = 90.0
+TOUCH = 600
+"""Window at which something happens: 1.2 s after the stream was opened."""
 CALM = WatchdogConfig(stale_s=STALE_S, backlog_s=2.0)
 
 
@@ -53,9 +56,10 @@ def wait(process: ContactProcess, *phases: str) -> dict[str, Any]:
 
 def test_a_contact_stops_the_arm_while_a_recorder_hangs(guard: Any, notes: Path) -> None:
     recorder = multiprocessing.get_context("spawn").Queue(maxsize=3)
-    status = wait(guard(recorder, touch=300), "ended", "failed")
+    status = wait(guard(recorder, touch=TOUCH), "ended", "failed")
     assert status["phase"] == "ended", status
-    assert 300_000 < status["contact"]["t_us"] <= 304_000
+    first_us = TOUCH * SLOWED * PERIOD_US
+    assert first_us < status["contact"]["t_us"] <= first_us + 4 * SLOWED * PERIOD_US
     assert status["health"] == "ok"
     assert status["lost"] == [status["windows"] - 3]
     assert len(stops(notes)) == 2  # the self-test, and the contact
@@ -64,7 +68,7 @@ def test_a_contact_stops_the_arm_while_a_recorder_hangs(guard: Any, notes: Path)
 
 
 def test_a_stream_that_stalls_stops_the_arm_in_the_stated_time(guard: Any, notes: Path) -> None:
-    process = guard(stall=200)
+    process = guard(stall=TOUCH)
     wait(process, "ready")
     until_s = time.monotonic() + PATIENCE_S
     while len(stops(notes)) < 2:
@@ -74,13 +78,35 @@ def test_a_stream_that_stalls_stops_the_arm_in_the_stated_time(guard: Any, notes
     silent_s = stops(notes)[-1] - last_s
     assert silent_s < STALE_S + 0.002 + 0.02 + SLACK_S  # stale, the watch's period, the status' age
     assert process.alive()
+    status = wait(process, "tripped")
+    assert (status["health"], status["windows"] > 0) == ("stale", True)
+    assert "no heartbeat" in status["reason"]
+
+
+def test_a_leap_of_the_sensors_clock_stops_the_arm(guard: Any, notes: Path) -> None:
+    status = wait(guard(leap=TOUCH), "ended", "failed")
+    assert (status["phase"], status["health"]) == ("ended", "time_jump")
+    assert "leapt ahead by 600.0 s" in status["reason"]
+    assert len(stops(notes)) == 2
+
+
+def test_a_failure_is_told_however_long_its_text_is(notes: Path) -> None:
+    arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
+    source = Factory(function=paced)
+    process = ContactProcess(source, Factory(function=long_failure), arm, CALM)
+    try:
+        status = wait(process, "failed")
+    finally:
+        process.close()
+    assert status["reason"].startswith("ValueError: \u00e9\u00e9\u00e9")
+    assert status["reason"].endswith("(cut)")
 
 
 @pytest.mark.parametrize(
     ("stream", "phase", "reason"),
     [
-        ({"end": 50}, "ended", "the event stream ended"),
-        ({"fault": 50}, "failed", "OSError: the camera was unplugged"),
+        ({"end": TOUCH}, "ended", "the event stream ended"),
+        ({"fault": TOUCH}, "failed", "OSError: the camera was unplugged"),
     ],
 )
 def test_a_stream_that_ends_or_breaks_stops_the_arm(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,20 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.live.contact_loop import Arrival
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.types import Pose
-from stand_ins.moving_rims import calibration, windows
+from spikingtac.types import EventPacket, Pose
+from stand_ins.moving_rims import PERIOD_US, calibration, windows
 
 NEVER = 1 << 30
+SLOWED = 2
+"""Host time and sensor time of a window, in periods of the detector."""
+LEAP_US = 600_000_000
+
+
+def slowed(window: EventPacket, shift_us: int = 0) -> EventPacket:
+    """Return a window whose time runs slower, so that a busy machine keeps up, and later."""
+    begin_us, end_us = (SLOWED * t + shift_us for t in (window.t_start_us, window.t_end_us))
+    times_us = SLOWED * window.t + shift_us
+    return replace(window, t=times_us, t_start_us=begin_us, t_end_us=end_us)
 
 
 class NotingArm:
@@ -54,9 +65,9 @@ def detector() -> ContactDetector:
 
 
 def paced(
-    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, ms: float = 2.0
+    touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, leap: int = NEVER
 ) -> Iterator[Arrival]:
-    """Yield windows in (slowed) real time; touch, stall, end or break at a window."""
+    """Yield windows of 2 ms in real time; touch, stall, end, break or leap at a window."""
 
     def speed(number: int) -> tuple[float, float]:
         return (0.1, 0.0) if number >= touch else (0.0, 0.0)
@@ -70,9 +81,9 @@ def paced(
         if number == stall:
             time.sleep(600.0)
         (window,) = windows(1, seed=number, speed=speed, first=number)
-        due_s += ms * 1e-3
+        due_s += SLOWED * PERIOD_US * 1e-6
         time.sleep(max(due_s - time.monotonic(), 0.0))
-        yield Arrival(window, time.monotonic())
+        yield Arrival(slowed(window, LEAP_US if number >= leap else 0), time.monotonic())
 
 
 def moving_ur(host: str, speed_mm_s: float) -> Arm:
@@ -97,3 +108,7 @@ class MovingArm:
             self._arm.move_linear(far, self._speed_mm_s)
             self._moving = True
         return state
+
+
+def long_failure() -> ContactDetector:
+    raise ValueError("\u00e9" * 10_000)

@@ -10,6 +10,7 @@ from spikingtac.contact.window import Window
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival
+from spikingtac.types import LossCounters
 
 
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
@@ -28,10 +29,17 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     Raises:
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
     """
-    return timed((window,) for window in windows(open_events(path), period_us))
+    source = open_events(path)
+    return timed(((window,) for window in windows(source, period_us)), source.losses)
 
 
-def timed(stream: Iterable[Window]) -> Iterator[Arrival]:
-    """Yield windows with the time at which they came."""
+def timed(stream: Iterable[Window], losses: LossCounters | None = None) -> Iterator[Arrival]:
+    """Yield windows with the time at which they came.
+
+    Args:
+        stream: The windows.
+        losses: Counters of the source, for the leaps of its clock; None knows of none.
+    """
+    counted = LossCounters() if losses is None else losses
     for window in stream:
-        yield Arrival(window, time.monotonic())
+        yield Arrival(window, time.monotonic(), counted["time_jump"])

@@ -17,6 +17,7 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import Window, packets_of
+from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.watchdog import Health, Watchdog
 from spikingtac.types import Contact
 
@@ -32,10 +33,17 @@ class Arrival:
     Attributes:
         window: The events.
         received_s: When this machine had all of the window, on the clock of the loop, s.
+        time_jumps: How many leaps of the sensor's clock the source has counted so far.
     """
 
     window: Window
     received_s: float
+    time_jumps: int = 0
+
+    @property
+    def end_us(self) -> int:
+        """End of the window, on the sensor's clock, us."""
+        return packets_of(self.window)[0].t_end_us
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,7 @@ class GuardReport:
         contact: What stopped the arm, or None.
         latency: Of that decision.
         windows: How many windows were processed.
+        backlog_s: How far the processed data lag behind the fastest transport, s.
         decision_p50_us: Median time to decide over the recent windows, us.
         decision_p99_us: 99th percentile of the same, us.
         lost: How many windows each subscriber did not take.
@@ -76,6 +85,7 @@ class GuardReport:
     contact: Contact | None
     latency: Latency | None
     windows: int
+    backlog_s: float
     decision_p50_us: float
     decision_p99_us: float
     lost: tuple[int, ...]
@@ -120,6 +130,7 @@ class ContactLoop:
         stop: Stops the arm.
         subscribers: Offered each window after the decision.
         clock_s: The clock of the arrivals and of the watchdog.
+        stream_clock: Knows the stream's earlier windows; None begins with the first one.
 
     Attributes:
         contact: What stopped the arm, or None so far.
@@ -132,12 +143,15 @@ class ContactLoop:
         stop: Callable[[], None],
         subscribers: Sequence[Subscriber] = (),
         clock_s: Callable[[], float] = time.monotonic,
+        stream_clock: StreamClock | None = None,
     ) -> None:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
+        self._stream_clock = stream_clock or StreamClock()
+        self._time_jumps: int | None = None
+        self._backlog_s = 0.0
         self._subscribers, self._clock_s = tuple(subscribers), clock_s
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
         self._windows = 0
-        self._fastest_s = float("inf")
         self.contact: Contact | None = None
         self._latency: Latency | None = None
 
@@ -171,6 +185,7 @@ class ContactLoop:
             contact=self.contact,
             latency=self._latency,
             windows=self._windows,
+            backlog_s=self._backlog_s,
             decision_p50_us=p50_us,
             decision_p99_us=p99_us,
             lost=tuple(subscriber.lost for subscriber in self._subscribers),
@@ -178,7 +193,7 @@ class ContactLoop:
 
     def _process(self, arrival: Arrival) -> None:
         begun_s = self._clock_s()
-        self._watchdog.beat(begun_s - arrival.received_s)
+        self._compare_clocks(arrival, begun_s)
         contact = self._detector.update(arrival.window)
         decided_s = self._clock_s()
         if contact is not None:
@@ -186,19 +201,27 @@ class ContactLoop:
             self.contact = contact
             stopped_s = self._clock_s()
             self._latency = self._split(arrival, decided_s, stopped_s)
-        end_s = packets_of(arrival.window)[0].t_end_us / US_PER_S
-        self._fastest_s = min(self._fastest_s, arrival.received_s - end_s)
         self._recent_us.append((decided_s - begun_s) * US_PER_S)
         self._windows += 1
+
+    def _compare_clocks(self, arrival: Arrival, begun_s: float) -> None:
+        """Beat the watchdog with the backlog, and report a leap of the sensor's clock."""
+        leap_s = self._stream_clock.arrive(arrival.end_us, arrival.received_s)
+        self._backlog_s = self._stream_clock.backlog_s(arrival.end_us, begun_s)
+        self._watchdog.beat(self._backlog_s)
+        known, self._time_jumps = self._time_jumps, arrival.time_jumps
+        if leap_s > 0.0:
+            self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
+        elif known is not None and arrival.time_jumps > known:
+            self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
 
     def _split(self, arrival: Arrival, decided_s: float, stopped_s: float) -> Latency:
         packets = packets_of(arrival.window)
         times_us = np.concatenate([packet.t for packet in packets])
-        end_us = packets[0].t_end_us
-        transport_s = arrival.received_s - end_us / US_PER_S
+        end_us = arrival.end_us
         return Latency(
             window_us=float(end_us - times_us.mean()) if len(times_us) else None,
-            transport_us=max(transport_s - min(self._fastest_s, transport_s), 0.0) * US_PER_S,
+            transport_us=self._stream_clock.lag_s(end_us, arrival.received_s) * US_PER_S,
             decision_us=(decided_s - arrival.received_s) * US_PER_S,
             stop_us=(stopped_s - decided_s) * US_PER_S,
         )

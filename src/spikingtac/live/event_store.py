@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import time
 import weakref
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +21,7 @@ _COLUMNS = ("x", np.uint16), ("y", np.uint16), ("p", np.bool_), ("t", np.int64)
 
 
 class EventStore:
-    """Stores every event of a source in a temporary folder, and returns any stretch of time.
+    """Stores every event of a source in temporary files, and returns any stretch of time.
 
     A source that goes on (a camera, a simulation) is pulled only as far as is asked for.
 
@@ -38,8 +36,9 @@ class EventStore:
         self.ended = False
         self.waited_s = 0.0
         self._stream: Iterator[EventPacket] = iter(source)
-        self._folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
-        self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        # Files without a name: nothing is left of them, even where the process is killed.
+        self._files = {name: tempfile.TemporaryFile() for name, _ in _COLUMNS}  # noqa: SIM115
+        self._close_files = weakref.finalize(self, _close, tuple(self._files.values()))
         self._columns: dict[str, NDArray[Any]] = {}
         self._events = 0
         self._span: tuple[int, int] | None = None
@@ -83,9 +82,9 @@ class EventStore:
         return EventPacket(x, y, p, t, t_start_us, t_end_us, self.size)
 
     def close(self) -> None:
-        """Remove the temporary files."""
+        """Remove the temporary files; packets that were returned stay valid."""
         self._columns.clear()
-        self._remove()
+        self._close_files()
 
     def _pull(self) -> None:
         asked_s = time.perf_counter()
@@ -107,8 +106,12 @@ class EventStore:
 
     def _grow(self, capacity: int) -> None:
         for name, dtype in _COLUMNS:
-            path = self._folder / name
-            path.touch()
-            os.truncate(path, capacity * np.dtype(dtype).itemsize)
+            file = self._files[name]
+            os.truncate(file.fileno(), capacity * np.dtype(dtype).itemsize)
             # asarray: slices of np.memmap itself cost microseconds each.
-            self._columns[name] = np.asarray(np.memmap(path, dtype, mode="r+", shape=(capacity,)))
+            self._columns[name] = np.asarray(np.memmap(file, dtype, mode="r+", shape=(capacity,)))
+
+
+def _close(files: tuple[IO[bytes], ...]) -> None:
+    for file in files:
+        file.close()

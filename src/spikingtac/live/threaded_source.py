@@ -1,7 +1,7 @@
 """Reads a live stream in a thread, so that a busy consumer leaves no pipe full.
 
 Each arriving window is a heartbeat for the watchdog, whether it is used or not. The backlog is the
-time for which the oldest unused window has waited.
+time for which the oldest unused window has waited, or the lag of the stream where it is longer.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
 from spikingtac.live.contact_loop import Arrival
+from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.watchdog import Watchdog
 
 ROOM_WINDOWS = 1 << 16
@@ -32,6 +33,7 @@ class ThreadedSource:
     def __init__(self, arrivals: Iterable[Arrival], watchdog: Watchdog) -> None:
         self._arrivals, self._watchdog = arrivals, watchdog
         self._waiting: deque[Arrival] = deque()
+        self._clock = StreamClock()
         self._changed = threading.Condition()
         self._end_cause: BaseException | None = None
         self._closed = False
@@ -86,7 +88,12 @@ class ThreadedSource:
             if len(self._waiting) >= ROOM_WINDOWS:
                 raise DeviceError(f"{ROOM_WINDOWS} windows wait and are not read")
             self._waiting.append(arrival)
-            self._watchdog.beat(arrival.received_s - self._waiting[0].received_s)
+            waited_s = arrival.received_s - self._waiting[0].received_s
+            leap_s = self._clock.arrive(arrival.end_us, arrival.received_s)
+            behind_s = self._clock.backlog_s(arrival.end_us, arrival.received_s)
+            self._watchdog.beat(max(waited_s, behind_s))
+            if leap_s > 0.0:
+                self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
             self._changed.notify()
 
     def _end(self, error: BaseException, reason: str) -> None:

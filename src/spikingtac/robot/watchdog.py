@@ -6,6 +6,7 @@ stop (ISO 10218, ISO 13849). It catches the faults of this software's own stream
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import threading
 from collections.abc import Callable
@@ -20,6 +21,7 @@ class Health(enum.Enum):
     OK = "ok"
     STALE = "stale"
     OVERLOAD = "overload"
+    TIME_JUMP = "time_jump"
     DISCONNECTED = "disconnected"
 
 
@@ -51,6 +53,8 @@ class Watchdog:
         stop: Stops the arm; called at each trip, also when it was called before. If it fails, the
             failure is kept in :attr:`stop_failure`, and every later :meth:`check` tries again.
         clock_s: A monotonic clock, s.
+        on_trip: Called once at the first trip, after the stop; it must not block. What it raises
+            is ignored.
 
     Attributes:
         health: OK, or the first fault since the last reset.
@@ -60,7 +64,11 @@ class Watchdog:
     """
 
     def __init__(
-        self, config: WatchdogConfig, stop: Callable[[], None], clock_s: Callable[[], float]
+        self,
+        config: WatchdogConfig,
+        stop: Callable[[], None],
+        clock_s: Callable[[], float],
+        on_trip: Callable[[], None] = lambda: None,
     ) -> None:
         self.health = Health.OK
         self.reason = ""
@@ -68,7 +76,7 @@ class Watchdog:
         self.armed = False
         self._config = config
         self._stop = stop
-        self._clock_s = clock_s
+        self._clock_s, self._on_trip = clock_s, on_trip
         self._proven = False
         self._beat_s = clock_s()
         self._backlog_s = 0.0
@@ -86,6 +94,12 @@ class Watchdog:
     def disconnected(self, reason: str) -> None:
         """Say that the transport or the controller is gone for certain."""
         self._trip(Health.DISCONNECTED, reason)
+
+    def time_jump(self, reason: str) -> None:
+        """Report that the sensor's clock leapt; trips while armed, since its silence is no data."""
+        with self._lock:
+            if self.armed:
+                self._trip(Health.TIME_JUMP, reason)
 
     def check(self) -> Health:
         """Look at the clock, trip if due, and return the health; to be called at least per window.
@@ -160,10 +174,14 @@ class Watchdog:
 
     def _trip(self, health: Health, reason: str) -> None:
         with self._lock:
-            if self.health is Health.OK:
+            first = self.health is Health.OK
+            if first:
                 self.health, self.reason = health, reason
             self.armed = False
             self._call_stop()
+            if first and self._proven:  # the self-test's own trip is not reported
+                with contextlib.suppress(Exception):  # a failed report must not end the watch
+                    self._on_trip()
 
     def _call_stop(self) -> None:
         try:

@@ -2,15 +2,17 @@
 
 import queue
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 
 import pytest
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.window import Window
 from spikingtac.live.contact_loop import Arrival, ContactLoop, Subscriber
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
-from spikingtac.types import EventPacket
-from stand_ins.moving_rims import windows
+from spikingtac.types import Contact, EventPacket
+from stand_ins.moving_rims import SIZE, windows
 
 
 class Clock:
@@ -80,7 +82,8 @@ def test_the_latency_is_split() -> None:
     bench = Bench()
     report = bench.loop.guard(bench.arrivals(late_s=0.0007, queued_s=0.002))
     assert report.latency is not None
-    assert report.latency.transport_us == pytest.approx(700.0, abs=1.0)
+    drift_us = 100e-6 * 50_000  # what the clocks may have drifted apart meanwhile
+    assert report.latency.transport_us == pytest.approx(700.0, abs=drift_us + 1.0)
     assert report.latency.decision_us == pytest.approx(2000.0, abs=1.0)
     assert report.latency.stop_us == 0.0
     assert report.latency.window_us == pytest.approx(500.0, abs=150.0)
@@ -90,7 +93,7 @@ def test_a_queue_that_grows_is_an_overload() -> None:
     bench = Bench()
     report = bench.loop.guard(bench.arrivals(queued_s=0.006))
     assert report.health is Health.OVERLOAD
-    assert report.windows == 51
+    assert report.windows == 51 + 20  # once it has lasted for 20 ms
     assert bench.order == ["stop"]
 
 
@@ -100,3 +103,72 @@ def test_the_end_of_the_stream_stops_the_arm() -> None:
     assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
     assert bench.order == ["stop"]
     assert report.contact is None
+
+
+class SlowDetector(EventCountDetector):
+    """Needs a stated time for each window, on a clock that only the test moves."""
+
+    def __init__(self, clock: Clock, needs_s: float) -> None:
+        super().__init__(EventCountConfig(threshold=1e9))
+        self._clock, self._needs_s = clock, needs_s
+
+    def update(self, window: Window) -> Contact | None:
+        self._clock.now_s += self._needs_s
+        return super().update(window)
+
+
+def as_they_are_read(clock: Clock, count: int) -> Iterator[Arrival]:
+    """Yield windows of a camera whose pipe holds what was not read yet."""
+    for window in windows(count, seed=1):
+        clock.now_s = max(clock.now_s, 1000.0 + window.t_end_us * 1e-6)
+        yield Arrival(window, clock.now_s)
+
+
+def test_a_detector_that_is_too_slow_is_an_overload_at_the_configured_backlog() -> None:
+    bench = Bench()
+    detector = SlowDetector(bench.clock, needs_s=0.002)
+    loop = ContactLoop(
+        detector, bench.watchdog, lambda: bench.order.append("stop"), (), bench.clock
+    )
+    report = loop.guard(as_they_are_read(bench.clock, 1000))
+    assert report.health is Health.OVERLOAD
+    assert bench.order == ["stop"]
+    # 1 ms is lost per window; the backlog counts once it has lasted for the span of 20 ms.
+    assert report.backlog_s == pytest.approx(0.005, abs=0.002)
+    assert report.windows <= 5 + 20
+
+
+def test_a_detector_that_keeps_the_pace_runs_on() -> None:
+    bench = Bench()
+    detector = SlowDetector(bench.clock, needs_s=0.0009)
+    loop = ContactLoop(detector, bench.watchdog, lambda: None, (), bench.clock)
+    report = loop.guard(as_they_are_read(bench.clock, 1000))
+    assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
+    assert report.windows == 1000
+
+
+def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:
+    bench = Bench()
+
+    def leaping() -> Iterator[Arrival]:
+        for window in windows(100, seed=1):
+            bench.clock.now_s = 1000.0 + window.t_end_us * 1e-6
+            yield Arrival(window, bench.clock.now_s)
+        for start_us in range(100_000, 600_000_000, 1000):  # read faster than they happen
+            bench.clock.now_s += 1e-5
+            yield Arrival(EventPacket.empty(start_us, start_us + 1000, SIZE), bench.clock.now_s)
+
+    report = bench.loop.guard(leaping())
+    assert report.health is Health.TIME_JUMP
+    assert report.windows < 100 + 600
+    assert bench.order == ["stop"]
+
+
+def test_a_leap_that_the_stream_counts_trips() -> None:
+    bench = Bench()
+    arrivals = (
+        replace(arrival, time_jumps=3 + (number >= 50))
+        for number, arrival in enumerate(bench.arrivals())
+    )
+    report = bench.loop.guard(arrivals)
+    assert (report.health, report.windows) == (Health.TIME_JUMP, 51)

@@ -1,3 +1,9 @@
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -45,3 +51,33 @@ def test_an_empty_source_has_no_events_and_no_end() -> None:
     store = EventStore(random_source(1, 0))
     assert (len(store), store.ended, store.t_end_us) == (0, True, 0)
     assert len(store.between(0, 100)) == 0
+
+
+LEFT_BEHIND = """
+import os, signal, sys
+sys.path.insert(0, {tests!r})
+from spikingtac.live.event_store import EventStore
+from stand_ins.live import random_source
+store = EventStore(random_source(1, 20))
+store.extend_to_end()
+assert len(store.between(0, 10**9)) == len(store) > 0
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_nothing_is_left_of_a_process_that_was_killed(tmp_path: Path) -> None:
+    code = LEFT_BEHIND.format(tests=str(Path(__file__).parents[2]))
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)}, timeout=120
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_returned_packets_outlive_the_store() -> None:
+    store = EventStore(random_source(2, 30))
+    store.extend_to_end()
+    packet = store.between(0, 10**9)
+    before = packet.t.copy()
+    store.close()
+    np.testing.assert_array_equal(packet.t, before)

@@ -32,6 +32,8 @@ FRAME_BYTES = 2 << 20
 GREETING_BYTES = 1 << 20
 MOST_COMMANDS = 64
 """Commands that may wait for the loop; a page that sends faster loses the surplus."""
+TERMINATE_S = 2.0
+"""Wait between the request to end and the kill of a process that hangs (ours)."""
 SHUTDOWN_S = 20.0
 """Longest wait for the session to complete its tracks; an idle machine needs 0.1 s."""
 
@@ -101,6 +103,11 @@ class SessionProcess:
         return self._process.is_alive()
 
     @property
+    def killed(self) -> bool:
+        """True once a signal has ended the process, from here or from elsewhere."""
+        return (self._process.exitcode or 0) < 0
+
+    @property
     def pid(self) -> int | None:
         """The process's id."""
         return self._process.pid
@@ -108,16 +115,25 @@ class SessionProcess:
     def close(self) -> bool:
         """Stop the process and release the shared memory; True where it ended without an error."""
         self._stopped.set()
-        self._process.join(SHUTDOWN_S)
+        try:
+            self._process.join(SHUTDOWN_S)
+        finally:  # also where a second Ctrl-C cuts the wait short
+            self._end_process()
+            for channel in (self._commands, self._failures):
+                channel.cancel_join_thread()
+                channel.close()
+            self._frames.close()
+            self._greetings.close()
+        return self._process.exitcode == 0
+
+    def _end_process(self) -> None:
+        """End a process that hangs: a stopped one does not answer to a polite request."""
         if self._process.is_alive():
             self._process.terminate()
-            self._process.join(SHUTDOWN_S)
-        for channel in (self._commands, self._failures):
-            channel.cancel_join_thread()
-            channel.close()
-        self._frames.close()
-        self._greetings.close()
-        return self._process.exitcode == 0
+            self._process.join(TERMINATE_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
 
 
 def _run(open_view: Factory[ViewSource], options: dict[str, Any], channels: Any) -> None:

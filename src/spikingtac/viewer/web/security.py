@@ -42,15 +42,25 @@ class Gate:
             token: What the request brought.
         """
         host = headers.get("host", "")
-        if not _HOST.fullmatch(host):
-            return "the Host header is missing or malformed"
-        if not self.token and not is_loopback(urlsplit(f"//{host}").hostname or ""):
-            return f"the Host {host!r} is not this machine's loopback name"
+        if refusal := self.host_refusal(host):
+            return refusal
         origin = headers.get("origin")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return f"the Origin {origin!r} is foreign"
         if self.token and not secrets.compare_digest((token or "").encode(), self.token.encode()):
             return "the token is missing or wrong; open the address that the command printed"
+        return ""
+
+    def host_refusal(self, host: str) -> str:
+        """Return why a Host header is refused, or an empty string.
+
+        Args:
+            host: The header, or an empty string where the request brought none.
+        """
+        if not _HOST.fullmatch(host):
+            return "the Host header is missing or malformed"
+        if not self.token and not is_loopback(urlsplit(f"//{host}").hostname or ""):
+            return f"the Host {host!r} is not this machine's loopback name"
         return ""
 
 
@@ -66,11 +76,12 @@ def page_headers(host: str) -> dict[str, str]:
     """Return the headers of every answer: own scripts and styles only, no frames, no caching.
 
     Args:
-        host: The request's Host header, already checked.
+        host: The request's Host header, already checked, or an empty string for a refusal.
     """
+    sockets = f" ws://{host} wss://{host}" if host else ""
     policy = (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-        f"connect-src 'self' ws://{host} wss://{host}; "
+        f"connect-src 'self'{sockets}; "
         "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     return {

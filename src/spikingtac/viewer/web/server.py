@@ -11,13 +11,16 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from spikingtac.errors import DeviceError
 from spikingtac.viewer.session.commands import LONGEST_COMMAND, CommandError, parse_command
+from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
 from spikingtac.viewer.web.security import Gate, page_headers
 
@@ -27,8 +30,8 @@ KINDS = {
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
-CLOSED_BY_POLICY, CLOSED_AS_BUSY = 1008, 1013
-"""WebSocket close codes (RFC 6455 section 7.4.1; 1013 is registered as "try again later")."""
+CLOSED_BY_POLICY = 1008
+"""WebSocket close code (RFC 6455 section 7.4.1)."""
 SHUTDOWN_S = 1
 """Pages never close by themselves, so the server does not wait for them at its end."""
 ALIVE_S = 0.05
@@ -37,7 +40,7 @@ ALIVE_S = 0.05
 Command = Callable[[str, Any], None]
 
 
-def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
+def make_app(feed: Feed, command: Command, gate: Gate) -> ASGIApp:
     """Return the application.
 
     Args:
@@ -59,11 +62,14 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
         name = request.path_params.get("name", "index.html")
         # The scripts hold no data; the page that loads them has shown its token.
         refusal = "" if name != "index.html" and gate.token else _refusal(gate, request)
-        return PlainTextResponse(refusal + "\n", 403) if refusal else _file(request, name)
+        return PlainTextResponse(refusal + "\n", 403) if refusal else _file(name)
 
     async def serve_socket(socket: WebSocket) -> None:
-        if _refusal(gate, socket) or len(feeds.pages) >= MOST_PAGES:
-            await socket.close(CLOSED_AS_BUSY if not _refusal(gate, socket) else CLOSED_BY_POLICY)
+        if refusal := _refusal(gate, socket):
+            await socket.send_denial_response(PlainTextResponse(refusal + "\n", 403))
+            return
+        if len(feeds.pages) >= MOST_PAGES:
+            await socket.send_denial_response(PlainTextResponse("too many pages are open\n", 503))
             return
         await socket.accept()
         await _attend(feeds, socket, command)
@@ -73,7 +79,38 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> Starlette:
         Route("/{name}", serve_file),
         WebSocketRoute("/socket", serve_socket),
     ]
-    return Starlette(routes=routes, lifespan=lifespan)
+    return _Guarded(Starlette(routes=routes, lifespan=lifespan), gate)
+
+
+class _Guarded:
+    """An application whose every answer has the security headers, and that knows its own name only.
+
+    Args:
+        app: Answers the requests whose Host is accepted.
+        gate: Decides about the Host.
+    """
+
+    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+        self._app, self._gate = app, gate
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        host = Headers(scope=scope).get("host", "")
+        refusal = self._gate.host_refusal(host)
+        headers = page_headers("" if refusal else host)
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                MutableHeaders(scope=message).update(headers)
+            await send(message)
+
+        if refusal and scope["type"] == "http":
+            await PlainTextResponse(refusal + "\n", 403)(scope, receive, send_guarded)
+        else:  # a socket is refused by its route
+            await self._app(scope, receive, send_guarded)
 
 
 async def _attend(feeds: PageFeeds, socket: WebSocket, command: Command) -> None:
@@ -113,13 +150,12 @@ def _refusal(gate: Gate, connection: HTTPConnection) -> str:
     return gate.refusal(headers, connection.query_params.get("token"))
 
 
-def _file(request: Request, name: str) -> Response:
+def _file(name: str) -> Response:
     kind = KINDS.get(name.rpartition(".")[2])
     source = resources.files("spikingtac.viewer.web") / "page" / name
     if kind is None or "/" in name or "\\" in name or not source.is_file():
         return PlainTextResponse("not found\n", 404)
-    headers = page_headers(request.headers["host"])
-    return Response(source.read_bytes(), media_type=kind, headers=headers)
+    return Response(source.read_bytes(), media_type=kind)
 
 
 class _Server(uvicorn.Server):
@@ -137,7 +173,7 @@ class _Server(uvicorn.Server):
 
 
 def serve(
-    app: Starlette, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
+    app: ASGIApp, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
 ) -> None:
     """Serve until interrupted, or until the session has ended.
 
@@ -155,6 +191,7 @@ def serve(
         app,
         host=host,
         port=port,
+        http=DeadlineProtocol,
         log_level="critical",  # errors are raised or sent to the page
         ws="websockets-sansio",
         ws_max_size=4 * LONGEST_COMMAND,

@@ -17,7 +17,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture, check_tracks
 from spikingtac.viewer.export.summary import Record
-from spikingtac.viewer.session.process import SessionProcess
+from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, serve
@@ -63,7 +63,8 @@ def show(
         report: Takes the lines for the user.
 
     Raises:
-        SpikingTacError: The view cannot be opened, a file cannot be written, or the port is taken.
+        SpikingTacError: The view cannot be opened, a file cannot be written, the port is taken, or
+            the session was killed.
     """
     if options.picture is not None:
         check_picture(options.picture)
@@ -75,6 +76,11 @@ def show(
         summary = _served(session, options, report)
     finally:
         ended_well = session.close()
+    if session.killed:
+        raise DeviceError(
+            f"the session did not end within {SHUTDOWN_S:g} s and was killed; its tracks are not "
+            "complete"
+        )
     if options.tracks is not None and ended_well:
         summary["tracks"] = str(options.tracks)
     return summary
@@ -174,6 +180,11 @@ def _url(host: str, port: int, token: str) -> str:
 
 
 def _raise_failure(session: SessionProcess) -> None:
+    """Raise what ended the session, if it has ended: it ends only when it is told to."""
+    alive = session.alive  # asked first: the failure is sent before the process ends
     failure = session.failure()
     if failure is not None:
         raise failure
+    if not alive:
+        how = "was killed; the machine may have run out of memory" if session.killed else "ended"
+        raise DeviceError(f"the session's process {how}; start it again")

@@ -1,0 +1,194 @@
+"""Every answer carries the security headers, and no request is waited for without end."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.server import ServerState
+
+from spikingtac.errors import DeviceError
+from spikingtac.live.factory import Factory
+from spikingtac.viewer.session import process
+from spikingtac.viewer.web import deadline
+from spikingtac.viewer.web.deadline import DeadlineProtocol
+from spikingtac.viewer.web.security import Gate
+from spikingtac.viewer.web.server import make_app
+from spikingtac.viewer.web.show import PageOptions, show
+from stand_ins.viewer import open_circling
+
+LOCAL = "http://127.0.0.1:8765"
+PATIENCE_S = 60.0
+
+
+class NoFrames:
+    """A session that has nothing to show yet."""
+
+    def frame(self, after: int) -> tuple[int, bytes] | None:
+        return None
+
+    def greeting(self, after: int) -> tuple[int, bytes] | None:
+        return None
+
+
+def app(token: str = "") -> ASGIApp:
+    return make_app(NoFrames(), lambda name, value: None, Gate(token=token))
+
+
+def ask(method: str, path: str, **options: Any) -> httpx.Response:
+    async def run() -> httpx.Response:
+        transport = httpx.ASGITransport(app())
+        async with httpx.AsyncClient(transport=transport, base_url=LOCAL) as client:
+            return await client.request(method, path, **options)
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/", {}, 200),
+        ("/missing.js", {}, 404),
+        ("/no/such/path", {}, 404),
+        ("/", {"origin": "http://evil.example"}, 403),
+        ("/", {"host": "evil.example"}, 403),
+        ("/viewer.js", {"host": "evil.example; script-src *"}, 403),
+    ],
+)
+def test_every_answer_carries_the_security_headers(
+    path: str, headers: dict[str, str], status: int
+) -> None:
+    answer = ask("GET", path, headers=headers)
+    assert answer.status_code == status
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'")
+    assert "evil" not in policy
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["cache-control"] == "no-store"
+
+
+def test_a_method_that_is_not_served_carries_them_too() -> None:
+    answer = ask("POST", "/", content=b"x")
+    assert answer.status_code == 405
+    assert "content-security-policy" in answer.headers
+
+
+@pytest.mark.parametrize("token", ["", "s3cret"])
+@pytest.mark.parametrize("path", ["/", "/viewer.js", "/missing.js"])
+def test_a_request_without_host_is_refused_and_enters_no_policy(token: str, path: str) -> None:
+    sent: list[Any] = []
+
+    async def ask() -> None:
+        scope = {
+            "type": "http", "method": "GET", "path": path, "raw_path": path.encode(),
+            "query_string": b"token=s3cret", "headers": [], "http_version": "1.0", "root_path": "",
+        }  # fmt: skip
+
+        async def receive() -> dict[str, Any]:
+            return {"type": "http.request", "body": b""}
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        await app(token)(scope, receive, send)
+
+    asyncio.run(ask())
+    assert sent[0]["status"] == 403
+    headers = dict(sent[0]["headers"])
+    assert b"ws://" not in headers[b"content-security-policy"]
+
+
+def exchange(sent: list[bytes], monkeypatch: pytest.MonkeyPatch, pause_s: float) -> bytes:
+    """Send pieces to a server with a deadline of 0.3 s; return what came until it hung up."""
+    monkeypatch.setattr(deadline, "REQUEST_S", 0.3)
+    monkeypatch.setattr(asyncio.StreamWriter, "__del__", lambda self: None, raising=False)
+
+    async def run() -> bytes:
+        config = uvicorn.Config(app(), log_level="critical", timeout_keep_alive=60)
+        config.load()
+        state = ServerState()
+        server = await asyncio.get_running_loop().create_server(
+            lambda: DeadlineProtocol(config, state, {}), "127.0.0.1", 0
+        )
+        port = server.sockets[0].getsockname()[1]
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        try:
+            for piece in sent:
+                writer.write(piece)
+                await asyncio.sleep(pause_s)
+            return await asyncio.wait_for(reader.read(), PATIENCE_S)
+        except ConnectionError:
+            return b""
+        finally:
+            writer.transport.abort()
+            server.close()
+
+    return asyncio.run(run())
+
+
+REQUEST = b"GET /missing.js HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+
+
+@pytest.mark.parametrize("half", [b"", b"GET /viewer.js HT", REQUEST[:-2]])
+def test_a_half_sent_request_is_hung_up_on(half: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert exchange([half], monkeypatch, 0.0) == b""
+
+
+def test_bytes_that_drip_extend_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    drips = [bytes([byte]) for byte in REQUEST[:-1]]
+    assert exchange(drips, monkeypatch, 0.02) == b""
+
+
+def test_a_body_that_never_ends_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    posted = REQUEST.replace(b"GET", b"POST").replace(
+        b"\r\n\r\n", b"\r\nContent-Length: 99\r\n\r\n"
+    )
+    assert exchange([posted, b"x"], monkeypatch, 0.0).startswith(b"HTTP/1.1 405")
+
+
+def test_a_whole_request_is_answered_and_the_next_one_has_its_own_deadline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answers = exchange([REQUEST, REQUEST[:9]], monkeypatch, 0.1)
+    assert answers.count(b"404 Not Found") == 1
+
+
+def shown(disturb: Callable[[int], None]) -> None:
+    """Show the circling discs and disturb the session's process once the page is served."""
+
+    def ready(line: str) -> None:
+        if line.startswith("open "):
+            (child,) = multiprocessing.active_children()
+            assert child.pid is not None
+            disturb(child.pid)
+
+    options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
+    show(Factory(function=open_circling, arguments={"duration_us": 300_000}), options, ready)
+
+
+def test_a_session_that_was_killed_is_a_failure() -> None:
+    with pytest.raises(DeviceError, match="process was killed"):
+        shown(lambda pid: os.kill(pid, signal.SIGKILL))
+
+
+def test_ctrl_c_ends_a_session_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "SHUTDOWN_S", 0.5)
+
+    def hang(pid: int) -> None:
+        os.kill(pid, signal.SIGSTOP)
+        signal.raise_signal(signal.SIGINT)
+
+    begun_s = time.monotonic()
+    with pytest.raises(DeviceError, match="did not end"):
+        shown(hang)
+    assert time.monotonic() - begun_s < PATIENCE_S
+    assert multiprocessing.active_children() == []
