@@ -20,7 +20,9 @@ from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 
-STATUS_BYTES = 4096
+STATUS_BYTES = 1 << 14
+LONGEST_REASON = 1_000
+"""Characters of a reason that are told; JSON needs at most 12 bytes for each."""
 STATUS_PERIOD_S = 0.02
 """Period at which the guard checks controller and parent, and publishes its status."""
 CUT_MARK = "... (cut)"
@@ -137,13 +139,10 @@ class GuardStatus:
 
 def status_message(state: dict[str, Any]) -> bytes:
     """Return a state as JSON that fits into the ring; a long ``reason`` is cut."""
-    message = json.dumps(state).encode()
-    excess = len(message) - STATUS_BYTES
-    if excess <= 0:
-        return message
-    # Each character takes a byte at least, so that the shortened reason fits.
-    kept = max(len(state["reason"]) - excess - len(CUT_MARK), 0)
-    return json.dumps({**state, "reason": state["reason"][:kept] + CUT_MARK}).encode()
+    reason = state["reason"]
+    if len(reason) > LONGEST_REASON:
+        state = {**state, "reason": reason[:LONGEST_REASON] + CUT_MARK}
+    return json.dumps(state).encode()
 
 
 def _guard(
