@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -13,10 +14,12 @@ import pytest
 from PIL import Image
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.main import main
 from spikingtac.tracks import Tracks
 from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
+Done = subprocess.CompletedProcess[str]
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +27,20 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_circling(tmp_path_factory.mktemp("recording"))
 
 
-def spikingtac(*arguments: str) -> subprocess.CompletedProcess[str]:
+def spikingtac(*arguments: str) -> Done:
     return subprocess.run([COMMAND, *arguments], capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture
+def called(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+    """The same without a process of its own, for what serves nothing: Python's start takes 2 s."""
+
+    def call(*arguments: str) -> Done:
+        code = main(arguments)
+        said = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, code, said.out, said.err)
+
+    return call
 
 
 def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Path) -> None:
@@ -47,11 +62,13 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Pat
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-def test_demo_replaces_its_own_files_and_nobody_elses(tmp_path: Path) -> None:
+def test_demo_replaces_its_own_files_and_nobody_elses(
+    tmp_path: Path, called: Callable[..., Done]
+) -> None:
     picture, tracks = tmp_path / "mine.png", tmp_path / "mine.tracks.npz"
     tracks.write_bytes(b"years of work")
     demo = "demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture)
-    refused = spikingtac(*demo)
+    refused = called(*demo)
     assert refused.returncode == 2
     assert "mine.tracks.npz" in refused.stderr
     assert tracks.read_bytes() == b"years of work"
@@ -61,12 +78,14 @@ def test_demo_replaces_its_own_files_and_nobody_elses(tmp_path: Path) -> None:
     assert spikingtac(*demo).returncode == 0
     assert tracks.stat().st_mtime_ns > written
     picture.write_bytes(b"a picture of somebody else")
-    assert spikingtac(*demo).returncode == 2
+    assert called(*demo).returncode == 2
 
 
 @pytest.mark.parametrize("name", ["x.jpg", "nowhere/x.png"])
-def test_a_picture_that_cannot_be_written_is_refused_at_once(name: str, tmp_path: Path) -> None:
-    done = spikingtac("demo", "--headless", "--port", "0", "-o", str(tmp_path / name))
+def test_a_picture_that_cannot_be_written_is_refused_at_once(
+    name: str, tmp_path: Path, called: Callable[..., Done]
+) -> None:
+    done = called("demo", "--headless", "--port", "0", "-o", str(tmp_path / name))
     assert done.returncode == 2
     assert "open http" not in done.stderr
 
@@ -78,17 +97,17 @@ def test_view_of_a_folder(recording: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_view_refuses_what_is_not_there() -> None:
-    done = spikingtac("view", "nowhere.raw", "--headless", "--port", "0", "--json")
+def test_view_refuses_what_is_not_there(called: Callable[..., Done]) -> None:
+    done = called("view", "nowhere.raw", "--headless", "--port", "0", "--json")
     assert done.returncode == 1
     assert "no file or folder 'nowhere.raw'" in json.loads(done.stdout)["error"]
 
 
 @pytest.mark.parametrize("wrong", [("--preset", "defualt"), ("--camera", "clean")])
 def test_view_refuses_what_does_not_fit_a_recording(
-    wrong: tuple[str, str], recording: Path
+    wrong: tuple[str, str], recording: Path, called: Callable[..., Done]
 ) -> None:
-    done = spikingtac("view", str(recording), "--headless", "--port", "0", *wrong)
+    done = called("view", str(recording), "--headless", "--port", "0", *wrong)
     assert done.returncode == 2
     assert "default" in done.stderr or "--camera" in done.stderr
 
@@ -105,21 +124,25 @@ def test_view_shows_what_is_left_of_a_cut_recording(recording: Path, tmp_path: P
     assert json.loads(done.stdout)["losses"]["truncated"] == 1
 
 
-def test_view_refuses_what_holds_no_events(recording: Path, tmp_path: Path) -> None:
+def test_view_refuses_what_holds_no_events(
+    recording: Path, tmp_path: Path, called: Callable[..., Done]
+) -> None:
     (tmp_path / "junk.raw").write_bytes(bytes(range(256)) * 20)
     calibration = str(recording / "calibration.json")
     junk = str(tmp_path / "junk.raw")
-    done = spikingtac("view", junk, "--calibration", calibration, "--headless", "--port", "0")
+    done = called("view", junk, "--calibration", calibration, "--headless", "--port", "0")
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
 
 
-def test_view_refuses_a_calibration_of_another_sensor(recording: Path, tmp_path: Path) -> None:
+def test_view_refuses_a_calibration_of_another_sensor(
+    recording: Path, tmp_path: Path, called: Callable[..., Done]
+) -> None:
     other = Calibration(
         reference_px=np.array([[5.0, 5.0]]), radius_px=np.ones(1), grid=(1, 1), size=(10, 10)
     )
     other.save(tmp_path / "other.json")
-    done = spikingtac(
+    done = called(
         "view", str(recording), "--calibration", str(tmp_path / "other.json"), "--headless"
     )
     assert done.returncode == 1
@@ -157,9 +180,9 @@ def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
     assert "Traceback" not in rest
 
 
-def test_export_of_a_gif(recording: Path, tmp_path: Path) -> None:
+def test_export_of_a_gif(recording: Path, tmp_path: Path, called: Callable[..., Done]) -> None:
     target = str(tmp_path / "x.gif")
-    done = spikingtac("view", str(recording), "--export", target, "--seconds", "0.2", "--json")
+    done = called("view", str(recording), "--export", target, "--seconds", "0.2", "--json")
     assert done.returncode == 0, done.stderr
     written = json.loads(done.stdout)["written"]
     assert written == 200 // 50
@@ -167,29 +190,33 @@ def test_export_of_a_gif(recording: Path, tmp_path: Path) -> None:
         assert picture.n_frames == written
 
 
-def test_an_export_replaces_nothing_unless_told_to(recording: Path, tmp_path: Path) -> None:
+def test_an_export_replaces_nothing_unless_told_to(
+    recording: Path, tmp_path: Path, called: Callable[..., Done]
+) -> None:
     target = tmp_path / "x.gif"
     target.write_bytes(b"years of work")
     export = "view", str(recording), "--export", str(target), "--seconds", "0.1"
-    refused = spikingtac(*export)
+    refused = called(*export)
     assert refused.returncode == 2
     assert "--overwrite" in refused.stderr
     assert target.read_bytes() == b"years of work"
-    assert spikingtac(*export, "--overwrite").returncode == 0
+    assert called(*export, "--overwrite").returncode == 0
     assert target.read_bytes().startswith(b"GIF")
 
 
 @pytest.mark.parametrize("wrong", [("--seconds", "0"), ("--seconds", "-1"), ("-o", "x.png")])
 def test_an_export_of_nothing_or_with_a_picture_is_refused(
-    wrong: tuple[str, str], recording: Path, tmp_path: Path
+    wrong: tuple[str, str], recording: Path, tmp_path: Path, called: Callable[..., Done]
 ) -> None:
-    done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.gif"), *wrong)
+    done = called("view", str(recording), "--export", str(tmp_path / "x.gif"), *wrong)
     assert done.returncode == 2
     assert wrong[0] in done.stderr or "--picture" in done.stderr
     assert not (tmp_path / "x.gif").exists()
 
 
-def test_an_unknown_export_is_refused_at_once(recording: Path, tmp_path: Path) -> None:
-    done = spikingtac("view", str(recording), "--export", str(tmp_path / "x.mp5"))
+def test_an_unknown_export_is_refused_at_once(
+    recording: Path, tmp_path: Path, called: Callable[..., Done]
+) -> None:
+    done = called("view", str(recording), "--export", str(tmp_path / "x.mp5"))
     assert done.returncode == 2
     assert ".mcap, .rrd, .gif" in done.stderr
