@@ -43,42 +43,51 @@ def called(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
     return call
 
 
-def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(tmp_path: Path) -> None:
-    picture = tmp_path / "demo.png"
-    done = spikingtac(
-        "demo", "--headless", "--seconds", "2", "--port", "0", "-o", str(picture), "--json"
-    )
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
+    """A demo of two seconds that wrote a picture and tracks, and what it said."""
+    picture = tmp_path_factory.mktemp("demo") / "demo.png"
+    words = "demo", "--headless", "--seconds", "2", "--port", "0", "-o", str(picture), "--json"
+    return picture, spikingtac(*words)
+
+
+def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[Path, Done]) -> None:
+    picture, done = demo
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert summary["estimates"] > 10
     assert 0 < summary["error_mean_px"] < 2
     assert "ssh -N -L" in done.stderr
     assert picture.read_bytes()[1:4] == b"PNG"
-    tracks = Tracks.load(tmp_path / "demo.tracks.npz")
-    assert summary["tracks"] == str(tmp_path / "demo.tracks.npz")
+    tracks = Tracks.load(picture.with_name("demo.tracks.npz"))
+    assert summary["tracks"] == str(picture.with_name("demo.tracks.npz"))
     assert len(tracks.t_us) > 10
     assert set(np.diff(tracks.t_us)) == {1_000}
     assert tracks.meta["scene"] == "demo"
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-def test_demo_replaces_its_own_files_and_nobody_elses(
-    tmp_path: Path, called: Callable[..., Done]
+def test_demo_replaces_its_own_files(demo: tuple[Path, Done], tmp_path: Path) -> None:
+    for written in (demo[0], demo[0].with_name("demo.tracks.npz")):
+        (tmp_path / written.name).write_bytes(written.read_bytes())
+    picture, tracks = tmp_path / "demo.png", tmp_path / "demo.tracks.npz"
+    before = tracks.read_bytes()
+    again = spikingtac("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
+    assert again.returncode == 0, again.stderr
+    assert tracks.read_bytes() != before
+
+
+@pytest.mark.parametrize("ending", [".png", ".tracks.npz"])
+def test_demo_replaces_nobody_elses_files(
+    ending: str, tmp_path: Path, called: Callable[..., Done]
 ) -> None:
-    picture, tracks = tmp_path / "mine.png", tmp_path / "mine.tracks.npz"
-    tracks.write_bytes(b"years of work")
-    demo = "demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture)
-    refused = called(*demo)
+    theirs = tmp_path / f"mine{ending}"
+    theirs.write_bytes(b"years of work")
+    picture = str(tmp_path / "mine.png")
+    refused = called("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", picture)
     assert refused.returncode == 2
-    assert "mine.tracks.npz" in refused.stderr
-    assert tracks.read_bytes() == b"years of work"
-    tracks.unlink()
-    assert spikingtac(*demo).returncode == 0
-    written = tracks.stat().st_mtime_ns
-    assert spikingtac(*demo).returncode == 0
-    assert tracks.stat().st_mtime_ns > written
-    picture.write_bytes(b"a picture of somebody else")
-    assert called(*demo).returncode == 2
+    assert theirs.name in refused.stderr
+    assert theirs.read_bytes() == b"years of work"
 
 
 @pytest.mark.parametrize("name", ["x.jpg", "nowhere/x.png"])
