@@ -130,16 +130,16 @@ MUTATIONS = (
     ),
     Mutation(
         name="contact-tail",
-        file="contact/tail.py",
+        file="contact/motion/tail.py",
         old="STANDARD_ERRORS = 2.0",
         new="STANDARD_ERRORS = 0.0",
-        tests=("tests/unit/contact/test_tail.py",),
+        tests=("tests/unit/contact/motion/test_tail.py",),
     ),
     Mutation(
         name="one-sided-holes",
         file="geometry/hole.py",
-        old="if largest_gap_rad(points, start) > math.pi:",
-        new="if False:",
+        old="one_sided = largest_gap_rad(points, start) > math.pi",
+        new="one_sided = False",
         tests=("tests/unit/geometry/test_hole.py",),
     ),
 )

@@ -122,14 +122,11 @@ def _closure(module: str, texts: Mapping[str, str], imports: dict[str, set[str]]
 
 
 def _imports(text: str) -> Iterator[str]:
-    """Yield what a file imports at run time: modules, and names that may be modules."""
-    waiting: list[ast.AST] = [ast.parse(text)]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            waiting += node.orelse
-            continue
-        waiting += ast.iter_child_nodes(node)
+    """Yield what a file imports: modules, and names that may be modules.
+
+    Imports for annotations count: a kernel is compiled for the tuples that it is given, too.
+    """
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -71,7 +71,7 @@ def test_folders_of_former_sources_go(tmp_path: Path) -> None:
     assert (root / "not-a-cache").is_dir()
 
 
-def test_imports_within_functions_count_and_those_for_annotations_do_not(tmp_path: Path) -> None:
+def test_imports_within_functions_and_for_annotations_count(tmp_path: Path) -> None:
     sources = package(tmp_path)
     head = "from typing import TYPE_CHECKING\nfrom numba import njit\n"
     late = f"def f():\n    from {PACKAGE} import callee\n"
@@ -82,4 +82,4 @@ def test_imports_within_functions_count_and_those_for_annotations_do_not(tmp_pat
     (sources / "callee.py").write_text(CALLEE.format(value=5), encoding="utf-8")
     after = closure_digests(sources)
     changed = {name for name in before if before[name] != after[name]}
-    assert changed == {f"{PACKAGE}/{name}.py" for name in ("callee", "caller", "late")}
+    assert changed == {f"{PACKAGE}/{name}.py" for name in ("callee", "caller", "late", "typed")}

@@ -76,7 +76,7 @@ def test_grids_of_many_sizes(
 ) -> None:
     truth_px = markers(*shape, size, pitch_px)
     events = with_noise(slides_of(truth_px, radius_px, size), noise_hz)
-    calibration = calibrate(PacketSource([events], size), CalibrationConfig(pitch_mm=2.0))
+    calibration = calibrate(PacketSource([events], size), CalibrationConfig(pitch_mm=2.0), None)
     assert calibration.grid == shape
     assert errors_px(calibration, truth_px).mean() < 0.10
     assert errors_px(calibration, truth_px).max() < 0.3
@@ -91,7 +91,7 @@ def test_dark_markers() -> None:
     truth_px = markers(3, 4, size, 40.0)
     white = slides_of(truth_px, 7.0, size)
     dark = EventPacket(white.x, white.y, ~white.p, white.t, 0, white.t_end_us, size)
-    calibration = calibrate(PacketSource([dark], size), CalibrationConfig(polarity="dark"))
+    calibration = calibrate(PacketSource([dark], size), CalibrationConfig(polarity="dark"), None)
     assert (calibration.grid, calibration.polarity) == ((3, 4), "dark")
     assert errors_px(calibration, truth_px).mean() < 0.10
 
@@ -115,7 +115,7 @@ def test_a_missing_marker_is_named_and_may_be_allowed() -> None:
     events = slides_of(truth_px, 7.0, size, share)
     with pytest.raises(CalibrationError, match=r"1 of 20 .* row 2, column 3 .*--allow-missing 1"):
         calibrate(PacketSource([events], size))
-    allowed = calibrate(PacketSource([events], size), CalibrationConfig(allow_missing=1))
+    allowed = calibrate(PacketSource([events], size), CalibrationConfig(allow_missing=1), None)
     assert allowed.provenance["missing"] == [7]
     assert errors_px(allowed, truth_px)[7] < 3.0
     assert np.delete(errors_px(allowed, truth_px), 7).mean() < 0.10
@@ -158,7 +158,8 @@ def test_a_foreign_recording(data_dir: Path, method: str, mean_px: float, worst_
 
     truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
     source = open_events(data_dir / "v2e" / "bootstrap.raw")
-    calibration = calibrate(source, CalibrationConfig(method=method))  # type: ignore[arg-type]
+    config = CalibrationConfig(method=method)  # type: ignore[arg-type]
+    calibration = calibrate(source, config, None)  # the lag has its tests in real/test_lag.py
     assert calibration.grid == (8, 8)
     error_px = errors_px(calibration, truth["reference_px"])
     assert error_px.mean() <= mean_px

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,12 +21,8 @@ from stand_ins.viewer import open_circling, positions_px, reference_px
 
 PROJECT = Path(__file__).resolve().parents[2]
 ARTEFACTS = PROJECT / "artefacts"
-WATCHED_S = 5.0
 PATIENCE_S = 60.0
-# A display draws 60. A machine that is busy otherwise draws as many as it can, so that the figure
-# is printed, and held to a bound where one is given: 30 on an idle machine.
-LEAST_FPS = float(os.environ.get("SPIKINGTAC_LEAST_FPS", "0"))
-FEWEST_FRAMES = 10
+WATCHED_FRAMES = 100
 
 
 @pytest.fixture(scope="module")
@@ -90,17 +85,16 @@ def arrows(page: WebDriver) -> tuple[int, np.ndarray]:
     return t_us, np.array(drawn)
 
 
-def test_it_draws_at_the_displays_rate(page: WebDriver) -> None:
+def test_it_goes_on_drawing(page: WebDriver) -> None:
+    """How fast is the machine's affair: a display draws 60 frames a second. It is printed."""
     before, begun_s = js(page, "__m.frames"), time.perf_counter()
-    time.sleep(WATCHED_S)
-    rate = (js(page, "__m.frames") - before) / (time.perf_counter() - begun_s)
-    wait(page, f"__m.frames >= {before + FEWEST_FRAMES}")
+    wait(page, f"__m.frames >= {before + WATCHED_FRAMES}")
+    rate = WATCHED_FRAMES / (time.perf_counter() - begun_s)
     late_ms = np.percentile(js(page, "__m.latencies_ms"), (50, 99))
     print(f"{rate:.1f} frames/s, stamp to draw p50 {late_ms[0]:.0f} p99 {late_ms[1]:.0f} ms")
     themed(page, "dark")
     keep(page, "viewer-dark")
-    assert rate >= LEAST_FPS
-    assert late_ms[0] > 0
+    assert late_ms[0] > 0.0
 
 
 def test_the_drawn_arrows_are_the_markers_displacements(page: WebDriver) -> None:

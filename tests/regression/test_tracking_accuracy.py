@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from spikingtac import EventPacket, follow, load_config, make_tracker
-from spikingtac.contact.recording import FIRST_WINDOWS, find_contacts, paired_windows
+from spikingtac.contact.recording import LEAST_QUIET_WINDOWS, find_contacts, paired_windows
 from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
 from stand_ins.small_twin import (
     FIRST_SLIDE_US,
@@ -169,7 +169,7 @@ def test_a_covered_marker_that_comes_back_is_captured(preset: str) -> None:
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_contacts_are_found_when_they_begin(detector: str) -> None:
     film = touches()
-    quiet = islice(paired_windows([film.source()]), FIRST_WINDOWS)
+    quiet = islice(paired_windows([film.source()]), LEAST_QUIET_WINDOWS)
     made = make_detector(detector, DetectionConfig(), [calibration()], quiet)
     found_us = [found.contact.t_us for found in find_contacts([film.source()], made)]
     begin_us = int(film.truth.contact_t_us[film.truth.in_contact][0])
