@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,7 +17,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 WIDTH_IN = 7.0
 """Width of the picture, inches."""
 
-STATUS = {
+STATUS: dict[str, tuple[str, Literal["-", "--"]]] = {
     "good": ("tab:green", "-"),
     "doubtful": ("tab:orange", "-"),
     "expected": ("tab:red", "--"),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
-from spikingtac.markers.calibration.disc_levels import Discs
+from spikingtac.markers.calibration.buffered_events import buffer_events
+from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
 from spikingtac.markers.calibration.following import Follower, PixelSteps
-from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, mean_steps
 from spikingtac.markers.calibration.quality import (
     Quality,
     judge,
@@ -35,18 +34,8 @@ from spikingtac.markers.calibration.refinement import (
     choose_states,
     refine,
 )
-from spikingtac.markers.calibration.rest import (
-    RestConfig,
-    find_rests,
-    moving_events,
-    unloaded_rests,
-)
-from spikingtac.markers.calibration.sighting import (
-    Sighting,
-    lit_share,
-    refuse_gaps,
-    sight_markers,
-)
+from spikingtac.markers.calibration.rest import RestConfig
+from spikingtac.markers.calibration.sighting import FindingConfig, Look, look_at, refuse_gaps
 from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps, nearest_marker
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 from spikingtac.markers.published.blobs import BlobConfig
@@ -73,9 +62,6 @@ REST_SHARES = (0.35, 0.8, 0.95)
 """Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
 rest."""
 
-EVEN_LOOKS = 16
-"""Looks at regular times where a recording has no rest."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CalibrationConfig:
@@ -94,7 +80,7 @@ class CalibrationConfig:
             usual setting, and a wrong one shifts radii by some 0.1 px.
         most_events: Bound of the memory: 8 bytes each.
         rest: How silence is told.
-        blobs: What counts as a candidate.
+        blobs: What counts as a candidate for a marker.
     """
 
     grid: tuple[int, int] | None = None
@@ -105,19 +91,23 @@ class CalibrationConfig:
     threshold: float = 0.25
     most_events: int = 100_000_000
     rest: RestConfig = field(default_factory=RestConfig)
-    blobs: BlobConfig = field(
-        default_factory=lambda: BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
-    )
+    blobs: BlobConfig = field(default_factory=lambda: FindingConfig().blobs)
 
     def __post_init__(self) -> None:
-        if self.grid is not None and min(self.grid) < 1:
-            raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
         if self.pitch_mm is not None and not self.pitch_mm > 0.0:
             raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
         if self.allow_missing is not None and self.allow_missing < 0:
             raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
         if not self.threshold > 0.0:
             raise ConfigError(f"threshold is {self.threshold}, it must be positive")
+        _ = self.finding  # checks its own part
+
+    @property
+    def finding(self) -> FindingConfig:
+        """The part that the search for markers reads."""
+        return FindingConfig(
+            grid=self.grid, polarity=self.polarity, rest=self.rest, blobs=self.blobs
+        )
 
 
 def calibrate(
@@ -137,9 +127,9 @@ def calibrate(
             where, and what to do.
     """
     config = config or CalibrationConfig()
-    look = _look(buffer_events(source, config.most_events), config)
+    look = look_at(buffer_events(source, config.most_events), config.finding)
     refined, learned = _explained(look, config)
-    noise = look.noise(refined.discs)
+    noise = look.noise(_reach_px(refined.discs))
     quality = judge(level_changes(look.events, refined), refined.events, noise)
     refuse_without_grid(quality)
     missing = np.flatnonzero(~quality.measured)
@@ -149,55 +139,7 @@ def calibrate(
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
 
 
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """A recording and what its maps at rest showed."""
-
-    events: BufferedEvents
-    polarity: str
-    steps: MeanSteps
-    rests_us: NDArray[np.int64]
-    unloaded: NDArray[np.bool_]
-    maps: NDArray[np.float32]
-    sighting: Sighting
-
-    def noise(self, discs: Discs) -> NDArray[np.float64]:
-        # ON and OFF events near a marker over the whole recording, as the silence has them.
-        silent = ~moving_events(self.events, self.rests_us)
-        silence_us = float(np.diff(self.rests_us, axis=1).sum())
-        if not len(self.rests_us) or silent.all():
-            return np.zeros(2)
-        on = np.count_nonzero(self.events.code[silent] & 1)
-        counts = np.array([on, np.count_nonzero(silent) - on], float)
-        reach_px = float(np.median(discs.radius_px + 6.0 * discs.edge_px))
-        share = np.pi * reach_px**2 / self.events.pixels
-        return counts * share * self.events.duration_us / max(silence_us, 1.0)
-
-
-def _look(events: BufferedEvents, config: CalibrationConfig) -> _Look:
-    rests_us = find_rests(events, config.rest)
-    steps = mean_steps(events, moving_events(events, rests_us))
-    looks_us = rests_us
-    if not len(rests_us):
-        edges_us = np.linspace(0, events.duration_us, EVEN_LOOKS + 1).astype(np.int64)
-        looks_us = np.column_stack([edges_us[:-1], edges_us[1:]])
-    index = events.index_at(looks_us.mean(axis=1).astype(np.int64))
-    views = {}
-    for polarity in ("white", "dark"):
-        seen = events if polarity == "white" else events.inverted()
-        mean = steps if polarity == "white" else steps.inverted()
-        if config.polarity in ("auto", polarity):
-            views[polarity] = (seen, mean, level_maps(seen, mean, index))
-    polarity = min(views, key=lambda name: lit_share(views[name][2]))
-    seen, mean, maps = views[polarity]
-    length_us = np.diff(looks_us, axis=1)[:, 0]
-    unloaded = unloaded_rests(maps, length_us)
-    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
-    sighting = sight_markers(level.astype(np.float32), events.size, config.blobs, config.grid)
-    return _Look(seen, polarity, mean, looks_us, unloaded, maps, sighting)
-
-
-def _explained(look: _Look, config: CalibrationConfig) -> tuple[Refined, LearnedSteps]:
+def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedSteps]:
     # Follow the markers, learn the steps from where they went, refine everything.
     events, markers = look.events, len(look.sighting.center_px)
     index, still = _samples(look)
@@ -207,7 +149,7 @@ def _explained(look: _Look, config: CalibrationConfig) -> tuple[Refined, Learned
         np.full(markers, FIRST_CONTRAST),
     )
     even = [np.full(events.shape, step, np.float32) for step in (look.steps.on, look.steps.off)]
-    length_us = np.where(look.unloaded, np.diff(look.rests_us, axis=1)[:, 0], 0)
+    length_us = np.where(look.unloaded, look.length_us, 0)
     longest = int(length_us.argmax())
     seen = (int(still[longest, 1]), look.maps[longest], look.sighting.center_px)
     course = Follower(events, index).both_ways(seen, discs, PixelSteps(*even))
@@ -227,10 +169,14 @@ def _explained(look: _Look, config: CalibrationConfig) -> tuple[Refined, Learned
         np.zeros((markers, 4)),
     )
     cell = nearest_marker(events.size, look.sighting.center_px)
-    return refine(events, start, still, cell, look.noise(discs)), learned
+    return refine(events, start, still, cell, look.noise(_reach_px(discs))), learned
 
 
-def _samples(look: _Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _reach_px(discs: Discs) -> float:
+    return float(np.median(discs.radius_px + REACH_EDGES * discs.edge_px))
+
+
+def _samples(look: Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     # Events before each sample; first, typical and last sample of each rest.
     events = look.events
     # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
@@ -246,56 +192,31 @@ def _samples(look: _Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _assembled(
-    look: _Look,
+    look: Look,
     found: tuple[Refined, LearnedSteps],
     quality: Quality,
     config: CalibrationConfig,
 ) -> Calibration:
     refined, learned = found
-    still = _samples(look)[1]
-    rest_px = refined.course.center_px[still[look.unloaded, 1]]
-    length_us = np.diff(look.rests_us[look.unloaded], axis=1)[:, 0]
-    reference_px = reference(rest_px, length_us, config.method)
-    grid, measured = look.sighting.grid, quality.measured
-    shift = np.median((reference_px - look.sighting.center_px)[measured], axis=0)
-    reference_px[~measured] = grid.expected_px[~measured] + shift
-    values = {
-        name: np.where(measured, value, np.median(value[measured]))
-        for name, value in (
-            ("radius", refined.discs.radius_px),
-            ("edge", refined.discs.edge_px),
-            ("contrast", refined.discs.contrast),
-            ("on", refined.on),
-            ("off", refined.off),
-        )
-    }
-    known = learned.pixel_swings > 0
+    measured = quality.measured
+    rest_px = refined.course.center_px[_samples(look)[1][look.unloaded, 1]]
+    reference_px = _reference_px(look, rest_px, measured, config.method)
     scale = None
     if config.pitch_mm is not None and len(reference_px) > 1:
-        scale = mean_pitch_px(reference_px, grid.shape) / config.pitch_mm
-    off_px = rest_px - reference_px
-    scatter_px = np.sqrt((off_px**2).sum(axis=2).mean(axis=0))
+        scale = mean_pitch_px(reference_px, look.sighting.grid.shape) / config.pitch_mm
+    scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
+    unloaded_us = look.events.t_start_us + look.rests_us[look.unloaded]
     return Calibration(
         reference_px=reference_px,
-        radius_px=values["radius"],
-        grid=grid.shape,
+        grid=look.sighting.grid.shape,
         size=look.events.size,
         polarity=look.polarity,
-        step_on=float(np.median(values["on"])),
-        step_off=float(np.median(values["off"])),
-        step_on_map=np.where(known, refined.pixel.on, 0.0).astype(np.float32),
-        step_off_map=np.where(known, refined.pixel.off, 0.0).astype(np.float32),
-        contrast=float(np.median(values["contrast"])),
-        edge_px=float(np.median(values["edge"])),
-        marker_contrast=values["contrast"],
-        marker_edge_px=values["edge"],
-        marker_step_on=values["on"],
-        marker_step_off=values["off"],
         marker_measured=measured,
         px_per_mm=scale,
+        **_appearance(refined, learned, measured),
         provenance={
             "method": config.method,
-            "unloaded_rests_us": (look.events.t_start_us + look.rests_us[look.unloaded]).tolist(),
+            "unloaded_rests_us": unloaded_us.tolist(),
             "missing": np.flatnonzero(~measured).tolist(),
             "swings": np.round(learned.swings, 1).tolist(),
             "residual": np.round(refined.residual, 4).tolist(),
@@ -303,3 +224,36 @@ def _assembled(
             **provenance(quality),
         },
     )
+
+
+def _reference_px(
+    look: Look, rest_px: NDArray[np.float64], measured: NDArray[np.bool_], method: Method
+) -> NDArray[np.float64]:
+    out = reference(rest_px, look.length_us[look.unloaded], method)
+    shift_px = np.median((out - look.sighting.center_px)[measured], axis=0)
+    out[~measured] = look.sighting.grid.expected_px[~measured] + shift_px
+    return out
+
+
+def _appearance(
+    refined: Refined, learned: LearnedSteps, measured: NDArray[np.bool_]
+) -> dict[str, Any]:
+    # Markers that were not measured look like the others; pixels without a swing have no own step.
+    own = {
+        "marker_edge_px": refined.discs.edge_px,
+        "marker_contrast": refined.discs.contrast,
+        "marker_step_on": refined.on,
+        "marker_step_off": refined.off,
+        "radius_px": refined.discs.radius_px,
+    }
+    usual = {name: float(np.median(value[measured])) for name, value in own.items()}
+    known = learned.pixel_swings > 0
+    return {
+        **{name: np.where(measured, value, usual[name]) for name, value in own.items()},
+        "edge_px": usual["marker_edge_px"],
+        "contrast": usual["marker_contrast"],
+        "step_on": usual["marker_step_on"],
+        "step_off": usual["marker_step_off"],
+        "step_on_map": np.where(known, refined.pixel.on, np.float32(0.0)),
+        "step_off_map": np.where(known, refined.pixel.off, np.float32(0.0)),
+    }

@@ -10,6 +10,7 @@ partial swings that give no event, and by steps that are large in one direction.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -82,9 +83,8 @@ def walk(
         steps: What one event of each pixel stands for.
     """
     shape = (len(states), *events.shape)
-    out = Walk(
-        *(np.zeros(shape, np.float32) for _ in range(3)), np.zeros((len(discs.radius_px), 4))
-    )
+    measured, expected, drawn = np.zeros((3, *shape), np.float32)
+    out = Walk(measured, expected, drawn, np.zeros((len(discs.radius_px), 4)))
     walk_kernel(
         events.code,
         (course.index, course.center_px, states),
@@ -97,10 +97,8 @@ def walk(
 
 
 @njit(cache=True)
-def fire_kernel(
-    phases: NDArray[np.float32], level: float, on: float, off: float
-) -> tuple[int, int]:
-    """Let a pixel's ideal copies follow the level; return how many ON and OFF events they fire."""
+def fire_kernel(phases: NDArray[np.float32], level: Any, on: Any, off: Any) -> tuple[int, int]:
+    """Let a pixel's ideal copies follow its level; return how many ON and OFF events they fire."""
     rises = falls = 0
     for phase in range(len(phases)):
         while level > phases[phase] + on:

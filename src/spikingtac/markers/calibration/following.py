@@ -9,6 +9,7 @@ are drawn towards the bands that the discs allow, so that noise and wrong steps 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -144,8 +145,8 @@ def move_kernel(
     state: tuple[NDArray[np.float32], NDArray[np.int8]],
     events: tuple[NDArray[np.uint32], NDArray[np.int8]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    first: int,
-    last: int,
+    first: Any,
+    last: Any,
 ) -> None:
     """Bring levels and last polarities from ``first`` events to ``last``, either way in time."""
     level, side = state

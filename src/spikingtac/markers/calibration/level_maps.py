@@ -90,7 +90,7 @@ def level_maps(
         steps: What one event stands for.
         index: How many events came before each map, increasing.
     """
-    both = np.float32(steps.on), np.float32(steps.off)
+    both = np.array([steps.on, steps.off], np.float32)
     level = np.zeros(events.pixels, np.float32)
     add_kernel(level, events.code, both)
     maps = np.empty((len(index), events.pixels), np.float32)
@@ -143,10 +143,10 @@ def swings_kernel(
 
 @njit(cache=True)
 def add_kernel(
-    level: NDArray[np.float32], code: NDArray[np.uint32], steps: tuple[float, float]
+    level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]
 ) -> None:
     """Add each event's step to its pixel, clipped to [0, 1]."""
-    on, off = steps
+    on, off = steps[0], steps[1]
     for i in range(len(code)):
         pixel = code[i] >> 1
         if code[i] & 1:
@@ -157,10 +157,10 @@ def add_kernel(
 
 @njit(cache=True)
 def undo_kernel(
-    level: NDArray[np.float32], code: NDArray[np.uint32], steps: tuple[float, float]
+    level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]
 ) -> None:
     """Take each event's step back, last event first, clipped to [0, 1]."""
-    on, off = steps
+    on, off = steps[0], steps[1]
     for back in range(1, len(code) + 1):
         i = len(code) - back
         pixel = code[i] >> 1

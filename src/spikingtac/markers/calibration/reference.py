@@ -9,7 +9,7 @@ has crept back in them, and rests far from the others count less.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ NEAR_PX = 0.15
 
 
 def reference(
-    position_px: NDArray[np.float64], weight: NDArray[np.floating], method: Method
+    position_px: NDArray[np.float64], weight: NDArray[Any], method: Method
 ) -> NDArray[np.float64]:
     """Return ``(m, 2)`` reference positions, px.
 
@@ -39,7 +39,7 @@ def reference(
 
 
 def weighted_median(
-    values: NDArray[np.float64], weight: NDArray[np.floating]
+    values: NDArray[np.float64], weight: NDArray[Any]
 ) -> NDArray[np.float64]:
     """Return the medians over the first axis, interpolated between the middles of the weights.
 

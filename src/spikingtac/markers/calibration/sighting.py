@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.grid import Grid, find_grid
+from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, mean_steps
+from spikingtac.markers.calibration.rest import (
+    RestConfig,
+    find_rests,
+    moving_events,
+    unloaded_rests,
+)
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector, Blobs
 
 SMOOTH_PX = 1.0
@@ -30,6 +39,9 @@ MOST_STRAY_SHARE = 0.5
 MOST_NAMED = 8
 """Missing markers that an error names one by one."""
 
+EVEN_LOOKS = 16
+"""Looks at regular times where a recording has no rest."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
@@ -44,6 +56,100 @@ class Sighting:
     grid: Grid
     center_px: NDArray[np.float64]
     radius_px: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FindingConfig:
+    """How markers are found; all values are ours.
+
+    Attributes:
+        grid: ``(rows, columns)``, or None to find it.
+        polarity: White markers on dark ground, dark on light, or "auto" to find out.
+        rest: How silence is told.
+        blobs: What counts as a candidate.
+    """
+
+    grid: tuple[int, int] | None = None
+    polarity: Literal["auto", "white", "dark"] = "auto"
+    rest: RestConfig = field(default_factory=RestConfig)
+    blobs: BlobConfig = field(
+        default_factory=lambda: BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
+    )
+
+    def __post_init__(self) -> None:
+        if self.grid is not None and min(self.grid) < 1:
+            raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A recording and what its maps at rest showed.
+
+    Attributes:
+        events: The recording, markers brighter than the ground.
+        polarity: ``"white"`` or ``"dark"`` markers.
+        steps: What an event stands for on the average.
+        rests_us: ``(rests, 2)`` when the skin rested, us since the start.
+        unloaded: ``bool[rests]`` at which of them nothing touched it.
+        maps: ``(rests, height, width)`` levels 0 to 1.
+        sighting: The grid.
+    """
+
+    events: BufferedEvents
+    polarity: str
+    steps: MeanSteps
+    rests_us: NDArray[np.int64]
+    unloaded: NDArray[np.bool_]
+    maps: NDArray[np.float32]
+    sighting: Sighting
+
+    @property
+    def length_us(self) -> NDArray[np.int64]:
+        """``(rests,)`` how long each rest lasts, us."""
+        return np.diff(self.rests_us, axis=1)[:, 0]
+
+    def noise(self, reach_px: float) -> NDArray[np.float64]:
+        """Return ON and OFF events within a reach over the recording, as the silence has them."""
+        silent = ~moving_events(self.events, self.rests_us)
+        silence_us = float(np.diff(self.rests_us, axis=1).sum())
+        if not len(self.rests_us) or silent.all():
+            return np.zeros(2)
+        on = np.count_nonzero(self.events.code[silent] & 1)
+        counts = np.array([on, np.count_nonzero(silent) - on], float)
+        share = np.pi * reach_px**2 / self.events.pixels
+        return counts * share * self.events.duration_us / max(silence_us, 1.0)
+
+
+def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
+    """Find out polarity, rests and grid of a recording.
+
+    Args:
+        events: The recording.
+        config: What is known beforehand.
+
+    Raises:
+        CalibrationError: There is no grid of markers.
+    """
+    rests_us = find_rests(events, config.rest)
+    steps = mean_steps(events, moving_events(events, rests_us))
+    looks_us = rests_us
+    if not len(rests_us):
+        edges_us = np.linspace(0, events.duration_us, EVEN_LOOKS + 1).astype(np.int64)
+        looks_us = np.column_stack([edges_us[:-1], edges_us[1:]])
+    index = events.index_at(looks_us.mean(axis=1).astype(np.int64))
+    views = {}
+    for polarity in ("white", "dark"):
+        seen = events if polarity == "white" else events.inverted()
+        mean = steps if polarity == "white" else steps.inverted()
+        if config.polarity in ("auto", polarity):
+            views[polarity] = (seen, mean, level_maps(seen, mean, index))
+    polarity = min(views, key=lambda name: lit_share(views[name][2]))
+    seen, mean, maps = views[polarity]
+    length_us = np.diff(looks_us, axis=1)[:, 0]
+    unloaded = unloaded_rests(maps, length_us)
+    level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
+    sighting = sight_markers(level.astype(np.float32), events.size, config.blobs, config.grid)
+    return Look(seen, polarity, mean, looks_us, unloaded, maps, sighting)
 
 
 def lit_share(maps: NDArray[np.float32]) -> float:
