@@ -1,0 +1,1 @@
+"""What is felt: touches, the field's quantities, forces, slip and vibration."""

@@ -1,0 +1,1 @@
+"""From displacements to forces: laws learned from labelled contacts, with their intervals."""

@@ -1,0 +1,183 @@
+"""From labelled series to a force model.
+
+Everything that is chosen is chosen between the training series: each is predicted from the others
+(or, where there is only one, each of its parts from the rest). The law of a component is the one
+that does this best, and the intervals hold the errors that it makes there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from spikingtac.errors import ConfigError
+from spikingtac.touch.force.laws import Family, fit_component
+from spikingtac.touch.force.model import ForceModel, Interval, field_rms
+from spikingtac.touch.force.novelty import learn_novelty
+from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
+from spikingtac.touch.force.r_squared import r_squared
+from spikingtac.touch.force.shape import shape_modes
+from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
+
+Field = NDArray[np.float64]
+
+Choice = tuple[Family, ...]
+
+LATERAL: tuple[Choice, ...] = (("shape",), ("squares",), ("shape", "squares"))
+NORMAL: tuple[Choice, ...] = (("normal",),)
+CHOICES = dict.fromkeys(COMPONENTS, LATERAL) | {"fz": NORMAL}
+"""Component -> the formulas, or means of two, that may describe it."""
+PARTS = 5
+"""Parts into which a single series is cut, in time, so that each is predicted from the rest."""
+LEAST_FRAMES = 200
+"""Fewer labelled frames make no model."""
+COVERAGE = 0.9
+"""Share of the errors that an interval holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Taught:
+    """The training fields of one group, over the rms of all, and their wrench."""
+
+    fields: Field
+    wrench: Field
+
+
+def fit_force(
+    series: Sequence[WrenchSeries],
+    *,
+    depth: bool = False,
+    zero: RestZeroConfig | None = None,
+) -> ForceModel:
+    """Learn a force model from labelled series of one sensor.
+
+    Args:
+        series: Displacements with wrenches, in order of time, each with its own zero.
+        depth: Use the third coordinate where the series have it.
+        zero: How the rest is followed.
+
+    Raises:
+        ConfigError: There is too little to learn from, or the series do not fit each other.
+    """
+    zero = zero or RestZeroConfig()
+    kept = [one if depth else one.in_image() for one in series]
+    _check(kept, depth)
+    rms = field_rms(np.concatenate([one.displacement for one in kept]))
+    groups = _groups([_taught(one, rms, zero) for one in kept])
+    fields = np.concatenate([group.fields for group in groups])
+    wrench = np.concatenate([group.wrench for group in groups])
+    modes = shape_modes(fields)
+    dimensions = kept[0].reference.shape[1]
+    chosen = [_choose(groups, index, dimensions) for index in range(wrench.shape[1])]
+    return ForceModel(
+        unit=kept[0].unit,
+        reference=np.mean([one.reference for one in kept], axis=0),
+        rms=rms,
+        modes=modes,
+        laws=tuple(
+            fit_component(choice.families, fields, modes, wrench[:, index], dimensions)
+            for index, choice in enumerate(chosen)
+        ),
+        intervals=tuple(choice.interval for choice in chosen),
+        novelty=learn_novelty(fields, modes),
+        zero=zero,
+        about=_about(kept, wrench, [choice.r2 for choice in chosen]),
+    )
+
+
+def _check(series: Sequence[WrenchSeries], depth: bool) -> None:
+    if not series:
+        raise ConfigError("no series was given; give files with t_us, displacements and a wrench")
+    first = series[0]
+    for one in series:
+        same = one.reference.shape == first.reference.shape and one.unit == first.unit
+        if not same or one.wrench.shape[1] != first.wrench.shape[1]:
+            raise ConfigError(
+                f"{one.name} and {first.name} differ in markers, unit or components; "
+                "a force model belongs to one sensor"
+            )
+    if first.wrench.shape[1] < 3:
+        raise ConfigError(f"{first.name} holds no wrench; forces Fx, Fy, Fz in N are needed")
+    if depth and first.reference.shape[1] < 3:
+        raise ConfigError(f"{first.name} holds no depth; fit without --depth")
+    frames = sum(len(one.t_us) for one in series)
+    if frames < LEAST_FRAMES:
+        raise ConfigError(f"{frames} frames are too few for a model, at least {LEAST_FRAMES}")
+
+
+def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig) -> _Taught:
+    flat = series.displacement.reshape(len(series.t_us), -1) / rms
+    rest = RestZero(zero, zero.radius_share, flat.shape[1])
+    return _Taught(rest.subtract_all(flat), series.wrench)
+
+
+def _groups(taught: list[_Taught]) -> list[_Taught]:
+    """Return the groups that are predicted from each other."""
+    if len(taught) > 1:
+        return taught
+    cuts = zip(
+        np.array_split(taught[0].fields, PARTS),
+        np.array_split(taught[0].wrench, PARTS),
+        strict=True,
+    )
+    return [_Taught(fields, wrench) for fields, wrench in cuts]
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """The best law of a component, its interval and its R2 between the groups."""
+
+    families: Choice
+    interval: Interval
+    r2: float
+
+
+def _choose(groups: list[_Taught], index: int, dimensions: int) -> _Chosen:
+    truth = np.concatenate([group.wrench[:, index] for group in groups])
+    choices = CHOICES[COMPONENTS[index]]
+    between = {choice: _between(groups, index, choice, dimensions) for choice in choices}
+    best = max(choices, key=lambda choice: r_squared(truth, between[choice]))
+    interval = _interval(between[best], truth - between[best])
+    return _Chosen(best, interval, r_squared(truth, between[best]))
+
+
+def _between(groups: list[_Taught], index: int, choice: Choice, dimensions: int) -> Field:
+    """Return each group's component as predicted from the other groups."""
+    out = []
+    for left_out in groups:
+        rest = [group for group in groups if group is not left_out]
+        fields = np.concatenate([group.fields for group in rest])
+        force = np.concatenate([group.wrench[:, index] for group in rest])
+        modes = shape_modes(fields)
+        law = fit_component(choice, fields, modes, force, dimensions)
+        out.append(law(left_out.fields, modes))
+    return np.concatenate(out)
+
+
+def _interval(estimate: Field, error: Field) -> Interval:
+    """Fit floor and share to absolute errors, then stretch them to the wanted coverage."""
+    columns = np.column_stack([np.ones(len(error)), np.abs(estimate)])
+    (floor, share), _ = nnls(columns, np.abs(error))
+    floor = max(floor, 0.1 * float(np.mean(np.abs(error))))
+    stretch = float(np.quantile(np.abs(error) / (floor + share * np.abs(estimate)), COVERAGE))
+    return Interval(floor * stretch, share * stretch)
+
+
+def _about(series: Sequence[WrenchSeries], wrench: Field, between: list[float]) -> dict[str, Any]:
+    names = COMPONENTS[: wrench.shape[1]]
+    return {
+        "series": [one.name for one in series],
+        "frames": len(wrench),
+        "range": {
+            name: [round(float(column.min()), 4), round(float(column.max()), 4)]
+            for name, column in zip(names, wrench.T, strict=True)
+        },
+        "r2_between_series": {
+            name: round(value, 4) for name, value in zip(names, between, strict=True)
+        },
+    }

@@ -1,0 +1,181 @@
+"""A fitted force model, and the stream of wrenches that it makes from marker displacements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.touch.force.laws import ComponentLaw
+from spikingtac.touch.force.novelty import Novelty
+from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
+from spikingtac.touch.force.shape import amplitude
+from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """The force and the moment that the skin feels at one time.
+
+    Attributes:
+        t_us: Time, us.
+        values: ``(c,)`` forces in N, then moments in Nm: the model's components.
+        half_width: ``(c,)`` half of the 90 % interval of each, in its unit.
+        distance: How far the field is from those that were learned; above 1 is beyond them.
+    """
+
+    t_us: int
+    values: Field
+    half_width: Field
+    distance: float
+
+    @property
+    def force_n(self) -> Field:
+        """``(3,)`` force, N."""
+        return self.values[:3]
+
+    @property
+    def moment_nm(self) -> Field:
+        """``(c - 3,)`` moment, Nm; empty where none was learned."""
+        return self.values[3:]
+
+    @property
+    def extrapolated(self) -> bool:
+        """True where the model was never taught anything like this field."""
+        return self.distance > 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """Half-width of a 90 % interval: a floor and a share of the amount, widened by distance.
+
+    Attributes:
+        floor: Half-width at rest, N or Nm.
+        share: Growth of the half-width with the absolute estimate.
+    """
+
+    floor: float
+    share: float
+
+    def half_width(self, estimate: Field, distance: Field) -> Field:
+        """Return the half-widths ``(n,)`` of estimates ``(n,)``."""
+        return (self.floor + self.share * np.abs(estimate)) * np.maximum(distance, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceModel:
+    """Laws from displacements to a wrench; made by :func:`spikingtac.touch.force.fit.fit_force`.
+
+    Attributes:
+        unit: Unit of the displacements, ``"mm"`` or ``"px"``.
+        reference: ``(m, d)`` markers of the series that were learned, in ``unit``.
+        rms: Root mean square of the training displacements, in ``unit``.
+        modes: ``(m d, k)`` modes of the field.
+        laws: One law per component.
+        intervals: One interval per component.
+        novelty: What distance to the learned fields is.
+        zero: How the rest is followed.
+        about: Where the model came from: files, frames, ranges, errors between series.
+    """
+
+    unit: str
+    reference: Field
+    rms: float
+    modes: Field
+    laws: tuple[ComponentLaw, ...]
+    intervals: tuple[Interval, ...]
+    novelty: Novelty
+    zero: RestZeroConfig
+    about: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of what is estimated."""
+        return COMPONENTS[: len(self.laws)]
+
+    def fields(self, series: WrenchSeries) -> Field:
+        """Return the fields ``(n, m d)`` of a series from its zero, over the training rms.
+
+        Raises:
+            ConfigError: The series has other markers, another unit or no depth.
+        """
+        self._check(series)
+        flat = series.displacement[:, :, : self.reference.shape[1]].reshape(len(series.t_us), -1)
+        return self._rest().subtract_all(flat / self.rms)
+
+    def estimate(self, series: WrenchSeries) -> tuple[Field, Field, Field]:
+        """Return values ``(n, c)``, half-widths ``(n, c)`` and distances ``(n,)`` of a series.
+
+        The zero is learned from the series itself, causally.
+
+        Raises:
+            ConfigError: The series does not fit the model.
+        """
+        return self._evaluate(self.fields(series))
+
+    def estimator(self) -> ForceEstimator:
+        """Return a stream of wrenches that starts at the calibrated rest."""
+        return ForceEstimator(self)
+
+    def _rest(self) -> RestZero:
+        return RestZero(self.zero, self.zero.radius_share, self.reference.size)
+
+    def _evaluate(self, fields: Field) -> tuple[Field, Field, Field]:
+        values = np.column_stack([law(fields, self.modes) for law in self.laws])
+        distance = self.novelty(fields, self.modes)
+        widths = [
+            interval.half_width(values[:, index], distance)
+            for index, interval in enumerate(self.intervals)
+        ]
+        return values, np.column_stack(widths), distance
+
+    def _check(self, series: WrenchSeries) -> None:
+        markers, depth = self.reference.shape
+        if series.unit != self.unit:
+            raise ConfigError(
+                f"{series.name} is in {series.unit}, the force model was learned in {self.unit}; "
+                "fit a model on displacements of that unit"
+            )
+        if len(series.reference) != markers:
+            raise ConfigError(
+                f"{series.name} has {len(series.reference)} markers, the force model {markers}; "
+                "a force model belongs to one sensor"
+            )
+        if series.displacement.shape[2] < depth:
+            raise ConfigError(
+                f"{series.name} has no depth, the force model was learned with it; "
+                "fit one without: spikingtac force fit FILES -o force.json"
+            )
+
+
+class ForceEstimator:
+    """A causal stream: one frame of displacements in, one wrench out.
+
+    Example:
+        >>> estimator = ForceModel.load("force.json").estimator()  # doctest: +SKIP
+        >>> estimator.update(frame.t_us, frame.displacement_px).force_n  # doctest: +SKIP
+    """
+
+    def __init__(self, model: ForceModel) -> None:
+        self._model = model
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the calibrated rest."""
+        self._rest = self._model._rest()
+
+    def update(self, t_us: int, displacement: Field) -> Wrench:
+        """Take in displacements ``(m, d)`` in the model's unit and return the wrench."""
+        away = self._rest.subtract(displacement.ravel() / self._model.rms)
+        values, widths, distance = self._model._evaluate(away[None])
+        return Wrench(t_us, values[0], widths[0], float(distance[0]))
+
+
+def field_rms(fields: Field) -> float:
+    """Return the root mean square of displacements of any shape."""
+    return float(np.sqrt(np.mean(amplitude(fields.reshape(len(fields), -1), 0.0) ** 2)))

@@ -1,0 +1,47 @@
+"""What a force law sees of a displacement field: its amplitude and its shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+
+MODES = 40
+"""Modes that describe a field (ours: 24 to 60 give the same errors on data/force)."""
+PRODUCT_MODES = 24
+"""Leading modes whose products are used (ours: 20 to 28 are alike; 12 costs 0.05 of R2 in the worst
+normal force of data/force)."""
+SMALL_SHARE = 0.16
+"""Amplitude that is added to a field's before it is normalised for finding modes, as a share of
+the rms: fields at rest are noise and have no shape (ours: 0.1 mm of 0.6 mm)."""
+
+
+def amplitude(displacement: Field, floor: float) -> Field:
+    """Return the rms of fields ``(n, size)``, rounded off at ``floor``, ``(n,)``."""
+    return np.sqrt((displacement**2).mean(axis=1) + floor**2)
+
+
+def shape_modes(displacement: Field) -> Field:
+    """Return the leading modes ``(size, modes)`` of fields ``(n, size)`` in units of their rms.
+
+    The modes are principal directions of the normalised fields, so light contacts count as much
+    as firm ones.
+    """
+    shapes = displacement / amplitude(displacement, SMALL_SHARE)[:, None]
+    _, vectors = np.linalg.eigh(shapes.T @ shapes)
+    return vectors[:, ::-1][:, : min(MODES, displacement.shape[1])]
+
+
+def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Field, Field]:
+    """Return amplitude ``(n,)`` and shape features ``(n, f)`` of fields ``(n, size)``.
+
+    The features are the field's coordinates along the modes over its amplitude, the products of
+    the leading ones and the squares of the others: a quadratic function of the shape alone.
+    """
+    size = amplitude(displacement, floor)
+    shape = displacement @ modes / (size[:, None] * np.sqrt(len(modes)))
+    leading = min(PRODUCT_MODES, modes.shape[1])
+    first, second = np.triu_indices(leading)
+    products = shape[:, first] * shape[:, second]
+    return size, np.hstack([shape, products, shape[:, leading:] ** 2])
