@@ -90,7 +90,8 @@ class FakeGripper:
         goal = values["PRE"]
         share = min((time.monotonic() - start_s) / FULL_TRAVEL_S, 1.0)
         place = round(origin + share * (goal - origin))
-        meets = self.object_at is not None and origin < self.object_at <= place
+        closing = self.object_at is not None and goal > origin
+        meets = closing and origin <= self.object_at <= place
         values["POS"] = self.object_at if meets and self.object_at is not None else place
         values["OBJ"] = 2 if meets else (3 if share == 1.0 else 0)
         if share == 1.0:

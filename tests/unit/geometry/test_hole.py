@@ -86,7 +86,7 @@ def test_contacts_on_one_side_state_how_little_they_tell(contacts: int) -> None:
         center = rng.uniform(-0.3, 0.3, 2) * radius
         angle = rng.uniform(0, 2 * np.pi) + np.linspace(0, 0.5, contacts)
         points = on_circle(tuple(center), radius, angle) + rng.normal(0, 0.03, (contacts, 2))
-        circle = fit_circle(points, np.zeros(2), config)
+        circle = fit_circle(points, np.zeros(2), config, SIGMA_MM)
         away = np.append(circle.center_mm - center, circle.radius_mm - radius)
         covered += away @ np.linalg.solve(circle.covariance_mm2, away) < 7.815
     assert covered / trials > 0.95

@@ -9,10 +9,10 @@ from matplotlib.patches import Ellipse
 
 from spikingtac.geometry.hole import Circle
 from spikingtac.plots.hole import (
-    CENTER_SHARE,
+    CENTER_FRACTION,
     FACTORS,
     PLANE_REGION,
-    RESIDUAL_SHARE,
+    RESIDUAL_FRACTION,
     HolePicture,
     draw_hole,
     save_hole_plot,
@@ -44,9 +44,9 @@ def test_factors_are_the_largest_that_fit(sigma_mm: float) -> None:
     one = picture(sigma_mm)
     size = max(2.0 * sigma_mm * np.sqrt(PLANE_REGION), 0.03)
     larger = [factor for factor in FACTORS if factor > one.center_factor]
-    assert one.center_factor * size <= CENTER_SHARE * RADIUS_MM or one.center_factor == 1.0
-    assert all(factor * size > CENTER_SHARE * RADIUS_MM for factor in larger)
-    assert one.residual_factor * 0.02 <= RESIDUAL_SHARE * RADIUS_MM
+    assert one.center_factor * size <= CENTER_FRACTION * RADIUS_MM or one.center_factor == 1.0
+    assert all(factor * size > CENTER_FRACTION * RADIUS_MM for factor in larger)
+    assert one.residual_factor * 0.02 <= RESIDUAL_FRACTION * RADIUS_MM
 
 
 def test_what_is_drawn_is_what_the_legend_says() -> None:
