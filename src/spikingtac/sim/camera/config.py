@@ -12,7 +12,7 @@ from spikingtac.schema import build, read_toml
 
 CAMERA_NAMES = ("clean", "typical", "noisy")
 """The pinned presets, stored as ``configs/cameras/<name>.toml``."""
-_STORED_NAMES = (*CAMERA_NAMES, "v2e")
+_STORED_NAMES = (*CAMERA_NAMES, "v2e", "real-like")
 
 
 def _require(valid: bool, what: str) -> None:
