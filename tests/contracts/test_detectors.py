@@ -165,9 +165,9 @@ def test_a_budget_that_is_no_positive_number_is_refused(budget: float) -> None:
         DetectionConfig(false_alarms_per_hour=budget)
 
 
-def test_default_is_another_name_of_the_sequential_motion_detector() -> None:
-    detector = make_detector("default", DetectionConfig(), [calibration()], quiet())
-    assert found(detector, touched()) == found(build("motion"), touched())
+def test_motion_is_another_name_of_the_default_detector() -> None:
+    detector = make_detector("motion", DetectionConfig(), [calibration()], quiet())
+    assert found(detector, touched()) == found(build("default"), touched())
 
 
 def test_unknown_names_and_missing_calibrations_are_explained() -> None:
@@ -176,7 +176,7 @@ def test_unknown_names_and_missing_calibrations_are_explained() -> None:
     with pytest.raises(CalibrationError, match="spikingtac calibrate"):
         make_detector("default", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match="hold 2 sensors, the detector was built for 1"):
-        build("motion").update((touched()[0], touched()[0]))
+        build("default").update((touched()[0], touched()[0]))
 
 
 def test_a_detector_of_another_package_is_made_by_its_name(
@@ -193,5 +193,5 @@ def test_a_detector_of_another_package_is_made_by_its_name(
     )
     with pytest.raises(ConfigError, match="my-parts"):
         make_detector("gone", DetectionConfig(), [], quiet())
-    with pytest.raises(ConfigError, match=r"valid: event_count, motion, default, count, gone"):
+    with pytest.raises(ConfigError, match=r"valid: event_count, default, motion, count, gone"):
         make_detector("unheard-of", DetectionConfig(), [], quiet())

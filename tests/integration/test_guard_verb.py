@@ -8,12 +8,15 @@ import pytest
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import guard
 from spikingtac.events.create import create_events
-from spikingtac.live.contact_process import ContactProcess, Maker
+from spikingtac.live.contact_process import ContactProcess
+from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
-from stand_ins.guarded import NotingArm, detector, paced, stops
-from stand_ins.moving_rims import SIZE, calibration, windows
+from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
+from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 
 CALM = WatchdogConfig(stale_s=0.25, backlog_s=2.0)
+TOUCH = 600
+"""Window at which something happens: 1.2 s after the stream was opened."""
 
 
 @pytest.fixture
@@ -27,15 +30,17 @@ def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) 
     """Let the verb guard an arm that notes its stops, with a stream in slow real time."""
 
     def start(args: guard.Args) -> ContactProcess:
-        arm = Maker(function=NotingArm, arguments={"notes": str(notes)})
-        source = Maker(function=paced, arguments=stream)
-        return ContactProcess(source, Maker(function=detector), arm, CALM)
+        arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
+        source = Factory(function=paced, arguments=stream)
+        return ContactProcess(source, Factory(function=detector), arm, CALM)
 
     monkeypatch.setattr(guard, "start", start)
 
 
 @pytest.mark.parametrize(
-    ("stream", "code"), [({"touch": 300}, 0), ({"end": 50}, 3)], ids=["contact", "end of stream"]
+    ("stream", "code"),
+    [({"touch": TOUCH}, 0), ({"end": TOUCH}, 3), ({"stall": TOUCH}, 3)],
+    ids=["contact", "end of stream", "stall"],
 )
 def test_contact_and_fault_stop_the_arm(
     stream: dict[str, int],
@@ -51,9 +56,11 @@ def test_contact_and_fault_stop_the_arm(
     assert len(stops(notes)) == 2  # the self-test, and the contact or the fault
     summary = json.loads(capsys.readouterr().out)
     if code == 0:
-        assert 300_000 < summary["contact"]["t_us"] <= 304_000
+        first_us = TOUCH * SLOWED * PERIOD_US
+        assert first_us < summary["contact"]["t_us"] <= first_us + 4 * SLOWED * PERIOD_US
     else:
-        assert "the event stream ended" in summary["error"]
+        told = "no heartbeat" if "stall" in stream else "the event stream ended"
+        assert told in summary["error"]
 
 
 def test_a_recording_is_no_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,11 +25,11 @@ class DetectionConfig:
     """How contacts are detected.
 
     Attributes:
-        detector: Name of the detector; None is ``motion`` where the sensors are calibrated and
+        detector: Name of the detector; None is ``default`` where the sensors are calibrated and
             ``event_count`` otherwise.
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
         release_windows: For ``event_count``: a contact ends after this many quiet windows in a row.
-        motion: For ``motion``.
+        motion: For ``default``.
         self_calibrating: For the viewer, which has no quiet recording.
     """
 
@@ -66,10 +66,10 @@ def _motion(
     return SequentialMotionDetector.from_quiet(config.motion, calibrations, quiet, budget)
 
 
-DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "motion": _motion}
-"""Name -> builder of the detectors of this package."""
-ALIASES = {"default": "motion"}
-"""Further name -> name in :data:`DETECTORS`; reports use ``default`` for the project's detector."""
+DETECTORS: dict[str, DetectorBuilder] = {"event_count": _event_count, "default": _motion}
+"""Name -> builder of the detectors of this package, as reports name them."""
+ALIASES = {"motion": "default"}
+"""Further name -> name in :data:`DETECTORS`."""
 
 
 def detectors() -> Mapping[str, DetectorBuilder]:
@@ -87,7 +87,7 @@ def make_detector(
     """Build a detector by name.
 
     Args:
-        name: ``event_count`` (as published), ``motion`` (also called ``default``), or the name
+        name: ``event_count`` (as published), ``default`` (also called ``motion``), or the name
             of an entry point of the group ``spikingtac.contact_detectors``.
         config: Budget and settings.
         calibrations: Of each sensor, in the windows' order, with the probe in the grip.

@@ -1,8 +1,12 @@
 """Sensor time against host time: lag, drift and leaps, on clocks that only the tests move."""
 
+from collections.abc import Iterator
+
+import numpy as np
 import pytest
 
 from spikingtac.live.stream_clock import StreamClock, StreamClockConfig
+from spikingtac.robot.watchdog import WatchdogConfig
 
 CONFIG = StreamClockConfig()
 OFFSET_S = 1234.5
@@ -96,3 +100,46 @@ def test_windows_that_waited_before_the_first_are_no_leap() -> None:
     for number in range(300):
         leap_s = max(leap_s, clock.arrive((number + 1) * 1000, OFFSET_S + 0.3 + number * 1e-5))
     assert leap_s == 0.0
+
+
+def busy_arrivals(
+    rng: np.random.Generator, windows: int, drift: float = 0.0, pauses: float = 0.002
+) -> Iterator[tuple[int, float]]:
+    """Yield windows of a camera beside a busy machine: bursts of eight, jitter, pauses to 15 ms."""
+    free_s = 0.0
+    for number in range(windows):
+        end_us = (number + 1) * 1000
+        sent_s = OFFSET_S + (number // 8 + 1) * 0.008 * (1.0 + drift)
+        pause_s = rng.uniform(0.0, 0.015) if rng.random() < pauses else 0.0
+        free_s = max(free_s, sent_s + rng.exponential(1e-4)) + pause_s + 2e-4
+        yield end_us, free_s
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_minute_beside_a_busy_machine_trips_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    clock, worst_s, leap_s = StreamClock(), 0.0, 0.0
+    for end_us, host_s in busy_arrivals(rng, 60_000, drift=rng.uniform(-8e-5, 8e-5)):
+        leap_s = max(leap_s, clock.arrive(end_us, host_s))
+        worst_s = max(worst_s, clock.backlog_s(end_us, host_s))
+    assert worst_s < WatchdogConfig().backlog_s
+    assert leap_s == 0.0
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_each_of_a_hundred_lags_is_seen_in_a_fifth_of_a_second(seed: int) -> None:
+    """From some window on, each needs more time than it spans."""
+    rng = np.random.default_rng(seed)
+    begin, slower = int(rng.integers(200, 1000)), rng.uniform(1.2, 4.0)
+    clock, late_s, fault_s = StreamClock(), 0.0, 0.0
+    for number, (end_us, arrived_s) in enumerate(busy_arrivals(rng, 2000, pauses=0.0)):
+        if number >= begin:
+            late_s += (slower - 1.0) * 1e-3
+            fault_s = fault_s or arrived_s
+        host_s = arrived_s + late_s
+        clock.arrive(end_us, host_s)
+        if clock.backlog_s(end_us, host_s) > WatchdogConfig().backlog_s:
+            assert number >= begin
+            assert host_s - fault_s < 0.2
+            return
+    raise AssertionError("the lag was not seen")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
-from spikingtac.contact.registry import DETECTORS
+from spikingtac.contact.registry import DETECTORS, detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ SILENCE_S = 1.0
 0.02 s."""
 ENDED = ("ended", "failed")
 """Phases after which the guarding process does nothing more."""
+TRIPPED_S = 0.5
+"""Wait after a trip for the end of the guarding process, s: its loop may hang."""
 NOT_A_SAFETY_FUNCTION = (
     "note: this is no safety function: it does not replace the robot's protective stop"
 )
@@ -63,7 +65,7 @@ def run(args: Args) -> int:
     """
     from spikingtac.events.formats.evt.raw_stream import is_stream
 
-    named(DETECTORS, args.detector, "contact detector")
+    named(detectors(), args.detector, "contact detector")
     if not args.budget > 0.0:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
     if not is_stream(args.events):
@@ -77,7 +79,7 @@ def run(args: Args) -> int:
         status = _wait(process)
     finally:
         process.close()
-    if status["phase"] == "failed" or status["contact"] is None:
+    if status["phase"] != "ended" or status["contact"] is None:
         raise DeviceError(f"the guard stopped the arm without a contact: {status['reason']}")
     summary = {name: status[name] for name in ("contact", "latency", "windows", "health")}
     if args.json:
@@ -90,7 +92,8 @@ def run(args: Args) -> int:
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
     from spikingtac.live.arrivals import stream_arrivals
-    from spikingtac.live.contact_process import ContactProcess, Maker
+    from spikingtac.live.contact_process import ContactProcess
+    from spikingtac.live.factory import Factory
     from spikingtac.robot.ur import URArm
 
     learning = {
@@ -99,10 +102,10 @@ def start(args: Args) -> ContactProcess:
         "quiet": str(args.quiet),
         "budget": args.budget,
     }
-    arm: Maker[Arm] = Maker(function=URArm, arguments={"host": args.arm})
+    arm: Factory[Arm] = Factory(function=URArm, arguments={"host": args.arm})
     return ContactProcess(
-        Maker(function=stream_arrivals, arguments={"path": str(args.events)}),
-        Maker(function=learnt_detector, arguments=learning),
+        Factory(function=stream_arrivals, arguments={"path": str(args.events)}),
+        Factory(function=learnt_detector, arguments=learning),
         arm,
     )
 
@@ -142,7 +145,10 @@ def _wait(process: ContactProcess) -> dict[str, Any]:
             raise DeviceError(
                 "the guarding process died; the controller's own watchdog stops the arm: check both"
             )
-        if status and time.monotonic() - status["at_s"] > SILENCE_S:
+        age_s = time.monotonic() - status["at_s"] if status else 0.0
+        if status.get("phase") == "tripped" and age_s > TRIPPED_S:
+            return status
+        if age_s > SILENCE_S:
             raise DeviceError(
                 "the stream stalled, the watchdog told the arm to stop; check camera and cable"
             )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.cli.robot.probe_args import SEARCHES, ProbeArgs
-from spikingtac.contact.registry import DETECTORS
+from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, named
 from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.travel import TravelModel
@@ -37,7 +37,7 @@ def check(args: ProbeArgs) -> None:
         ConfigError: Names the flag, what was given and what is valid.
     """
     named(dict.fromkeys(SEARCHES), args.search, "search")
-    named(DETECTORS, args.detector, "contact detector")
+    named(detectors(), args.detector, "contact detector")
     for name in POSITIVE:
         value = getattr(args, name)
         if not (value > 0.0 and math.isfinite(value)):
