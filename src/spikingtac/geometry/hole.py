@@ -151,10 +151,8 @@ def fit_circle(
     problem = _Problem(points, np.append(start, config.radius_mm), config, sigma)
     reach = float(np.linalg.norm(points - start, axis=1).max())
     estimate = problem.solve(np.append(start, reach))
-    stated = estimate
-    if largest_gap_rad(points, start) > math.pi:
-        stated = problem.flattest(estimate)
-    covariance = problem.covariance(stated)
+    one_sided = largest_gap_rad(points, start) > math.pi
+    covariance = problem.covariance(problem.flattest(estimate) if one_sided else estimate)
     residual = problem.distances(estimate)
     return Circle(estimate[:2], float(estimate[2]), covariance, residual)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from spikingtac.baselines.frame_sampling import FrameSamplingConfig
-from spikingtac.contact.registry import ALIASES, DETECTORS
+from spikingtac.contact.registry import DETECTORS
 
 Sees = Literal["events", "frames", "touch"]
 
@@ -63,9 +63,8 @@ def collision_methods() -> dict[str, CollisionMethod]:
             about="a perfect sensor: decides at the true first touch, on the same arm",
         ),
     )  # fmt: skip
-    report_names = {name: alias for alias, name in ALIASES.items()}
     detectors = [
         CollisionMethod(name=name, sees="events", about=ABOUT.get(name, "a contact detector"))
-        for name in (report_names.get(own, own) for own in DETECTORS)
+        for name in DETECTORS
     ]
     return {method.name: method for method in (*detectors, *baselines)}
