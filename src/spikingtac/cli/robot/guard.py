@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
-from spikingtac.contact.registry import DETECTORS, detectors
+from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Args:
     """calibration.json of that finger."""
     quiet: Path
     """Recording of the moving arm without contact, from which the detector learns."""
-    detector: Annotated[str, tyro.conf.arg(metavar="|".join(DETECTORS))] = "default"
+    detector: Annotated[str, tyro.conf.arg(metavar="|".join(detectors()))] = "default"
     """Contact detector: default (signed, sequential) or event_count (as published)."""
     budget: float = 1.0
     """Accepted number of false contacts per hour of free motion."""

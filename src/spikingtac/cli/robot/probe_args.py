@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.contact.registry import DETECTORS
+from spikingtac.contact.registry import detectors
 
 SEARCHES = ("default", "cross4")
 """Names of the searches: adaptive, and the paper's four contacts."""
@@ -58,7 +58,7 @@ class ProbeArgs:
     """Largest travel of one approach, mm; a hole must be smaller."""
     force_limit_n: float = 0.5
     """Largest force of the tip, N, even if no wall is detected; it limits the travel."""
-    detector: Annotated[str, tyro.conf.arg(metavar="|".join(DETECTORS))] = "default"
+    detector: Annotated[str, tyro.conf.arg(metavar="|".join(detectors()))] = "default"
     """Contact detector: default (signed, sequential) or event_count (as published)."""
     json: bool = False
     """Print one JSON object on stdout."""
