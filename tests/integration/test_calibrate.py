@@ -76,7 +76,8 @@ def test_grids_of_many_sizes(
 ) -> None:
     truth_px = markers(*shape, size, pitch_px)
     events = with_noise(slides_of(truth_px, radius_px, size), noise_hz)
-    calibration = calibrate(PacketSource([events], size), CalibrationConfig(pitch_mm=2.0), None)
+    config = CalibrationConfig(pitch_mm=2.0)
+    calibration = calibrate(PacketSource([events], size), config, estimate_lag=None)
     assert calibration.grid == shape
     assert errors_px(calibration, truth_px).mean() < 0.10
     assert errors_px(calibration, truth_px).max() < 0.3
@@ -91,7 +92,7 @@ def test_dark_markers() -> None:
     truth_px = markers(3, 4, size, 40.0)
     white = slides_of(truth_px, 7.0, size)
     dark = EventPacket(white.x, white.y, ~white.p, white.t, 0, white.t_end_us, size)
-    calibration = calibrate(PacketSource([dark], size), CalibrationConfig(polarity="dark"), None)
+    calibration = calibrate(PacketSource([dark], size), estimate_lag=None)
     assert (calibration.grid, calibration.polarity) == ((3, 4), "dark")
     assert errors_px(calibration, truth_px).mean() < 0.10
 
@@ -102,31 +103,40 @@ def test_packets_do_not_matter() -> None:
     cut = [0, 1, 777, len(events) // 2, len(events)]
     edges = [0, *(int(events.t[index]) for index in cut[1:-1]), events.t_end_us]
     parts = [events.part(*cut[i : i + 2], edges[i], edges[i + 1]) for i in range(len(cut) - 1)]
-    whole = calibrate(PacketSource([events], size))
-    again = calibrate(PacketSource(parts, size))
+    whole = calibrate(PacketSource([events], size), estimate_lag=None)
+    again = calibrate(PacketSource(parts, size), estimate_lag=None)
     np.testing.assert_array_equal(whole.reference_px, again.reference_px)
 
 
-def test_a_missing_marker_is_named_and_may_be_allowed() -> None:
+def test_a_marker_that_never_moves_is_expected_from_the_others() -> None:
     size = (220, 180)
     truth_px = markers(4, 5, size, 37.0)
     share = np.ones(20)
-    share[7] = 0.0  # it never moves: no event shows it
-    events = slides_of(truth_px, 7.0, size, share)
+    share[7] = 0.0  # no event shows it
+    source = PacketSource([slides_of(truth_px, 7.0, size, share)], size)
+    found = calibrate(source, estimate_lag=None)
+    assert found.marker_measured is not None
+    assert np.flatnonzero(~found.marker_measured).tolist() == [7]
+    assert found.provenance["missing"] == [7]
+    assert errors_px(found, truth_px)[7] < 3.0
+    assert np.delete(errors_px(found, truth_px), 7).mean() < 0.10
     with pytest.raises(CalibrationError, match=r"1 of 20 .* row 2, column 3 .*--allow-missing 1"):
-        calibrate(PacketSource([events], size))
-    allowed = calibrate(PacketSource([events], size), CalibrationConfig(allow_missing=1), None)
-    assert allowed.provenance["missing"] == [7]
-    assert errors_px(allowed, truth_px)[7] < 3.0
-    assert np.delete(errors_px(allowed, truth_px), 7).mean() < 0.10
+        calibrate(source, CalibrationConfig(allow_missing=0), estimate_lag=None)
 
 
-def test_a_recording_without_slides_says_so() -> None:
-    quiet = with_noise(EventPacket.empty(0, 500_000, (64, 64)), 1.0)
-    with pytest.raises(CalibrationError, match=r"no marker appeared .*--polarity dark"):
-        calibrate(PacketSource([quiet], (64, 64)))
+def test_what_is_no_grid_is_refused_with_the_reason() -> None:
+    size = (64, 64)
+    quiet = with_noise(EventPacket.empty(0, 500_000, size), 1.0)
+    with pytest.raises(CalibrationError, match="no grid of markers"):
+        calibrate(PacketSource([quiet], size))
     with pytest.raises(CalibrationError, match="holds no events"):
-        calibrate(PacketSource([EventPacket.empty(0, 1000, (64, 64))], (64, 64)))
+        calibrate(PacketSource([EventPacket.empty(0, 1000, size)], size))
+    one = slides_of(np.array([[32.0, 32.0]]), 8.0, size)
+    with pytest.raises(CalibrationError, match="no grid of markers: 1 spots"):
+        calibrate(PacketSource([one], size))
+    rising = EventPacket(one.x, one.y, np.ones(len(one), bool), one.t, 0, one.t_end_us, size)
+    with pytest.raises(CalibrationError, match="100% of the events of motion are ON"):
+        calibrate(PacketSource([rising], size))
 
 
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,10 +153,12 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert picture.stat().st_size > 1000
     assert errors_px(Calibration.load(output), truth_px).mean() < 0.10
     assert main(words) == 0
-    assert "unloaded rests" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "unloaded rests" in out
+    assert "6 of 6 markers measured" in out
     assert main([*words, "--grid", "2*3"]) == 2
     assert "8x8 or 7x10" in capsys.readouterr().err
-    assert main([*words, "--grid", "3x3"]) == 1
+    assert main([*words, "--grid", "3x3", "--allow-missing", "0"]) == 1
     assert "3 of 9 markers" in capsys.readouterr().err
 
 

@@ -47,7 +47,43 @@ def test_steps_are_rounded_and_bounded() -> None:
     steps[0, :3] = 0.13949, 0.9, 0.0
     read = Calibration.from_document({**DOCUMENT, "step_off_map": pack_map(steps)}).step_off_map
     assert read is not None
-    np.testing.assert_allclose(read[0, :3], [0.139, 0.255, 0.0], atol=1e-6)
+    np.testing.assert_allclose(read[0, :3], [0.1395, 0.9, 0.0], atol=1e-6)
+
+
+def test_maps_of_version_0_1_are_read() -> None:
+    steps = np.arange(35, dtype=np.uint8)
+    read = Calibration.from_document({**DOCUMENT, "step_on_map": packed(steps.tobytes())})
+    assert read.step_on_map is not None
+    np.testing.assert_allclose(read.step_on_map.ravel(), steps / 1000.0, atol=1e-6)
+
+
+def test_values_of_each_marker_survive_a_file(tmp_path: Path) -> None:
+    values = {
+        "marker_contrast": [4.0],
+        "marker_edge_px": [0.8],
+        "marker_step_on": [0.12],
+        "marker_step_off": [0.55],
+        "marker_measured": [False],
+    }
+    Calibration.from_document({**DOCUMENT, **values}).save(tmp_path / "c.json")
+    again = Calibration.load(tmp_path / "c.json")
+    for name, value in values.items():
+        assert getattr(again, name).tolist() == value
+    assert Calibration.from_document(DOCUMENT).marker_measured is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "named"),
+    [
+        ("marker_contrast", [4.0, 4.0], "shape"),
+        ("marker_edge_px", [-1.0], "positive"),
+        ("marker_step_on", ["much"], "marker_step_on|much"),
+        ("marker_measured", [1], "true or false"),
+    ],
+)
+def test_unfit_values_of_markers_are_named(name: str, value: list[object], named: str) -> None:
+    with pytest.raises(CalibrationError, match=named):
+        Calibration.from_document({**DOCUMENT, name: value})
 
 
 @pytest.mark.parametrize(
@@ -55,8 +91,11 @@ def test_steps_are_rounded_and_bounded() -> None:
     [
         ("no base64!", "step_on_map is no base64"),
         ("AAAA", "does not inflate"),
-        (packed(bytes(34)), "holds 34 pixels where the size 7x5 asks for 35"),
-        (packed(bytes(10**6)), "holds more pixels where"),
+        (
+            packed(bytes(34)),
+            "holds 34 bytes where the size 7x5 asks for two",
+        ),
+        (packed(bytes(10**6)), "holds more than 70 bytes where"),
         (base64.b64encode(zlib.compress(bytes(35))[:-2]).decode(), "step_on_map"),
         ([0.1, 0.2], "must be base64 text, got list"),
     ],

@@ -1,4 +1,4 @@
-"""``spikingtac calibrate``: learn where the markers rest and how they look."""
+"""``spikingtac calibrate``: learn where the markers rest, and how they look."""
 
 from __future__ import annotations
 

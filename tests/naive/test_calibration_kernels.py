@@ -1,0 +1,270 @@
+"""The kernels behind the calibration against plain loops, on random and edge events."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import (
+    Discs,
+    draw_kernel,
+    fit_kernel,
+    nearest_markers,
+    sums_kernel,
+)
+from spikingtac.markers.calibration.expected_levels import remove_offsets_kernel, walk
+from spikingtac.markers.calibration.following import (
+    Course,
+    PixelSteps,
+    lead_kernel,
+    move_kernel,
+    note_polarity_kernel,
+    pull_kernel,
+)
+from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, swings_kernel
+from spikingtac.markers.calibration.refinement import corrections_kernel
+from spikingtac.markers.calibration.swings import count_swings_kernel, steps_of_counts
+from spikingtac.markers.profile import DiscProfile
+
+SIZE = (40, 30)
+SHAPE = (30, 40)
+DISCS = Discs(np.array([5.0, 4.5]), np.array([0.7, 1.0]), np.array([4.0, 2.5]))
+PLACES = np.array([[12.3, 14.1], [28.6, 15.2]])
+
+
+def random_events(count: int, seed: int) -> BufferedEvents:
+    rng = np.random.default_rng(seed)
+    code = rng.integers(0, 2 * SIZE[0] * SIZE[1], count).astype(np.uint32)
+    return BufferedEvents(code, np.arange(count, dtype=np.uint32), SIZE, 0, count)
+
+
+def few_pixels(count: int, seed: int) -> BufferedEvents:
+    rng = np.random.default_rng(seed)
+    code = rng.integers(0, 8, count).astype(np.uint32)
+    return BufferedEvents(code, np.arange(count, dtype=np.uint32), SIZE, 0, count)
+
+
+def random_steps(seed: int) -> PixelSteps:
+    rng = np.random.default_rng(seed)
+    on, off = rng.uniform(0.1, 0.4, (2, *SHAPE)).astype(np.float32)
+    return PixelSteps(on, off)
+
+
+def level(discs: Discs, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    levels = np.array(
+        [
+            DiscProfile(float(discs.contrast[m]), float(discs.edge_px[m])).level(
+                np.hypot(x - cx, y - cy) - discs.radius_px[m]
+            )
+            for m, (cx, cy) in enumerate(places)
+        ]
+    )
+    return levels.max(axis=0), levels.argmax(axis=0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 500])
+def test_level_maps_equal_the_twin(count: int) -> None:
+    events, steps = few_pixels(count, 3), MeanSteps(0.2, 0.3)
+    index = np.unique(np.array([0, count // 3, count]))
+    got = level_maps(events, steps, index)
+    value = np.zeros(SIZE[0] * SIZE[1])
+    forward, backward = [], []
+    for code in events.code.tolist():
+        change = steps.on if code & 1 else -steps.off
+        value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
+    for at in range(count, -1, -1):
+        if at in index:
+            backward.insert(0, value.copy())
+        if at:
+            code = int(events.code[at - 1])
+            change = steps.on if code & 1 else -steps.off
+            value[code >> 1] = min(max(value[code >> 1] - change, 0.0), 1.0)
+    for at in range(count + 1):
+        if at in index:
+            forward.append(value.copy())
+        if at < count:
+            code = int(events.code[at])
+            change = steps.on if code & 1 else -steps.off
+            value[code >> 1] = min(max(value[code >> 1] + change, 0.0), 1.0)
+    expected = 0.5 * (np.array(forward) + np.array(backward))
+    np.testing.assert_allclose(got.reshape(len(index), -1), expected, atol=1e-5)
+
+
+def test_swings_are_what_lies_between_two_turns() -> None:
+    # Six up, four down, seven up, five down: the first and the last have no turn on both sides.
+    ways = [1] * 6 + [0] * 4 + [1] * 7 + [0] * 5
+    histogram = np.zeros(100, np.int64)
+    swings_kernel(np.array(ways, np.uint32), 1.0, np.zeros((4, 1), np.float32), histogram)
+    assert {int(i): int(histogram[i]) for i in np.flatnonzero(histogram)} == {24: 1, 16: 1, 28: 1}
+
+
+def test_discs_are_drawn_as_the_profile_says() -> None:
+    image, owner = np.zeros(SHAPE, np.float32), np.full(SHAPE, -1, np.int32)
+    touched = np.empty(image.size, np.int64)
+    count = draw_kernel(PLACES, (DISCS.shape, DISCS.tables), (image, owner), touched)
+    expected, whose = level(DISCS, PLACES)
+    np.testing.assert_allclose(image, expected, atol=0.012)  # the table ends at 6 edge widths
+    assert count == np.count_nonzero(owner >= 0)
+    assert sorted(touched[:count].tolist()) == np.flatnonzero(owner.ravel() >= 0).tolist()
+    sure = image > 0.05
+    np.testing.assert_array_equal(owner[sure], whose[sure])
+
+
+def test_polarities_before_each_event_and_moves_both_ways_equal_the_twin() -> None:
+    events, steps = few_pixels(300, 5), random_steps(6)
+    last, before = np.zeros(events.pixels, np.int8), np.empty(300, np.int8)
+    note_polarity_kernel(events.code, last, before)
+    seen: dict[int, int] = {}
+    for i, code in enumerate(events.code.tolist()):
+        assert before[i] == seen.get(code >> 1, 0)
+        seen[code >> 1] = 1 if code & 1 else -1
+    start = np.random.default_rng(1).random(events.pixels).astype(np.float32)
+    state = (start.copy(), np.zeros(events.pixels, np.int8))
+    flat = (steps.on.ravel(), steps.off.ravel())
+    move_kernel(state, (events.code, before), flat, 0, 300)
+    expected = start.astype(float)
+    for code in events.code.tolist():
+        expected[code >> 1] += flat[0][code >> 1] if code & 1 else -flat[1][code >> 1]
+    np.testing.assert_allclose(state[0], expected, atol=1e-4)
+    np.testing.assert_array_equal(state[1], last)
+    move_kernel(state, (events.code, before), flat, 300, 0)
+    np.testing.assert_allclose(state[0], start, atol=1e-4)
+    assert not state[1].any()
+
+
+def test_levels_are_drawn_to_the_edge_of_their_band() -> None:
+    value = np.array([0.0, 0.0, 1.0, 0.5], np.float32)
+    wanted = np.array([1.0, 0.05, 0.0, 0.5], np.float32)
+    on, off = np.full(4, 0.1, np.float32), np.full(4, 0.3, np.float32)
+    pull_kernel(value, wanted, (on, off))
+    np.testing.assert_allclose(value, [0.2 * 0.9, 0.0, 1.0 - 0.2 * 0.7, 0.5], atol=1e-6)
+
+
+def test_a_fit_finds_a_disc_that_the_levels_show() -> None:
+    drawn, _ = level(DISCS, PLACES)
+    state = (drawn.astype(np.float32), np.zeros(SHAPE, np.int8))
+    even = np.full(SHAPE, 0.1, np.float32)
+    place = PLACES[0] + [0.9, -0.7]
+    scene = (PLACES, nearest_markers(PLACES), DISCS.shape)
+    sums = np.zeros(7)
+    agreement = fit_kernel(state, (even, even), 0, place, scene, sums)
+    assert np.hypot(*(place - PLACES[0])) < 0.02
+    assert agreement > 0.99
+
+
+def test_normal_equations_equal_numbers_from_differences() -> None:
+    rng = np.random.default_rng(8)
+    drawn, _ = level(DISCS, PLACES)
+    state = ((drawn + rng.normal(0, 0.02, SHAPE)).astype(np.float32), np.zeros(SHAPE, np.int8))
+    even = np.full(SHAPE, 0.1, np.float32)
+    scene = (PLACES, nearest_markers(PLACES), DISCS.shape)
+    sums, moved = np.zeros(7), np.zeros(7)
+    sums_kernel(state, (even, even), 0, PLACES[0], scene, sums)
+    sums_kernel(state, (even, even), 0, PLACES[0] + [0.01, 0.0], scene, moved)
+    # The gradient falls by the curvature times the way.
+    assert (sums[3] - moved[3]) / 0.01 == pytest.approx(sums[0], rel=0.2)
+
+
+def test_disbelieved_discs_are_led_by_their_neighbours() -> None:
+    start = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]])
+    center = start + np.array([[5.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
+    lead_kernel(center, start, np.array([0.1, 0.9, 0.9]), nearest_markers(start))
+    np.testing.assert_allclose(center[0], [5.0 - 0.3 * 3.0, 0.0])
+    np.testing.assert_allclose(center[1:], start[1:] + np.array([2.0, 0.0]))
+
+
+def twin_walk(
+    course: Course, steps: PixelSteps, phases: int
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Mean levels of ideal pixels at each sample, and all events that they fire."""
+    on, off = steps.on.astype(float), steps.off.astype(float)
+    now = level(DISCS, course.center_px[0])[0]
+    shares = (np.arange(phases) + 0.5) / phases
+    last = now[..., None] + off[..., None] - (on + off)[..., None] * shares
+    means, fired = [], np.zeros(2)
+    for center_px in course.center_px:
+        now = level(DISCS, center_px)[0][..., None]
+        for _ in range(20):
+            rises, falls = now > last + on[..., None], now < last - off[..., None]
+            last = last + rises * on[..., None] - falls * off[..., None]
+            fired += rises.sum(), falls.sum()
+        means.append(last.mean(axis=2))
+    return means, fired / phases
+
+
+def test_ideal_pixels_fire_as_the_twins_do() -> None:
+    path = np.array([[0.0, 0.0], [1.5, 0.5], [4.0, 1.0], [2.0, 0.0], [0.0, 0.0]])
+    events, steps = random_events(200, 9), random_steps(10)
+    course = Course(np.array([0, 50, 90, 150, 200]), PLACES + path[:, np.newaxis], np.ones((5, 2)))
+    states = np.arange(5)
+    seen = walk(events, course, states, DISCS, steps)
+    means, fired = twin_walk(course, steps, 6)
+    for state, mean in enumerate(means):
+        # A level near a threshold may fall to the other side in a table.
+        apart = np.abs(seen.expected[state] - mean)
+        assert np.mean(apart > 0.02) < 0.02
+    np.testing.assert_allclose(seen.events[:, 2:].sum(axis=0), fired, rtol=0.03)
+    total = np.zeros(events.pixels)
+    for code in events.code[:150].tolist():
+        pixel = code >> 1
+        total[pixel] += steps.on.flat[pixel] if code & 1 else -steps.off.flat[pixel]
+    np.testing.assert_allclose(seen.measured[3].ravel(), total, atol=1e-5)
+
+
+def test_offsets_are_weighted_means_over_the_states_around() -> None:
+    rng = np.random.default_rng(2)
+    error = rng.normal(size=(7, 5)).astype(np.float32)
+    drawn = rng.choice([0.0, 0.5, 1.0], (7, 5)).astype(np.float32)
+    got = error.copy()
+    remove_offsets_kernel(got, drawn, 0.1)
+    apart = np.abs(np.arange(7)[:, None] - np.arange(7))
+    weight = np.exp(-apart / 30.0)[:, :, None] * np.where(drawn == 0.5, 0.1, 1.0)
+    expected = error - (weight * error).sum(axis=1) / weight.sum(axis=1)
+    np.testing.assert_allclose(got, expected, atol=1e-5)
+
+
+def test_corrections_undo_a_small_error_of_the_place() -> None:
+    shift = np.array([0.05, -0.03])
+    true, _ = level(DISCS, PLACES + shift)
+    drawn, _ = level(DISCS, PLACES)
+    even = np.full(SHAPE, 0.1, np.float32)
+    move, shape = np.zeros((1, 2, 3)), np.zeros((2, 7))
+    corrections_kernel(
+        (true - drawn)[np.newaxis].astype(np.float32),
+        PLACES[np.newaxis],
+        (DISCS.shape, nearest_markers(PLACES)),
+        (even, even),
+        (move, shape),
+    )
+    np.testing.assert_allclose(move[0, :, :2], np.tile(shift, (2, 1)), atol=0.005)
+
+
+def test_full_swings_are_counted_pixel_by_pixel() -> None:
+    # One disc comes over a pixel, rests, and leaves it: three ON events, then two OFF events.
+    discs = Discs(np.array([5.0]), np.array([0.5]), np.array([4.0]))
+    pixel = 15 * SIZE[0] + 20
+    ways = [1, 1, 1, 0, 0]
+    code = np.array([2 * pixel + way for way in ways], np.uint32)
+    away, over = [[4.0, 15.0]], [[20.0, 15.0]]
+    center_px = np.array([away, away, over, over, over, over, away, away, away, away])
+    index = np.array([0, 0, 3, 3, 3, 3, 5, 5, 5, 5])
+    by_marker = np.zeros((1, 4))
+    by_pixel = np.zeros((SIZE[0] * SIZE[1], 4), np.float32)
+    count_swings_kernel(
+        code,
+        (index, center_px),
+        (discs.shape, discs.tables),
+        np.zeros(SHAPE, np.float32),
+        (by_marker, by_pixel),
+    )
+    np.testing.assert_array_equal(by_pixel[pixel], [3, 1, 2, 1])
+    assert by_marker[0, 1] > 1  # other pixels swung as well, without events
+    assert by_marker[0, 0] == 3
+
+
+def test_steps_solve_both_equations() -> None:
+    on, off = steps_of_counts(np.array([8.0, 3.0]), np.array([2.0, 3.0]))
+    np.testing.assert_allclose(on * (np.array([8.0, 3.0]) + 0.5) + off / 2, 1.0)
+    np.testing.assert_allclose(off * (np.array([2.0, 3.0]) + 0.5) + on / 2, 1.0)

@@ -1,0 +1,58 @@
+"""Calibration without options: recordings of real gels, and simulated ones of the same kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError
+from spikingtac.events.open import open_events
+from spikingtac.markers.calibration.calibrate import calibrate
+
+
+def calibrated(path: Path) -> Calibration:
+    if not path.is_file():
+        pytest.skip(f"{path.name} is not among the test recordings")
+    return calibrate(open_events(path), estimate_lag=None)
+
+
+def errors_px(found: Calibration, truth: Path) -> np.ndarray:
+    return np.hypot(*(found.reference_px - np.load(truth)["reference_px"]).T)
+
+
+def test_a_simulated_sensor_with_rare_off_events_from_its_presses_alone(data_dir: Path) -> None:
+    found = calibrated(data_dir / "gel" / "sim_presses.raw")
+    error_px = errors_px(found, data_dir / "gel" / "sim_presses.truth.npz")
+    assert (found.grid, found.polarity) == ((5, 7), "white")
+    assert found.marker_measured is not None
+    assert found.marker_measured.all()
+    assert error_px.mean() < 0.15
+    assert error_px.max() < 0.5
+    assert found.step_off is not None
+    assert found.step_on is not None
+    assert found.step_off / found.step_on == pytest.approx(0.42 / 0.15, rel=0.05)
+
+
+def test_slides_of_the_same_sensor_are_at_least_as_good(data_dir: Path) -> None:
+    found = calibrated(data_dir / "gel" / "sim_presses_bootstrap.raw")
+    error_px = errors_px(found, data_dir / "gel" / "sim_presses.truth.npz")
+    assert error_px.mean() < 0.08
+    assert error_px.max() < 0.2
+
+
+def test_a_real_sensor_has_one_marker_that_never_moves(data_dir: Path) -> None:
+    found = calibrated(data_dir / "gel" / "real_presses.aedat4")
+    assert (found.grid, found.polarity) == ((5, 7), "white")
+    assert found.marker_measured is not None
+    assert np.flatnonzero(~found.marker_measured).tolist() == [17], "row 3, column 4"
+
+
+@pytest.mark.parametrize(
+    "name", ["evt2_rotating_dot.raw", "evt3_busy_scene.raw", "ros1_evt3_events.bag"]
+)
+def test_what_is_no_marker_sensor_is_refused(data_dir: Path, name: str) -> None:
+    with pytest.raises(CalibrationError, match="no grid of markers"):
+        calibrated(data_dir / "real" / name)
