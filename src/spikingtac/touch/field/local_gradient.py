@@ -79,9 +79,10 @@ class GradientOperator:
 
     def of(self, displacement: Field) -> Gradients:
         """Return the gradients of displacements ``(..., m, 2)``."""
-        by_x = np.einsum("ij,...jc->c...i", self._along[0], displacement, optimize=True)
-        by_y = np.einsum("ij,...jc->c...i", self._along[1], displacement, optimize=True)
-        return Gradients(by_x[0] + by_y[1], by_x[1] - by_y[0], by_x[0] - by_y[1], by_y[0] + by_x[1])
+        slopes = np.matmul(self._along, displacement[..., None, :, :])
+        x_by_x, y_by_x = slopes[..., 0, :, 0], slopes[..., 0, :, 1]
+        x_by_y, y_by_y = slopes[..., 1, :, 0], slopes[..., 1, :, 1]
+        return Gradients(x_by_x + y_by_y, y_by_x - x_by_y, x_by_x - y_by_y, x_by_y + y_by_x)
 
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""

@@ -11,18 +11,23 @@ This detector tells touches apart and measures them. To stop a robot use
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.field.local_gradient import GradientOperator, Gradients
+from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.patch import deformed_patch
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
+
+
+FLAT_SHARE = 0.1
+"""Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +43,9 @@ class TouchConfig:
             below 0.18 and touches above 0.28 on the ten scenes).
         end_hold_us: Time below that share that is needed, us (ours: a shake of 12 Hz passes
             through its rest for 5 ms).
-        settle_us: Time after a release within which the rest follows fast, us (ours).
-        settling_us: Time constant of the rest while it settles, us (ours).
+        flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
+        release_us: Longest time that a release may take from there on, us (ours).
+        settle_us: Time after a release within which the rest follows whatever falls, us (ours).
         resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
     """
 
@@ -47,8 +53,9 @@ class TouchConfig:
     noise_factor: float = 6.0
     end_share: float = 0.22
     end_hold_us: int = 40_000
-    settle_us: int = 300_000
-    settling_us: int = 40_000
+    flat_us: int = 20_000
+    release_us: int = 150_000
+    settle_us: int = 500_000
     resting_us: int = 2_000_000
 
     def __post_init__(self) -> None:
@@ -67,8 +74,18 @@ class _Open:
     peak: float = 0.0
     peak_us: int = 0
     peak_px: float = 0.0
-    peak_strength: Field | None = None
+    peak_local: Field | None = None
     fell_us: int | None = None
+    falling: deque[tuple[int, float]] = field(default_factory=deque)
+
+
+@dataclass(slots=True)
+class _Release:
+    """The rest after a touch: what it was before, and how near to it the skin has come."""
+
+    t_us: int
+    former_zero: Field
+    lowest: float
 
 
 class TouchDetector:
@@ -102,7 +119,7 @@ class TouchDetector:
         self._zero = np.zeros_like(self._reference)
         self._rest_strength = 0.0
         self._last_us: int | None = None
-        self._released_us: int | None = None
+        self._release: _Release | None = None
         self._memory.clear()
 
     @property
@@ -122,65 +139,98 @@ class TouchDetector:
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
-        field = frame.detected_px - self._reference
-        away = field - self._zero
-        gradients = self._gradient.of(away)
+        moved = frame.detected_px - self._reference
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
-            return self._follow(frame.t_us, away, field, gradients)
-        self._memory.add(frame.t_us, field)
-        if gradients.strength > self.threshold:
-            self._open = _Open(self._memory.begin_us(away))
-            self._follow(frame.t_us, away, field, gradients)
-        else:
-            self._rest(frame.t_us, elapsed_us, away, float(gradients.strength))
+            return self._follow(self._open, frame.t_us, moved)
+        self._settle(frame.t_us, moved)
+        self._memory.add(frame.t_us, moved)
+        strength = float(self._gradient.of(moved - self._zero).strength)
+        if strength > self.threshold:
+            self._open = _Open(self._memory.begin_us(moved - self._zero))
+            return self._follow(self._open, frame.t_us, moved)
+        self._rest(elapsed_us, moved, strength)
         return None
 
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""
         if self._open is None:
             return None
-        touch = self._told(None)
+        touch = self._told(self._open, None)
         self._open = None
         return touch
 
-    def _follow(
-        self, t_us: int, away: Field, field: Field, gradients: Gradients
-    ) -> Touch | None:
-        touch, config = self._open, self._config
-        assert touch is not None  # update() asks only while one is open
+    def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
+        """Measure an open touch and return it if it is over."""
+        away = moved - self._zero
+        gradients = self._gradient.of(away)
         strength = float(gradients.strength)
         touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
         if strength > touch.peak:
-            touch.peak, touch.peak_us = strength, t_us
-            touch.peak_strength = gradients.local
-        if strength > config.end_share * touch.peak:
-            touch.fell_us = None
+            touch.peak, touch.peak_us, touch.peak_local = strength, t_us, gradients.local
+        end_us = self._ended_us(touch, t_us, strength)
+        if end_us is None:
             return None
-        if touch.fell_us is None:
-            touch.fell_us = t_us
-        if t_us - touch.fell_us < config.end_hold_us:
-            return None
-        told = self._told(touch.fell_us)
-        self._open, self._released_us, self._zero = None, t_us, field
+        told = self._told(touch, end_us)
+        self._open, self._release = None, _Release(t_us, self._zero, strength)
+        self._zero = moved
         self._memory.clear()
         return told
 
-    def _rest(self, t_us: int, elapsed_us: int, away: Field, strength: float) -> None:
-        """Let the rest and its noise follow what is seen while nothing touches."""
+    def _ended_us(self, touch: _Open, t_us: int, strength: float) -> int | None:
+        """Return when the touch ended, or None: below its share, for long enough, and flat."""
         config = self._config
-        settling = self._released_us is not None and t_us - self._released_us < config.settle_us
-        constant_us = config.settling_us if settling else config.resting_us
-        share = -np.expm1(-elapsed_us / constant_us)
-        self._zero = self._zero + share * away
-        if not settling:
-            self._rest_strength += share * (strength - self._rest_strength)
+        if strength > config.end_share * touch.peak:
+            touch.fell_us = None
+            touch.falling.clear()
+            return None
+        if touch.fell_us is None:
+            touch.fell_us = t_us
+        touch.falling.append((t_us, strength))
+        if t_us - touch.fell_us < config.end_hold_us:
+            return None
+        while t_us - touch.falling[0][0] > config.release_us:
+            touch.falling.popleft()
+        flat_us = self._flat_since_us(touch)
+        if flat_us is not None:
+            return flat_us
+        return t_us if t_us - touch.fell_us >= config.release_us else None
 
-    def _told(self, end_us: int | None) -> Touch:
-        touch = self._open
-        assert touch is not None and touch.peak_strength is not None
-        patch = deformed_patch(self._reference, touch.peak_strength)
+    def _flat_since_us(self, touch: _Open) -> int | None:
+        """Return the first time from which the strength hardly fell any more, or None."""
+        falling = list(touch.falling)
+        slack = FLAT_SHARE * self._config.end_share * touch.peak
+        later = 0
+        for t_us, strength in falling:
+            while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
+                later += 1
+            if later == len(falling):
+                return None
+            if strength - falling[later][1] < slack:
+                return t_us
+        return None
+
+    def _settle(self, t_us: int, moved: Field) -> None:
+        """Right after a release the rest is wherever the skin falls back to."""
+        release = self._release
+        if release is None:
+            return
+        strength = float(self._gradient.of(moved - release.former_zero).strength)
+        if strength <= release.lowest:
+            release.lowest, self._zero = strength, moved
+        if t_us - release.t_us > self._config.settle_us:
+            self._release = None
+
+    def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
+        """Let the rest and its noise follow what is seen while nothing touches."""
+        share = -np.expm1(-elapsed_us / self._config.resting_us)
+        self._zero = self._zero + share * (moved - self._zero)
+        self._rest_strength += share * (strength - self._rest_strength)
+
+    def _told(self, touch: _Open, end_us: int | None) -> Touch:
+        local = np.zeros(len(self._reference)) if touch.peak_local is None else touch.peak_local
+        patch = deformed_patch(self._reference, local)
         return Touch(
             begin_us=touch.begin_us,
             end_us=end_us,

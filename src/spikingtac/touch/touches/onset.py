@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 Field = NDArray[np.float64]
 
 HISTORY_US = 400_000
-"""Frames that are remembered before a touch is noticed, us (ours: the softest press of the ten
-scenes takes 60 ms to be noticed)."""
+"""Frames that are remembered before a touch is noticed, us (ours: presses of the ten scenes are
+noticed after 15 to 60 ms)."""
+RISEN_SHARE = 0.25
+"""Share of the pattern at which a rise is under way: what lies well before is rest (ours)."""
 BASE_US = 150_000
-"""Span at the start of what is remembered that shows the noise before the touch, us (ours)."""
+"""Span of rest that shows drift and noise, us (ours)."""
+LEAST_GAP_US = 10_000
+"""Time between the rest and the rise that is looked at for neither, at the least, us (ours)."""
 NOISE_SIGMAS = 4.0
-"""Deviations of the projection from its base at which motion is sure (ours)."""
-LEAST_SHARE = 0.02
+"""Deviations from the drift of the rest at which motion is sure (ours)."""
+LEAST_SHARE = 0.01
 """Share of the pattern below which no motion is claimed, whatever the noise (ours)."""
 GROWTH_POWER = 2.0
 """Power of time with which a press sets in: displacement grows as the square of time from a tool
@@ -49,26 +53,48 @@ class OnsetMemory:
         times = np.array([t for t, _ in self._frames], np.int64)
         fields = np.array([frame for _, frame in self._frames]).reshape(len(times), -1)
         along = fields @ pattern.ravel() / max(float((pattern**2).sum()), 1e-12)
-        base = along[times <= max(times[0] + BASE_US, times[0])][: max(len(along) // 2, 1)]
-        level, noise = float(np.median(base)), _deviation(base)
-        edge = max(NOISE_SIGMAS * noise, LEAST_SHARE)
-        above = along - level > edge
-        quiet = np.flatnonzero(~above)
-        first = int(quiet[-1]) + 1 if len(quiet) else 0
-        if first >= len(times):
+        along = along - along[-1] + 1.0
+        risen = np.flatnonzero(along < RISEN_SHARE)
+        if not len(risen):
             return int(times[-1])
-        return _extrapolated(times, along - level, first, int(times[0]))
+        rest = _rest_rows(times, int(times[risen[-1]]))
+        level = _line(times[rest], along[rest], times)
+        above = along - level
+        edge = max(NOISE_SIGMAS * _deviation(above[rest]), LEAST_SHARE)
+        quiet = np.flatnonzero(above <= edge)
+        first = min(int(quiet[-1]) + 1, len(times) - 1) if len(quiet) else 0
+        return _extrapolated(times, above, first)
 
 
-def _extrapolated(times: NDArray[np.int64], along: Field, first: int, earliest_us: int) -> int:
-    """Return where the rise from ``first`` on meets zero, by its law of growth."""
-    high = int(np.argmax(along[first:] > 4.0 * along[first])) + first
-    if high == first or along[first] <= 0.0:
+def _rest_rows(times: NDArray[np.int64], risen_us: int) -> slice:
+    """Return the rows of rest before a rise that is a quarter done at ``risen_us``."""
+    rise_us = int(times[-1]) - risen_us
+    until_us = risen_us - max(2 * rise_us, LEAST_GAP_US)
+    first, last = np.searchsorted(times, [until_us - BASE_US, until_us])
+    return slice(int(first), max(int(last), int(first) + 1, 3))
+
+
+def _line(times: NDArray[np.int64], values: Field, at: NDArray[np.int64]) -> Field:
+    """Return the drift of the rest: its median, and its slope where the rest is long enough."""
+    center = float(np.median(times))
+    level = float(np.median(values))
+    half = len(values) // 2
+    if times[-1] - times[0] < BASE_US // 2:
+        return np.full(len(at), level)
+    early, late = float(np.median(values[:half])), float(np.median(values[half:]))
+    slope = (late - early) / (float(np.median(times[half:])) - float(np.median(times[:half])))
+    return level + slope * (at - center)
+
+
+def _extrapolated(times: NDArray[np.int64], above: Field, first: int) -> int:
+    """Return where the rise from ``first`` on meets its rest, by its law of growth."""
+    steep = np.flatnonzero(above[first:] > 4.0 * above[first])
+    if not len(steep) or above[first] <= 0.0:
         return int(times[first])
-    low_root, high_root = (float(along[i] ** (1.0 / GROWTH_POWER)) for i in (first, high))
+    high = first + int(steep[0])
+    low_root, high_root = (float(above[i] ** (1.0 / GROWTH_POWER)) for i in (first, high))
     slope = (high_root - low_root) / float(times[high] - times[first])
-    back_us = int(low_root / slope)
-    return max(int(times[first]) - back_us, earliest_us)
+    return max(int(times[first]) - int(low_root / slope), int(times[0]))
 
 
 def _deviation(values: Field) -> float:
