@@ -36,8 +36,8 @@ class TouchConfig:
 
     Attributes:
         least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
-            gradient's strength of markers that scatter so (ours: 0.1 px, ten times the scatter of
-            the tracker ``default`` on the twin at rest).
+            gradient's strength of markers that scatter so (ours: 0.2 px, twenty times the scatter
+            of the tracker ``default`` on the twin at rest; its steps are smaller).
         noise_factor: Times the strength at rest that a touch must exceed (ours).
         end_share: Share of the peak strength below which the skin is released (ours: residues lie
             below 0.18 and touches above 0.28 on the ten scenes).
@@ -47,9 +47,12 @@ class TouchConfig:
         release_us: Longest time that a release may take from there on, us (ours).
         settle_us: Time after a release within which the rest follows whatever falls, us (ours).
         resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
+        start_us: Time from the first frame on that is rest, us (ours).
+        start_strength: Strength against the calibrated rest up to which that holds (ours: 0.02; a
+            real gel rested at 0.009 from where it was calibrated).
     """
 
-    least_displacement_px: float = 0.1
+    least_displacement_px: float = 0.2
     noise_factor: float = 6.0
     end_share: float = 0.22
     end_hold_us: int = 40_000
@@ -57,6 +60,8 @@ class TouchConfig:
     release_us: int = 150_000
     settle_us: int = 500_000
     resting_us: int = 2_000_000
+    start_us: int = 100_000
+    start_strength: float = 0.02
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -118,6 +123,7 @@ class TouchDetector:
         self._open: _Open | None = None
         self._zero = np.zeros_like(self._reference)
         self._rest_strength = 0.0
+        self._first_us: int | None = None
         self._last_us: int | None = None
         self._release: _Release | None = None
         self._memory.clear()
@@ -140,6 +146,9 @@ class TouchDetector:
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
         moved = frame.detected_px - self._reference
+        self._first_us = frame.t_us if self._first_us is None else self._first_us
+        if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
+            self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
@@ -210,6 +219,9 @@ class TouchDetector:
             if strength - falling[later][1] < slack:
                 return t_us
         return None
+
+    def _is_start(self, moved: Field) -> bool:
+        return float(self._gradient.of(moved).strength) < self._config.start_strength
 
     def _settle(self, t_us: int, moved: Field) -> None:
         """Right after a release the rest is wherever the skin falls back to."""
