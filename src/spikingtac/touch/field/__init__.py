@@ -1,0 +1,1 @@
+"""What the field of displacements says: gradients, strain, shear, torsion."""

@@ -1,0 +1,1 @@
+"""Touches: when each begins and ends, where it is and how large."""

@@ -1,0 +1,255 @@
+"""Touches from a stream of marker frames: begin, end, place, area and peak of each.
+
+What is watched is the strength of the displacement's gradient: pressing, twisting and dragging
+strain the skin, while errors that all markers share do not. A touch begins where the strength
+leaves that of the rest, and ends where it has fallen to a share of the touch's peak and stays
+there. What remains after a release becomes the new rest, so creep is no touch.
+
+This detector tells touches apart and measures them. To stop a robot use
+:mod:`spikingtac.contact`, which decides from raw events within a millisecond.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.touches.onset import OnsetMemory
+from spikingtac.touch.touches.patch import deformed_patch
+from spikingtac.touch.touches.touch import Touch
+from spikingtac.types import MarkerFrame
+
+Field = NDArray[np.float64]
+
+
+FLAT_SHARE = 0.1
+"""Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchConfig:
+    """When a touch begins and ends.
+
+    Attributes:
+        least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
+            gradient's strength of markers that scatter so (ours: 0.2 px, twenty times the scatter
+            of the tracker ``default`` on the twin at rest; its steps are smaller).
+        noise_factor: Times the strength at rest that a touch must exceed (ours).
+        end_share: Share of the peak strength below which the skin is released (ours: residues lie
+            below 0.18 and touches above 0.28 on the ten scenes).
+        end_hold_us: Time below that share that is needed, us (ours: a shake of 12 Hz passes
+            through its rest for 5 ms).
+        flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
+        release_us: Longest time that a release may take from there on, us (ours).
+        settle_us: Time after a release within which the rest follows whatever falls, us (ours).
+        resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
+        start_us: Time from the first frame on that is rest, us (ours).
+        start_strength: Strength against the calibrated rest up to which that holds (ours: 0.02; a
+            real gel rested at 0.009 from where it was calibrated).
+    """
+
+    least_displacement_px: float = 0.2
+    noise_factor: float = 6.0
+    end_share: float = 0.22
+    end_hold_us: int = 40_000
+    flat_us: int = 20_000
+    release_us: int = 150_000
+    settle_us: int = 500_000
+    resting_us: int = 2_000_000
+    start_us: int = 100_000
+    start_strength: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+        if not self.end_share < 1:
+            raise ValueError(f"end_share is {self.end_share}, it must be below 1")
+
+
+@dataclass(slots=True)
+class _Open:
+    """A touch that is not over yet."""
+
+    begin_us: int
+    peak: float = 0.0
+    peak_us: int = 0
+    peak_px: float = 0.0
+    peak_local: Field | None = None
+    fell_us: int | None = None
+    falling: deque[tuple[int, float]] = field(default_factory=deque)
+
+
+@dataclass(slots=True)
+class _Release:
+    """The rest after a touch: what it was before, and how near to it the skin has come."""
+
+    t_us: int
+    former_zero: Field
+    lowest: float
+
+
+class TouchDetector:
+    """Finds touches in marker frames, one by one and causally.
+
+    Example:
+        >>> detector = TouchDetector(calibration.reference_px)  # doctest: +SKIP
+        >>> touches = [t for f in frames if (t := detector.update(f))]  # doctest: +SKIP
+    """
+
+    def __init__(self, reference_px: Field, config: TouchConfig | None = None) -> None:
+        """Start at rest.
+
+        Args:
+            reference_px: ``(m, 2)`` markers at rest, px.
+            config: When touches begin and end.
+
+        Raises:
+            ConfigError: Too few markers.
+        """
+        self._reference = np.asarray(reference_px, np.float64)
+        self._config = config or TouchConfig()
+        self._gradient = GradientOperator(self._reference)
+        self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
+        self._memory = OnsetMemory()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the markers are at the calibrated rest."""
+        self._open: _Open | None = None
+        self._zero = np.zeros_like(self._reference)
+        self._rest_strength = 0.0
+        self._first_us: int | None = None
+        self._last_us: int | None = None
+        self._release: _Release | None = None
+        self._memory.clear()
+
+    @property
+    def touching(self) -> bool:
+        """True while a touch is open."""
+        return self._open is not None
+
+    @property
+    def begin_us(self) -> int | None:
+        """When the open touch began, us; None while nothing touches."""
+        return None if self._open is None else self._open.begin_us
+
+    @property
+    def threshold(self) -> float:
+        """Strength of the gradient at which a touch begins now."""
+        return max(self._floor, self._config.noise_factor * self._rest_strength)
+
+    def update(self, frame: MarkerFrame) -> Touch | None:
+        """Take in a frame and return the touch that it ends, if any."""
+        moved = frame.detected_px - self._reference
+        self._first_us = frame.t_us if self._first_us is None else self._first_us
+        if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
+            self._zero = moved
+        elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
+        self._last_us = frame.t_us
+        if self._open is not None:
+            return self._follow(self._open, frame.t_us, moved)
+        self._settle(frame.t_us, moved)
+        self._memory.add(frame.t_us, moved)
+        strength = float(self._gradient.of(moved - self._zero).strength)
+        if strength > self.threshold:
+            self._open = _Open(self._memory.begin_us(moved - self._zero))
+            return self._follow(self._open, frame.t_us, moved)
+        self._rest(elapsed_us, moved, strength)
+        return None
+
+    def finish(self) -> Touch | None:
+        """Return the touch that is still open at the end, without an end."""
+        if self._open is None:
+            return None
+        touch = self._told(self._open, None)
+        self._open = None
+        return touch
+
+    def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
+        """Measure an open touch and return it if it is over."""
+        away = moved - self._zero
+        gradients = self._gradient.of(away)
+        strength = float(gradients.strength)
+        touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
+        if strength > touch.peak:
+            touch.peak, touch.peak_us, touch.peak_local = strength, t_us, gradients.local
+        end_us = self._ended_us(touch, t_us, strength)
+        if end_us is None:
+            return None
+        told = self._told(touch, end_us)
+        self._open, self._release = None, _Release(t_us, self._zero, strength)
+        self._zero = moved
+        self._memory.clear()
+        return told
+
+    def _ended_us(self, touch: _Open, t_us: int, strength: float) -> int | None:
+        """Return when the touch ended, or None: below its share, for long enough, and flat."""
+        config = self._config
+        if strength > config.end_share * touch.peak:
+            touch.fell_us = None
+            touch.falling.clear()
+            return None
+        if touch.fell_us is None:
+            touch.fell_us = t_us
+        touch.falling.append((t_us, strength))
+        if t_us - touch.fell_us < config.end_hold_us:
+            return None
+        while t_us - touch.falling[0][0] > config.release_us:
+            touch.falling.popleft()
+        flat_us = self._flat_since_us(touch)
+        if flat_us is not None:
+            return flat_us
+        return t_us if t_us - touch.fell_us >= config.release_us else None
+
+    def _flat_since_us(self, touch: _Open) -> int | None:
+        """Return the first time from which the strength hardly fell any more, or None."""
+        falling = list(touch.falling)
+        slack = FLAT_SHARE * self._config.end_share * touch.peak
+        later = 0
+        for t_us, strength in falling:
+            while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
+                later += 1
+            if later == len(falling):
+                return None
+            if strength - falling[later][1] < slack:
+                return t_us
+        return None
+
+    def _is_start(self, moved: Field) -> bool:
+        return float(self._gradient.of(moved).strength) < self._config.start_strength
+
+    def _settle(self, t_us: int, moved: Field) -> None:
+        """Right after a release the rest is wherever the skin falls back to."""
+        release = self._release
+        if release is None:
+            return
+        strength = float(self._gradient.of(moved - release.former_zero).strength)
+        if strength <= release.lowest:
+            release.lowest, self._zero = strength, moved
+        if t_us - release.t_us > self._config.settle_us:
+            self._release = None
+
+    def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
+        """Let the rest and its noise follow what is seen while nothing touches."""
+        share = -np.expm1(-elapsed_us / self._config.resting_us)
+        self._zero = self._zero + share * (moved - self._zero)
+        self._rest_strength += share * (strength - self._rest_strength)
+
+    def _told(self, touch: _Open, end_us: int | None) -> Touch:
+        local = np.zeros(len(self._reference)) if touch.peak_local is None else touch.peak_local
+        patch = deformed_patch(self._reference, local)
+        return Touch(
+            begin_us=touch.begin_us,
+            end_us=end_us,
+            peak_us=touch.peak_us,
+            peak_strength=touch.peak,
+            peak_displacement_px=touch.peak_px,
+            place_px=patch.place,
+            area_px2=patch.area,
+            outline_px=patch.outline,
+        )

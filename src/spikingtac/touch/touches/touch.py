@@ -1,0 +1,38 @@
+"""One touch, and what is known of it when it is over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """A touch from its first motion to its release.
+
+    Attributes:
+        begin_us: When the skin began to move, us.
+        end_us: When the skin was released, us; None where the recording ended first.
+        peak_us: When the skin was deformed most, us.
+        peak_strength: Strength of the displacement's gradient then (1 is 100 % strain).
+        peak_displacement_px: Largest displacement of a marker over the touch, px.
+        place_px: ``(2,)`` where the deformation was centred at its peak, px.
+        area_px2: Area that was deformed by at least half of the most, px squared.
+        outline_px: ``(k, 2)`` its convex outline, px.
+    """
+
+    begin_us: int
+    end_us: int | None
+    peak_us: int
+    peak_strength: float
+    peak_displacement_px: float
+    place_px: NDArray[np.float64]
+    area_px2: float
+    outline_px: NDArray[np.float64]
+
+    @property
+    def duration_us(self) -> int | None:
+        """Time from begin to end, us; None where the end was not seen."""
+        return None if self.end_us is None else self.end_us - self.begin_us
