@@ -84,6 +84,7 @@ def quiet_evidence(
 
     Raises:
         CalibrationError: The recording is too short.
+        ConfigError: The windows come from a sensor of another size than the calibrations.
     """
     kept, counts, period_s = _on_rims(tables, quiet)
     if len(kept) < LEAST_WINDOWS:
@@ -204,6 +205,7 @@ def _on_rims(
         period_us = packets[0].t_end_us - packets[0].t_start_us
         parts = []
         for packet, table, count in zip(packets, tables, counts, strict=True):
+            packet.require_map(table.row.shape)
             rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)
             np.add.at(count, (rim.y, rim.x), 1)
             parts.append(rim)

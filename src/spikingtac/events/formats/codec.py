@@ -31,6 +31,9 @@ KINDS: dict[str, str] = {
 HARMLESS = frozenset({"trigger", "padding", "vendor_word"})
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
+JUMP_US = 1_000_000
+"""A leap forward by so much is counted; sensors send events and time words far more often."""
+
 RESET_US = 100_000
 """A fall of the time by less is held until the source catches up, a larger one re-based."""
 

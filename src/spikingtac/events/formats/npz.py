@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.checks.time_unit import SECONDS_NOTE, US_PER_S, in_seconds
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.types import EventPacket
@@ -31,6 +32,9 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 _COPY_BYTES = 1 << 20
 
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""What NumPy writes; Python unpacks others without a bound on what comes out."""
+
 
 class NpzSource(FileSource):
     """Events of an ``.npz`` with ``t`` (us), ``x``, ``y``, ``p`` and, if it is there, ``size``."""
@@ -42,13 +46,12 @@ class NpzSource(FileSource):
             if "size.npy" not in archive.namelist():
                 return self._size_from_events()
             try:
-                with archive.open("size.npy") as member:
-                    values = np.lib.format.read_array(member, allow_pickle=False).ravel()
-                width, height = (int(value) for value in values)
+                column = _ColumnReader(archive, "size", self.path)
+                if column.length != 2:
+                    raise ValueError(f"{column.length} numbers instead of two")
+                width, height = (int(value) for value in column.read(2))
             except _DAMAGE as error:
                 raise FormatError(f"{str(self.path)!r}: unfit size: {error}") from error
-        if min(width, height) < 1 or max(width, height) > 1 << 16:
-            raise FormatError(f"{str(self.path)!r}: size {width}x{height} px is not possible")
         return width, height
 
     def _columns(self) -> Iterator[Rows]:
@@ -57,13 +60,18 @@ class NpzSource(FileSource):
             left = min(column.length for column in columns)
             if left < max(column.length for column in columns):
                 self.losses.add("truncated")
+            seconds: bool | None = None
             while left > 0:
                 try:
                     x, y, p, t = (column.read(min(CHUNK_ROWS, left)) for column in columns)
                 except _DAMAGE:
                     self.losses.add("truncated")
                     return
-                yield x, y, p, t
+                if seconds is None:
+                    seconds = in_seconds(t)
+                    if seconds and SECONDS_NOTE not in self.notes:
+                        self.notes.append(SECONDS_NOTE)
+                yield x, y, p, t * US_PER_S if seconds else t
                 left -= CHUNK_ROWS
 
     def _archive(self) -> zipfile.ZipFile:
@@ -81,6 +89,8 @@ class _ColumnReader:
 
     def __init__(self, archive: zipfile.ZipFile, name: str, path: Path) -> None:
         try:
+            if archive.getinfo(f"{name}.npy").compress_type not in _PACKINGS:
+                raise ValueError("it is packed by another method than NumPy's")
             self._file: IO[bytes] = archive.open(f"{name}.npy")
             version = np.lib.format.read_magic(self._file)
             read = (
@@ -113,7 +123,7 @@ class _ColumnReader:
             raise EOFError("the column ends early")
         values = np.frombuffer(data, self._type)
         if self._type.kind == "f":
-            return np.nan_to_num(values, nan=-1.0, posinf=-1.0, neginf=-1.0)
+            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
         return values
 
 
