@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.npz import ColumnFile
+from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.types import MarkerFrame
 
 FRAMES_PER_CHUNK = 1_024
@@ -74,15 +74,19 @@ class Tracks:
             RecordingError: The file cannot be read or holds no tracks.
         """
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                values: dict[str, Any] = {str(name): archive[name] for name in archive.files}
+            values: dict[str, Any] = load_arrays(path, "tracks")
             meta = json.loads(str(values.pop("meta")))
+            if not isinstance(meta, dict):
+                raise ValueError("meta is no JSON object")
+            _require_shapes(values)
             fields = {FIELDS.get(name, name): array for name, array in values.items()}
             return cls(meta=meta, **fields)
-        except (OSError, ValueError, EOFError, KeyError, TypeError) as error:
+        except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
+            known = isinstance(error, RecordingError)
+            reason = error if known else f"{str(path)!r} holds no tracks: {error}"
             raise RecordingError(
-                f"{str(path)!r} holds no tracks: {error}; "
-                "make them with: spikingtac track RECORDING --calibration calibration.json"
+                f"{reason}; make tracks with: "
+                "spikingtac track RECORDING --calibration calibration.json"
             ) from error
 
 
@@ -195,5 +199,19 @@ _TYPES = {
 }
 
 
-def _stacked(frames: list[MarkerFrame], field: str) -> NDArray[Any]:
-    return np.stack([getattr(frame, field) for frame in frames])
+def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit; KeyError where an array is missing.
+    """
+    times, markers = values["t_us"].shape, len(values["reference_px"])
+    if len(times) != 1 or values["t_us"].dtype.kind != "i":
+        raise ValueError("t_us must be one row of whole numbers")
+    if values["reference_px"].shape != (markers, 2):
+        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
+    for name, dtype in _TYPES.items():
+        array = values[name]
+        shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")

@@ -195,3 +195,16 @@ def test_a_detector_of_another_package_is_made_by_its_name(
         make_detector("gone", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match=r"valid: event_count, default, motion, count, gone"):
         make_detector("unheard-of", DetectionConfig(), [], quiet())
+
+        build("default").update((touched()[0], touched()[0]))
+
+
+def test_another_sensor_is_refused_not_indexed() -> None:
+    width, height = SIZE
+    column = np.array([width + 300], np.uint16)
+    for size in ((width + 400, height), SIZE):
+        packet = EventPacket(column, column * 0, column > 0, np.array([5]), 0, 1_000, size)
+        with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
+            build("default").update(packet)
+        with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
+            make_detector("default", DetectionConfig(), [calibration()], [packet])

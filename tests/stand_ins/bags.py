@@ -77,9 +77,7 @@ def mcap_file(chunks: list[list[bytes]], kind: str) -> bytes:
 def mcap_chunk(messages: list[bytes], kind: str, first: int) -> bytes:
     """Return a chunk with schema, channel and messages; ``first`` is its first sequence number."""
     records = _record(0x03, struct.pack("<H", 1) + _text(KIND) + _text("ros2idl") + bytes(4))
-    records += _record(
-        0x04, struct.pack("<HH", 1, 1) + _text("/events") + _text("cdr") + bytes(4)
-    )
+    records += _record(0x04, struct.pack("<HH", 1, 1) + _text("/events") + _text("cdr") + bytes(4))
     for index, data in enumerate(messages, first):
         records += _record(0x05, struct.pack("<HIQQ", 1, index, index, index) + data)
     stored = _packed(records, kind)
@@ -87,9 +85,7 @@ def mcap_chunk(messages: list[bytes], kind: str, first: int) -> bytes:
     return _record(0x06, content + struct.pack("<Q", len(stored)) + stored)
 
 
-def ros1_bag(
-    chunks: list[list[bytes]], kind: str, bomb: tuple[bytes, int] | None = None
-) -> bytes:
+def ros1_bag(chunks: list[list[bytes]], kind: str, bomb: tuple[bytes, int] | None = None) -> bytes:
     """Return a ROS 1 bag of one topic; ``bomb`` is a stored chunk and the size that it claims."""
     parts = [b"#ROSBAG V2.0\n", _ros1_record({"op": b"\x03", "index_pos": bytes(8)}, b" " * 64)]
     about = _ros1_fields({"topic": b"/events", "type": ROS1_KIND.encode()})

@@ -9,13 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
+from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.formats.npz import ColumnFile
 from spikingtac.types import EventPacket, LossCounters
 
 SCHEMA = 1
@@ -74,11 +73,7 @@ class Recording:
         """
         if not (self.path / TRUTH).is_file():
             return None
-        try:
-            with np.load(self.path / TRUTH, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError) as error:
-            raise RecordingError(f"{str(self.path / TRUTH)!r} cannot be read: {error}") from error
+        return load_arrays(self.path / TRUTH, "ground truth")
 
 
 class RecordingWriter:

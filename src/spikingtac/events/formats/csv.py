@@ -75,7 +75,9 @@ class CsvSource(FileSource):
 
     def _look_at(self, sample: bytes) -> None:
         """Learn from the first rows how many columns there are, and the unit of the times."""
-        rows = [_SPLIT.split(_trimmed(line)) for line in sample.decode("utf-8", "replace").split("\n")]
+        rows = [
+            _SPLIT.split(_trimmed(line)) for line in sample.decode("utf-8", "replace").split("\n")
+        ]
         columns = Counter(map(len, rows[: max(len(rows) - 1, 1)])).most_common(1)[0][0]
         self._order += "-" * (columns - len(self._order))
         place = self._order.index("t")

@@ -65,9 +65,7 @@ class DatSource(FileSource):
                 yield x.astype(np.int64), y.astype(np.int64), (address >> 28) & 0xF, t
 
 
-def unwrapped(
-    t: NDArray[np.int64], epoch_us: int, last: int
-) -> tuple[NDArray[np.int64], int, int]:
+def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[np.int64], int, int]:
     """Return times beyond the counter, the time at which its present period began, and its value.
 
     The counter has wrapped where it fell from its last second to its first ones. A wrong timestamp
@@ -81,4 +79,8 @@ def unwrapped(
     steps = np.diff(t, prepend=last)
     half = TIME_PERIOD_US // 2
     periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
-    return t + epoch_us + periods * TIME_PERIOD_US, epoch_us + int(periods[-1]) * TIME_PERIOD_US, int(t[-1])
+    return (
+        t + epoch_us + periods * TIME_PERIOD_US,
+        epoch_us + int(periods[-1]) * TIME_PERIOD_US,
+        int(t[-1]),
+    )

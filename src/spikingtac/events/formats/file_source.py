@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import DamageError
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
 from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
 from spikingtac.types import EventPacket, LossCounters
 
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]

@@ -77,7 +77,9 @@ class Hdf5Source(FileSource):
     def _columns(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
             try:
-                lengths = {_length(file[place.partition("?")[0]]) for place in self._layout.values()}
+                lengths = {
+                    _length(file[place.partition("?")[0]]) for place in self._layout.values()
+                }
                 offset = _offset_of(file, self.path)
             except DAMAGE:
                 self.losses.add("bad_record")
@@ -96,8 +98,7 @@ class Hdf5Source(FileSource):
                     continue
                 self.progress = rows.stop / total
                 t = _microseconds(t)
-                whole = t.dtype.kind in "iu" and offset
-                yield x, y, p, t.astype(np.int64) + offset if whole else t + (offset or 0)
+                yield x, y, p, _shifted(t, offset or 0)
 
     def _read(self, file: Any, rows: slice) -> Rows:
         places = [self._layout[name] for name in ("x", "y", "p", "t")]
@@ -203,7 +204,9 @@ def _require_columns(dataset: Any, types: list[Any], path: Path) -> None:
     numbers = all(kind is not None and kind.kind in "uifb" and not kind.shape for kind in types)
     if len(getattr(dataset, "shape", None) or ()) != 1 or not numbers:
         found = getattr(dataset, "dtype", "no data set"), getattr(dataset, "shape", "")
-        raise FormatError(f"{where} is {found[0]} of shape {found[1]}; one row of numbers is needed")
+        raise FormatError(
+            f"{where} is {found[0]} of shape {found[1]}; one row of numbers is needed"
+        )
     if dataset.external or dataset.is_virtual:
         raise FormatError(f"{where} lies in other files, which are not read; copy it into this one")
     row_bytes = dataset.dtype.itemsize
@@ -230,7 +233,11 @@ def _offset_of(file: Any, path: Path) -> int | None:
     offset = _found(file, "t_offset", path)
     if offset is None:
         return 0
-    if getattr(offset, "shape", None) not in ((), (1,)) or offset.dtype.kind not in "ui" or offset.external:
+    if (
+        getattr(offset, "shape", None) not in ((), (1,))
+        or offset.dtype.kind not in "ui"
+        or offset.external
+    ):
         return None
     value = int(np.ravel(offset[()])[0])
     return value if abs(value) <= TIME_LIMIT_US else None
@@ -257,6 +264,12 @@ def _size_of(file: Any, path: Path) -> tuple[int, int] | None:
             height, width = (int(value) for value in attributes["sensor_resolution"][:2])
             return width, height
     return None
+
+
+def _shifted(t: NDArray[Any], offset: int) -> NDArray[Any]:
+    if not offset:
+        return t
+    return (t.astype(np.int64) if t.dtype.kind in "iu" else t) + offset
 
 
 def _microseconds(t: NDArray[Any]) -> NDArray[Any]:

@@ -53,7 +53,10 @@ def test_a_long_block_of_zeros_is_a_restart_that_is_undone() -> None:
 
 def test_a_restart_goes_on_from_the_last_event() -> None:
     times = [5 * S, 5 * S + 10, 3, 4, 90]
-    assert mended(times) == ([5 * S, 5 * S + 10, 5 * S + 10, 5 * S + 11, 5 * S + 97], {"time_reset": 1})
+    assert mended(times) == (
+        [5 * S, 5 * S + 10, 5 * S + 10, 5 * S + 11, 5 * S + 97],
+        {"time_reset": 1},
+    )
 
 
 def test_a_leap_at_the_end_is_believed_and_counted() -> None:

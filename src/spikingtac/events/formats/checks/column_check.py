@@ -28,9 +28,7 @@ class ColumnCheck:
         self._course = TimeCourse(losses)
         self._held: Sound = _none()
 
-    def __call__(
-        self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]
-    ) -> Sound:
+    def __call__(self, x: NDArray[Any], y: NDArray[Any], p: NDArray[Any], t: NDArray[Any]) -> Sound:
         """Return sound columns; the last events may wait for the next call (see TimeCourse)."""
         inside = (x >= 0) & (x < self._width) & (y >= 0) & (y < self._height)
         if not inside.all():
@@ -39,9 +37,7 @@ class ColumnCheck:
         on = p if p.dtype == np.bool_ else p > 0
         columns: Sound = x.astype(np.uint16), y.astype(np.uint16), on, _whole(t)
         if len(self._held[0]):
-            pairs = zip(self._held, columns, strict=True)
-            x, y, on, t = (np.concatenate(pair) for pair in pairs)
-            columns = x, y, on, t
+            columns = _joined(self._held, columns)
         return self._mended(columns, final=False)
 
     def finish(self) -> Sound:
@@ -53,6 +49,11 @@ class ColumnCheck:
         time, count = self._course.mend(t, final)
         self._held = x[count:], y[count:], p[count:], t[count:]
         return x[:count], y[:count], p[:count], time
+
+
+def _joined(first: Sound, second: Sound) -> Sound:
+    x, y, p, t = (np.concatenate(pair) for pair in zip(first, second, strict=True))
+    return x.astype(np.uint16), y.astype(np.uint16), p.astype(np.bool_), t.astype(np.int64)
 
 
 def _none() -> Sound:

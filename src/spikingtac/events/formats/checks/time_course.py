@@ -156,5 +156,7 @@ def _breaks(steps: NDArray[np.int64], restarted: bool) -> NDArray[np.int64]:
     near = (after - leaps <= HELD_EVENTS) | (leaps - before <= HELD_EVENTS)
     near |= (leaps >= len(steps) - HELD_EVENTS) & (steps[leaps] >= JUMP_US)
     first = np.concatenate((leaps[:LEAPS_AFTER_RESTART] if restarted else leaps[:0], falls))
-    following = leaps[np.minimum(np.searchsorted(leaps, falls), len(leaps) - 1)] if len(leaps) else leaps
+    following = (
+        leaps[np.minimum(np.searchsorted(leaps, falls), len(leaps) - 1)] if len(leaps) else leaps
+    )
     return np.unique(np.concatenate((first, following, leaps[near])))

@@ -57,7 +57,10 @@ def test_fill_is_found_whatever_its_place() -> None:
         data = rng.integers(1, 255, 300).astype(np.uint8)
         data[start : start + 64] = 0
         assert may_be_filled(data)
-        assert filled_words(data.view(np.uint32), False) in ([], [(-(-start // 4), (start + 64) // 4)])
+        assert filled_words(data.view(np.uint32), False) in (
+            [],
+            [(-(-start // 4), (start + 64) // 4)],
+        )
     assert not may_be_filled(rng.integers(1, 255, 1_000).astype(np.uint8))
 
 
