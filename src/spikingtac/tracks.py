@@ -12,6 +12,7 @@ from typing import IO, Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.types import MarkerFrame
@@ -82,11 +83,9 @@ class Tracks:
             fields = {FIELDS.get(name, name): array for name, array in values.items()}
             return cls(meta=meta, **fields)
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
-            known = isinstance(error, RecordingError)
-            reason = error if known else f"{str(path)!r} holds no tracks: {error}"
             raise RecordingError(
-                f"{reason}; make tracks with: "
-                "spikingtac track RECORDING --calibration calibration.json"
+                f"{str(path)!r} holds no tracks: {error}; "
+                "make them with: spikingtac track RECORDING --calibration calibration.json"
             ) from error
 
 
@@ -98,7 +97,11 @@ class TracksWriter(Protocol):
         ...
 
     def close(self, meta: Mapping[str, Any]) -> None:
-        """Complete the file with what is known at the end."""
+        """Complete the file with what is known at the end; only then it appears."""
+        ...
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
         ...
 
 
@@ -139,6 +142,10 @@ class NpzTracksWriter:
         self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
         self._file.close()
 
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
     def _flush(self) -> None:
         if not self._frames:
             return
@@ -164,8 +171,8 @@ class CsvTracksWriter:
     """Writes one line per time and marker."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
+        self._target = WholeFile(path)
+        self._file: IO[str] = self._target.open("w", encoding="utf-8", newline="")
         self._rows = csv.writer(self._file, lineterminator="\n")
         self._rows.writerow(CSV_COLUMNS)
 
@@ -185,9 +192,14 @@ class CsvTracksWriter:
 
     def close(self, meta: Mapping[str, Any]) -> None:
         """Complete the file; the meta data go beside it, into ``NAME.csv.json``."""
-        self._file.close()
-        beside = self._path.with_name(self._path.name + ".json")
-        beside.write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        path = self._target.path
+        text = json.dumps(meta, indent=1, sort_keys=True) + "\n"
+        write_text(path.with_name(path.name + ".json"), text)
+        self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 _TYPES = {

@@ -15,6 +15,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.checks.limits import piece_limit_bytes, refuse_piece
 
@@ -54,7 +55,7 @@ def load_arrays(path: str | Path, what: str) -> dict[str, NDArray[Any]]:
             return {name.removesuffix(".npy"): _array(archive, name, path) for name in names}
     except ARCHIVE_DAMAGE as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise RecordingError(f"{str(path)!r} holds no {what}: {reason}") from error
+        raise RecordingError(f"{str(path)!r} cannot be read as {what}: {reason}") from error
 
 
 def _array(archive: zipfile.ZipFile, name: str, path: str | Path) -> NDArray[Any]:
@@ -116,14 +117,29 @@ class ColumnFile:
         if self._closed:
             return
         self._closed = True
-        with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+        try:
+            with replacing(self._path) as partial:
+                self._write(partial)
+        finally:
+            self._close_spools()
+
+    def abandon(self) -> None:
+        """Write nothing; further calls do nothing."""
+        self._closed = True
+        self._close_spools()
+
+    def _close_spools(self) -> None:
+        for spool, _, _ in self._spools.values():
+            spool.close()
+
+    def _write(self, path: Path) -> None:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
             for name, (spool, dtype, shape) in self._spools.items():
                 spool.seek(0)
                 with archive.open(_member(name), "w", force_zip64=True) as member:
                     _write_header(member, dtype, tuple(shape))
                     while data := spool.read(_COPY_BYTES):
                         member.write(data)
-                spool.close()
             for name, values in self._fixed.items():
                 with archive.open(_member(name), "w", force_zip64=True) as member:
                     _write_header(member, values.dtype, values.shape)

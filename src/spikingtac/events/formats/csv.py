@@ -6,11 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.checks.time_unit import US_PER_S
 from spikingtac.events.formats.codec import EventWriter
@@ -112,8 +113,8 @@ class CsvWriter(EventWriter):
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self.size = size
-        self._file: IO[str] = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
-        self._file.write(f"# size {size[0]} {size[1]}\nt,x,y,p\n")
+        self._target = WholeFile(path)
+        self._file = self._target.begin(f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
@@ -121,8 +122,13 @@ class CsvWriter(EventWriter):
         np.savetxt(self._file, table, "%d", ",")
 
     def close(self) -> None:
-        """Complete the file."""
-        self._file.close()
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 def _columns_named(words: list[str], path: Path) -> str:

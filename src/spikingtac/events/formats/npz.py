@@ -126,5 +126,9 @@ class NpzWriter(EventWriter):
         self._file.append({name: getattr(packet, name) for name in _TYPES})
 
     def close(self) -> None:
-        """Complete the file."""
+        """Complete the file; further calls do nothing."""
         self._file.close()
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()

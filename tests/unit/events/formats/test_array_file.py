@@ -67,7 +67,7 @@ def test_damaged_truth_and_tracks_are_no_internal_errors(tmp_path: Path) -> None
         archive(tmp_path / "a.npz").read_bytes()[:90],
     ):
         (tmp_path / "truth.npz").write_bytes(content)
-        with pytest.raises(RecordingError, match="no ground truth"):
+        with pytest.raises(RecordingError, match="cannot be read as ground truth"):
             Recording.open(tmp_path).truth()
         with pytest.raises(RecordingError, match="holds no tracks"):
             Tracks.load(tmp_path / "truth.npz")
@@ -91,5 +91,5 @@ def test_tracks_that_do_not_belong_together_are_refused(
     writer.close({})
     arrays = load_arrays(tmp_path / "t.npz", "tracks")
     np.savez(tmp_path / "t.npz", **(arrays | change))
-    with pytest.raises(RecordingError, match="make tracks with"):
+    with pytest.raises(RecordingError, match="make them with"):
         Tracks.load(tmp_path / "t.npz")
