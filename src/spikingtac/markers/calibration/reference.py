@@ -38,9 +38,7 @@ def reference(
     return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
 
 
-def weighted_median(
-    values: NDArray[np.float64], weight: NDArray[Any]
-) -> NDArray[np.float64]:
+def weighted_median(values: NDArray[np.float64], weight: NDArray[Any]) -> NDArray[np.float64]:
     """Return the medians over the first axis, interpolated between the middles of the weights.
 
     Example:

@@ -19,8 +19,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.force.laws import Family, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms
 from spikingtac.touch.force.novelty import learn_novelty
-from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.r_squared import r_squared
+from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.shape import shape_modes
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 

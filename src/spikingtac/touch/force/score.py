@@ -11,6 +11,7 @@ from spikingtac.touch.force.model import ForceModel
 from spikingtac.touch.force.r_squared import r_squared
 from spikingtac.touch.force.wrench_series import WrenchSeries
 
+
 @dataclass(frozen=True, slots=True)
 class ForceScore:
     """How well one component was estimated.
