@@ -209,7 +209,7 @@ def test_another_sensor_is_refused_not_indexed() -> None:
             make_detector("default", DetectionConfig(), [calibration()], [packet])
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", ["event_count", "motion"])
 @pytest.mark.parametrize("budget", [float("nan"), float("inf"), 0.0, -1.0])
 def test_impossible_budgets_are_refused(name: str, budget: float) -> None:
     with pytest.raises(ConfigError, match="must be positive"):
