@@ -1,17 +1,89 @@
-"""Files that are written whole or not at all: a temporary file takes the place of the old one."""
+"""Files that appear whole or not at all: written beside their place, synced, then renamed."""
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+
+from spikingtac.errors import ConfigError
+
+PARTIAL = ".partial-"
+"""What the name of an unfinished file holds, before the number of the process that writes it."""
+
+
+class WholeFile:
+    """One file on its way.
+
+    Until :meth:`commit`, the path holds what it held before. Devices and pipes are written as they
+    are. What a killed process left beside the path is removed by the next one.
+
+    Args:
+        path: Where the file shall be; replaced if it exists.
+        in_place: Write at the path itself, for a recorder: what came so far stays readable.
+    """
+
+    def __init__(self, path: str | Path, in_place: bool = False) -> None:
+        self.path = Path(path)
+        if self.path.is_symlink():
+            self.path = self.path.resolve()
+        special = self.path.exists() and not self.path.is_file()
+        self._beside = not (in_place or special)
+        name = f".{self.path.stem}{PARTIAL}{os.getpid()}{self.path.suffix}"
+        self.partial = self.path.with_name(name) if self._beside else self.path
+        if self._beside:
+            _remove_orphans(self.path)
+
+    def open(self, mode: str = "wb", **options: Any) -> IO[Any]:
+        """Open the unfinished file."""
+        return open(self.partial, mode, **options)
+
+    def begin(self, head: bytes) -> IO[bytes]:
+        """Open the unfinished file, and write how it begins."""
+        file = self.open()
+        try:
+            file.write(head)
+        except BaseException:
+            self.abandon(file)
+            raise
+        return file
+
+    def commit(self, file: IO[Any] | None = None) -> None:
+        """Close the finished file and put it in its place; on an error it is gone.
+
+        Raises:
+            OSError: It could not be written to its end.
+        """
+        try:
+            if file is not None:
+                file.close()
+            if not self._beside:
+                return
+            _sync(self.partial)
+            if self.path.exists():
+                shutil.copymode(self.path, self.partial)
+            os.replace(self.partial, self.path)
+        except BaseException:
+            self.abandon()
+            raise
+        with suppress(OSError):  # not every file system can sync a folder
+            _sync(self.path.parent)
+
+    def abandon(self, file: IO[Any] | None = None) -> None:
+        """Leave what was there before; a file that was written in place stays as far as it came."""
+        if file is not None:
+            with suppress(OSError):
+                file.close()
+        if self._beside:
+            self.partial.unlink(missing_ok=True)
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder; it replaces ``path`` when the block ends.
 
     An interrupt or an error leaves the old file as it was, and no temporary one. The folder is
@@ -24,27 +96,95 @@ def replacing(path: Path) -> Iterator[Path]:
     Yields:
         The path that the block has to write.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.stem}.{os.getpid()}.partial{path.suffix}")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    file = WholeFile(path)
     try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield file.partial
+    except BaseException:
+        file.abandon()
+        raise
+    file.commit()
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: str | Path, text: str) -> None:
     """Write a text in UTF-8, whole or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
 
 
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
+def write_json(path: str | Path, document: Mapping[str, Any]) -> None:
     """Write a JSON document, whole or not at all.
 
     Raises:
         ValueError: A number is not finite.
     """
     write_text(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+@contextmanager
+def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
+    """Give a folder to write to, whose files are put in their place when the block ends.
+
+    Args:
+        path: Where the files shall be; other files there stay.
+        last: The file that says that all others are there: it is taken away first and put last.
+    """
+    folder = Path(path)
+    partial = folder.with_name(f".{folder.name}{PARTIAL}{os.getpid()}")
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / last).unlink(missing_ok=True)
+        for file in sorted(partial.iterdir(), key=lambda file: file.name == last):
+            os.replace(file, folder / file.name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def require_free(path: str | Path, overwrite: bool) -> None:
+    """Refuse to replace a file that nobody said may be replaced, before any work is done.
+
+    Raises:
+        ConfigError: The file is there and ``overwrite`` is not given, the path is a folder, or its
+            folder does not exist.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise ConfigError(f"{str(path)!r} is a folder; give the name of a file")
+    if not target.parent.is_dir():
+        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    if target.is_file() and not overwrite:
+        raise ConfigError(
+            f"{str(path)!r} is there already; "
+            "choose another name, or give --overwrite to replace a file"
+        )
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _remove_orphans(path: Path) -> None:
+    for file in path.parent.glob(f".{_literal(path.stem)}{PARTIAL}*{_literal(path.suffix)}"):
+        number = file.name.rpartition(PARTIAL)[2].removesuffix(path.suffix)
+        if number.isdecimal() and not _runs(int(number)):
+            file.unlink(missing_ok=True)
+
+
+def _literal(text: str) -> str:
+    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in text)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -12,8 +12,9 @@ from typing import IO, Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.npz import ColumnFile
+from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.types import MarkerFrame
 
 FRAMES_PER_CHUNK = 1_024
@@ -74,12 +75,14 @@ class Tracks:
             RecordingError: The file cannot be read or holds no tracks.
         """
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                values: dict[str, Any] = {str(name): archive[name] for name in archive.files}
+            values: dict[str, Any] = load_arrays(path, "tracks")
             meta = json.loads(str(values.pop("meta")))
+            if not isinstance(meta, dict):
+                raise ValueError("meta is no JSON object")
+            _require_shapes(values)
             fields = {FIELDS.get(name, name): array for name, array in values.items()}
             return cls(meta=meta, **fields)
-        except (OSError, ValueError, EOFError, KeyError, TypeError) as error:
+        except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RecordingError(
                 f"{str(path)!r} holds no tracks: {error}; "
                 "make them with: spikingtac track RECORDING --calibration calibration.json"
@@ -94,7 +97,11 @@ class TracksWriter(Protocol):
         ...
 
     def close(self, meta: Mapping[str, Any]) -> None:
-        """Complete the file with what is known at the end."""
+        """Complete the file with what is known at the end; only then it appears."""
+        ...
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
         ...
 
 
@@ -135,6 +142,10 @@ class NpzTracksWriter:
         self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
         self._file.close()
 
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
     def _flush(self) -> None:
         if not self._frames:
             return
@@ -160,8 +171,8 @@ class CsvTracksWriter:
     """Writes one line per time and marker."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file: IO[str] = path.open("w", encoding="utf-8", newline="")
+        self._target = WholeFile(path)
+        self._file: IO[str] = self._target.open("w", encoding="utf-8", newline="")
         self._rows = csv.writer(self._file, lineterminator="\n")
         self._rows.writerow(CSV_COLUMNS)
 
@@ -181,9 +192,14 @@ class CsvTracksWriter:
 
     def close(self, meta: Mapping[str, Any]) -> None:
         """Complete the file; the meta data go beside it, into ``NAME.csv.json``."""
-        self._file.close()
-        beside = self._path.with_name(self._path.name + ".json")
-        beside.write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        path = self._target.path
+        text = json.dumps(meta, indent=1, sort_keys=True) + "\n"
+        write_text(path.with_name(path.name + ".json"), text)
+        self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 _TYPES = {
@@ -195,5 +211,19 @@ _TYPES = {
 }
 
 
-def _stacked(frames: list[MarkerFrame], field: str) -> NDArray[Any]:
-    return np.stack([getattr(frame, field) for frame in frames])
+def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit; KeyError where an array is missing.
+    """
+    times, markers = values["t_us"].shape, len(values["reference_px"])
+    if len(times) != 1 or values["t_us"].dtype.kind != "i":
+        raise ValueError("t_us must be one row of whole numbers")
+    if values["reference_px"].shape != (markers, 2):
+        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
+    for name, dtype in _TYPES.items():
+        array = values[name]
+        shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")

@@ -8,7 +8,7 @@ right); geometry in mm; time in integer microseconds (``_us``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ class EventPacket:
 
     Invariants, checked once where data enters and trusted afterwards: columns of equal length,
     ``t`` never decreasing and inside ``[t_start_us, t_end_us)``, ``x < width``, ``y < height``.
+    Kernels index maps by x and y, so a packet whose columns nobody has checked is looked at before
+    its first event is used (:meth:`sound`); what is cut out of a checked packet is checked.
 
     Attributes:
         x: ``uint16[n]`` column, px.
@@ -38,6 +40,7 @@ class EventPacket:
         t_start_us: First microsecond that the packet covers.
         t_end_us: First microsecond after the packet (half-open).
         size: ``(width, height)`` of the sensor, px.
+        checked: Whether the columns are known to be of equal length and on the sensor.
     """
 
     x: NDArray[np.uint16]
@@ -47,6 +50,7 @@ class EventPacket:
     t_start_us: int
     t_end_us: int
     size: tuple[int, int]
+    checked: bool = field(default=False, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -62,6 +66,7 @@ class EventPacket:
             t_start_us=t_start_us,
             t_end_us=t_end_us,
             size=size,
+            checked=True,
         )
 
     def part(self, first: int, last: int, t_start_us: int, t_end_us: int) -> EventPacket:
@@ -75,6 +80,7 @@ class EventPacket:
             t_start_us,
             t_end_us,
             self.size,
+            self.checked,
         )
 
     def select(self, keep: NDArray[Any]) -> EventPacket:
@@ -87,13 +93,37 @@ class EventPacket:
             self.t_start_us,
             self.t_end_us,
             self.size,
+            self.checked,
         )
 
-    def require_map(self, shape: tuple[int, ...]) -> None:
-        """Refuse a map ``(height, width)`` of another sensor.
+    def sound(self) -> EventPacket:
+        """Return the packet as one whose columns are known to fit, itself if they are.
 
         Raises:
-            ConfigError: The packet has another size.
+            ConfigError: The columns differ in length, or an event lies outside of the sensor.
+        """
+        if self.checked:
+            return self
+        lengths = [len(column) for column in (self.x, self.y, self.p, self.t)]
+        if min(lengths) != max(lengths):
+            raise ConfigError(
+                "a packet's columns x, y, p and t must be of equal length, not "
+                f"{', '.join(map(str, lengths))}"
+            )
+        for name, column, limit in zip("xy", (self.x, self.y), self.size, strict=True):
+            lowest, highest = (column.min(), column.max()) if lengths[0] else (0, -1)
+            if lowest < 0 or highest >= limit:
+                raise ConfigError(
+                    f"events at {name} from {lowest} to {highest} px lie outside of the "
+                    f"{self.size[0]}x{self.size[1]} px sensor; drop them, or give the true size"
+                )
+        return replace(self, checked=True)
+
+    def require_map(self, shape: tuple[int, ...]) -> None:
+        """Refuse a map ``(height, width)`` of another sensor, and events that leave the map.
+
+        Raises:
+            ConfigError: The packet has another size, or its columns do not fit it.
         """
         width, height = self.size
         if shape != (height, width):
@@ -101,6 +131,8 @@ class EventPacket:
                 f"events of a {width}x{height} sensor do not fit a map of "
                 f"{shape[1]}x{shape[0]}; make the map with the size of the recording"
             )
+        if not self.checked:
+            self.sound()
 
     def to_structured(self) -> NDArray[Any]:
         """Return the events as one array of :data:`EDGE_DTYPE`."""
@@ -133,6 +165,7 @@ class EventPacket:
             t_start_us=packets[0].t_start_us,
             t_end_us=packets[-1].t_end_us,
             size=packets[0].size,
+            checked=all(packet.checked for packet in packets),
         )
 
 

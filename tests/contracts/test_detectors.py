@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -195,3 +196,32 @@ def test_a_detector_of_another_package_is_made_by_its_name(
         make_detector("gone", DetectionConfig(), [], quiet())
     with pytest.raises(ConfigError, match=r"valid: event_count, default, motion, count, gone"):
         make_detector("unheard-of", DetectionConfig(), [], quiet())
+
+
+def test_another_sensor_is_refused_not_indexed() -> None:
+    width, height = SIZE
+    column = np.array([width + 300], np.uint16)
+    for size in ((width + 400, height), SIZE):
+        packet = EventPacket(column, column * 0, column > 0, np.array([5]), 0, 1_000, size)
+        with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
+            build("motion").update(packet)
+        with pytest.raises(ConfigError, match=r"do not fit|lie outside"):
+            make_detector("default", DetectionConfig(), [calibration()], [packet])
+
+
+@pytest.mark.parametrize("name", ["event_count", "motion"])
+@pytest.mark.parametrize("budget", [float("nan"), float("inf"), 0.0, -1.0])
+def test_impossible_budgets_are_refused(name: str, budget: float) -> None:
+    with pytest.raises(ConfigError, match="must be positive"):
+        make_detector(name, DetectionConfig(false_alarms_per_hour=budget), [calibration()], quiet())
+
+
+def test_what_teaches_nothing_is_refused_in_our_words() -> None:
+    known = calibration()
+    silent = [EventPacket.empty(k * 1_000, (k + 1) * 1_000, SIZE) for k in range(600)]
+    twice = replace(known, reference_px=np.repeat(known.reference_px[:1], 4, 0)[:4])
+    twice = replace(twice, radius_px=known.radius_px[:4], grid=(2, 2))
+    far = replace(known, reference_px=known.reference_px + 9_000.0)
+    for given, windows_of in ((known, silent), (twice, quiet()), (far, quiet())):
+        with pytest.raises(CalibrationError):
+            make_detector("default", DetectionConfig(), [given], windows_of)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.experiments.trials.methods import main_methods
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.ideal_events import ideal_events
@@ -192,3 +193,18 @@ def test_a_marker_that_is_not_seen_is_held(name: str) -> None:
         assert all(frame.coasted[4] for frame in run)
         np.testing.assert_array_equal(run[-1].detected_px[4], GRID[4])
     assert not all(frame.coasted[0] for frame in run)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_what_does_not_fit_the_sensor_is_refused(name: str) -> None:
+    """Kernels index by coordinates: an event beyond the map once ended the process."""
+    tracker = main_methods()[name].build(calibration())
+    column, t = np.zeros(2, np.uint16), np.arange(2)
+    for x, y in ((60_000, 0), (0, 60_000), (SIZE[0], 0), (0, SIZE[1])):
+        far = np.array([0, x], np.uint16), np.array([0, y], np.uint16)
+        with pytest.raises(ConfigError, match="lie outside of the 130x130 px sensor"):
+            tracker.absorb(EventPacket(*far, column > 0, t, 0, 2, SIZE))
+    with pytest.raises(SpikingTacError, match="640x480"):
+        tracker.absorb(EventPacket(column, column, column > 0, t, 0, 2, (640, 480)))
+    with pytest.raises(ConfigError, match="equal length"):
+        tracker.absorb(EventPacket(column, column[:1], column > 0, t, 0, 2, SIZE))

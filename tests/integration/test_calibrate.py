@@ -152,13 +152,13 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (said["grid"], said["markers"]) == ([2, 3], 6)
     assert picture.stat().st_size > 1000
     assert errors_px(Calibration.load(output), truth_px).mean() < 0.10
-    assert main(words) == 0
+    assert main([*words, "--overwrite"]) == 0
     out = capsys.readouterr().out
     assert "unloaded rests" in out
     assert "6 of 6 markers measured" in out
-    assert main([*words, "--grid", "2*3"]) == 2
+    assert main([*words, "--overwrite", "--grid", "2*3"]) == 2
     assert "8x8 or 7x10" in capsys.readouterr().err
-    assert main([*words, "--grid", "3x3", "--allow-missing", "0"]) == 1
+    assert main([*words, "--overwrite", "--grid", "3x3", "--allow-missing", "0"]) == 1
     assert "3 of 9 markers" in capsys.readouterr().err
 
 

@@ -96,7 +96,12 @@ class EkalibrTracker:
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in all events of the next packet."""
+        """Take in all events of the next packet.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size, or leaves it.
+        """
+        packet.require_map(self._last_us.shape[1:])
         bright = packet.p != (self._calibration.polarity == "dark")
         polarity = bright.astype(np.int64)
         update_active_kernel(packet.x, packet.y, polarity, packet.t, self._last_us)

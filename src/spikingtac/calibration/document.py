@@ -11,6 +11,8 @@ from spikingtac.calibration.step_maps import unpack_map
 from spikingtac.errors import CalibrationError
 
 CALIBRATION_SCHEMA = 1
+LARGEST_AREA_PX = 1 << 24
+"""Largest sensor that is believed, px: 16 megapixels, of which a map takes 64 MB."""
 OPTIONAL_NUMBERS = ("step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm")
 """Keys that may be absent; finite and not negative where present."""
 OPTIONAL_MARKER_NUMBERS = (
@@ -40,7 +42,7 @@ def checked_document(document: Any, where: str) -> dict[str, Any]:
         return _checked(document)
     except KeyError as error:
         what = f"the key {error} is missing"
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError, AttributeError) as error:
         what = str(error)
     raise CalibrationError(
         f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols], "
@@ -56,11 +58,11 @@ def _checked(document: Any) -> dict[str, Any]:
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
-    grid, size = _pair(document["grid"]), _pair(document["size"])
+    grid, size = _pair(document["grid"]), _size(document["size"])
     return {
         "size": size,
         "grid": grid,
-        **_markers(document, grid[0] * grid[1]),
+        **_markers(document, grid[0] * grid[1], size),
         **_numbers(document),
         **_marker_values(document, grid[0] * grid[1]),
         **_maps(document, size),
@@ -70,7 +72,9 @@ def _checked(document: Any) -> dict[str, Any]:
     }
 
 
-def _markers(document: dict[str, Any], markers: int) -> dict[str, NDArray[np.float64]]:
+def _markers(
+    document: dict[str, Any], markers: int, size: tuple[int, int]
+) -> dict[str, NDArray[np.float64]]:
     reference = np.array(document["reference_px"], np.float64)
     radius = np.array(document["radius_px"], np.float64)
     if reference.shape != (markers, 2):
@@ -81,7 +85,35 @@ def _markers(document: dict[str, Any], markers: int) -> dict[str, NDArray[np.flo
         raise ValueError(f"radius_px has shape {radius.shape}, expected ({markers},)")
     if not (np.isfinite(reference).all() and np.isfinite(radius).all() and (radius > 0).all()):
         raise ValueError("positions must be finite and radii positive")
+    _require_places(reference, radius, size)
     return {"reference_px": reference, "radius_px": radius}
+
+
+def _require_places(
+    reference_px: NDArray[np.float64], radius_px: NDArray[np.float64], size: tuple[int, int]
+) -> None:
+    """Refuse markers that no sensor could show.
+
+    Raises:
+        ValueError: A marker lies wholly off the sensor, is larger than it, or two share one pixel.
+    """
+    if radius_px.max() > max(size):
+        raise ValueError(f"a radius of {radius_px.max():g} px is larger than the sensor")
+    off = (reference_px < -radius_px[:, None]) | (
+        reference_px > np.array(size) + radius_px[:, None]
+    )
+    if off.any():
+        marker = int(np.argmax(off.any(axis=1)))
+        raise ValueError(
+            f"marker {marker} at {reference_px[marker].tolist()} px lies off the sensor of "
+            f"{size[0]}x{size[1]} px"
+        )
+    _, place, times = np.unique(
+        np.round(reference_px), axis=0, return_inverse=True, return_counts=True
+    )
+    if times.max() > 1:
+        pair = np.flatnonzero(place.ravel() == int(np.argmax(times)))[:2].tolist()
+        raise ValueError(f"markers {pair[0]} and {pair[1]} lie at one and the same pixel")
 
 
 def _numbers(document: dict[str, Any]) -> dict[str, float]:
@@ -116,6 +148,13 @@ def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[
 def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
     given = {name: document.get(name) for name in OPTIONAL_MAPS}
     return {name: unpack_map(text, size, name) for name, text in given.items() if text is not None}
+
+
+def _size(value: Any) -> tuple[int, int]:
+    width, height = _pair(value)
+    if width * height > LARGEST_AREA_PX:
+        raise ValueError(f"a sensor of {width}x{height} px is not possible")
+    return width, height
 
 
 def _pair(value: Any) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
     MEASURED,
@@ -103,7 +104,7 @@ class Calibration:
             if values is not None:
                 document[name] = pack_map(values)
         document["provenance"] = self.provenance
-        Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(document, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

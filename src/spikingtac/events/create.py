@@ -50,7 +50,7 @@ def create_events(
 
         return EsWriter(path, size)
     if ending in (".h5", ".hdf5"):
-        from spikingtac.events.formats.hdf5 import Hdf5Writer
+        from spikingtac.events.formats.hdf5_writer import Hdf5Writer
 
         return Hdf5Writer(path, size)
     if ending == ".aedat4":

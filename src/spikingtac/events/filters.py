@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,7 @@ US_PER_S = 1_000_000
 
 def flip_polarity(packet: EventPacket) -> EventPacket:
     """Exchange ON and OFF: dark markers on light ground then read as white ones on dark."""
-    return EventPacket(
-        packet.x, packet.y, ~packet.p, packet.t, packet.t_start_us, packet.t_end_us, packet.size
-    )
+    return replace(packet, p=~packet.p)
 
 
 def crop(packet: EventPacket, left: int, top: int, width: int, height: int) -> EventPacket:
@@ -51,6 +49,7 @@ def crop(packet: EventPacket, left: int, top: int, width: int, height: int) -> E
         kept.t_start_us,
         kept.t_end_us,
         (width, height),
+        kept.checked,
     )
 
 
@@ -88,7 +87,12 @@ class HotPixelFinder:
         self._last_us = 0
 
     def absorb(self, packet: EventPacket) -> None:
-        """Count a packet's events."""
+        """Count a packet's events.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size, or leaves it.
+        """
+        packet.require_map(self._size[::-1])
         if self._first_us is None:
             self._first_us = packet.t_start_us
         self._last_us = packet.t_end_us
@@ -113,7 +117,12 @@ class HotPixelFinder:
 
 
 def without_pixels(packet: EventPacket, mask: NDArray[np.bool_]) -> EventPacket:
-    """Drop the events of the pixels that are True in the mask ``(height, width)``."""
+    """Drop the events of the pixels that are True in the mask ``(height, width)``.
+
+    Raises:
+        ConfigError: The mask is of another size than the sensor.
+    """
+    packet.require_map(mask.shape)
     return packet.select(~mask[packet.y, packet.x])
 
 
@@ -149,9 +158,15 @@ class BackgroundActivityFilter:
         self._last_us = np.full((size[1] + 2, size[0] + 2), np.iinfo(np.int64).min // 2)
 
     def __call__(self, packet: EventPacket) -> EventPacket:
-        """Return the supported events of a packet that follows the ones before."""
+        """Return the supported events of a packet that follows the ones before.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size, or leaves it.
+        """
         from spikingtac.events.filter_kernels import supported_kernel
 
+        height, width = self._last_us.shape
+        packet.require_map((height - 2, width - 2))
         x, y = np.empty_like(packet.x), np.empty_like(packet.y)
         p, t = np.empty_like(packet.p), np.empty_like(packet.t)
         events = packet.x, packet.y, packet.p, packet.t
@@ -164,6 +179,7 @@ class BackgroundActivityFilter:
             packet.t_start_us,
             packet.t_end_us,
             packet.size,
+            checked=True,
         )
 
 

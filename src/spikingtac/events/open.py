@@ -117,7 +117,7 @@ def _opener(path: Path) -> _Opener:
     elif kind == "hdf5":
         from spikingtac.events.formats.hdf5 import Hdf5Source as Source
     else:
-        from spikingtac.events.formats.ros import RosSource as Source
+        from spikingtac.events.formats.bags.source import RosSource as Source
     return Source
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import write_text
 from spikingtac.errors import RecordingError
+from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource
-from spikingtac.events.formats.npz import ColumnFile
 from spikingtac.types import EventPacket, LossCounters
 
 SCHEMA = 1
@@ -74,17 +74,14 @@ class Recording:
         """
         if not (self.path / TRUTH).is_file():
             return None
-        try:
-            with np.load(self.path / TRUTH, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError) as error:
-            raise RecordingError(f"{str(self.path / TRUTH)!r} cannot be read: {error}") from error
+        return load_arrays(self.path / TRUTH, "ground truth")
 
 
 class RecordingWriter:
     """Writes a recording folder packet by packet; the same input gives the same bytes.
 
-    The manifest comes last: a folder without one was not completed.
+    What was received stays readable whatever happens; the manifest comes last, so that a folder
+    without one was not completed.
 
     Args:
         path: Folder to create; its files are replaced if they exist.
@@ -93,7 +90,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | Path, size: tuple[int, int], sensors: int = 1) -> None:
-        from spikingtac.events.create import create_events
+        from spikingtac.events.formats.evt.encode.raw_writer import RawWriter
 
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)
@@ -101,7 +98,9 @@ class RecordingWriter:
         (self.path / MANIFEST).unlink(missing_ok=True)
         (self.path / TRUTH).unlink(missing_ok=True)
         names = ["events.raw", *(f"events_{index}.raw" for index in range(1, sensors))]
-        self._writers: list[EventWriter] = [create_events(self.path / name, size) for name in names]
+        self._writers: list[EventWriter] = [
+            RawWriter(self.path / name, size, in_place=True) for name in names
+        ]
         self._size = size
         self._truth: ColumnFile | None = None
         self._fields: dict[str, Any] = {}
@@ -146,7 +145,7 @@ class RecordingWriter:
             **self._fields,
         }
         text = json.dumps(manifest, indent=1, sort_keys=True, allow_nan=False) + "\n"
-        (self.path / MANIFEST).write_text(text, encoding="utf-8", newline="\n")
+        write_text(self.path / MANIFEST, text)
 
     def __enter__(self) -> Self:
         return self

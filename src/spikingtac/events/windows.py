@@ -1,11 +1,23 @@
-"""Cut a stream at given times; regular windows keep the empty ones, since silence is data."""
+"""Cut a stream at given times; regular windows keep the empty ones, since silence is data.
+
+Silence is filled up to a limit. A stream whose time leaps by hours (a wrong timestamp, a clock that
+was set) is not silent for hours, and filling the leap would never end: beyond the limit, windows
+and estimates go on where the next event is. Sources count such leaps as ``time_jump``.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
+from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
+
+SILENCE_LIMIT_US = 60_000_000
+"""Longest silence that is filled: a minute (ours: a 320x320 sensor at rest sends events of noise
+within a second, and a minute of windows or estimates takes seconds, not hours)."""
 
 _WINDOWS_AT_ONCE = 1000
 """Windows of a long packet whose edges are searched together."""
@@ -20,12 +32,16 @@ def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[Eve
     Args:
         packets: Packets in order of time, of any length.
         edges_us: Increasing times, us; endless iterators are fine.
+
+    Raises:
+        ConfigError: A packet's columns do not fit its sensor.
     """
     start = next(edges_us, None)
     end = next(edges_us, None)
     parts: list[EventPacket] = []
     reached: int | None = None
-    for packet in packets:
+    for given in packets:
+        packet = given.sound()
         while start is not None and end is not None and packet.t_end_us >= end:
             parts.append(_between(packet, start, end))
             yield _joined(parts, start, end)
@@ -40,32 +56,98 @@ def cut(packets: Iterable[EventPacket], edges_us: Iterator[int]) -> Iterator[Eve
 
 
 def windows(
-    packets: Iterable[EventPacket], period_us: int, t_start_us: int | None = None
+    packets: Iterable[EventPacket],
+    period_us: int,
+    t_start_us: int | None = None,
+    silence_limit_us: int | None = SILENCE_LIMIT_US,
 ) -> Iterator[EventPacket]:
     """Yield regular half-open windows of ``period_us``, including the empty ones.
+
+    After a silence beyond the limit the windows go on, on the same grid, at the next event.
 
     Args:
         packets: Packets in order of time, of any length.
         period_us: Length of a window, us.
         t_start_us: Where the first window begins; None begins at the first packet.
+        silence_limit_us: Longest silence that is filled, us; None for a source that says what time
+            it is, such as a simulation.
 
     Raises:
-        ValueError: The period is not positive.
+        ConfigError: The period is not positive, or a packet's columns do not fit its sensor.
     """
     if period_us < 1:
-        raise ValueError(f"period_us is {period_us}, it must be at least 1")
+        raise ConfigError(f"period_us is {period_us}, it must be at least 1")
     stream = iter(packets)
     first = next(stream, None)
     if first is None:
         return
     origin = first.t_start_us if t_start_us is None else t_start_us
-    yield from _regular(itertools.chain((first,), stream), period_us, origin)
+    pieces = _pieces(itertools.chain((first,), stream), silence_limit_us)
+    yield from _regular(pieces, period_us, origin)
 
 
-def _regular(packets: Iterable[EventPacket], period_us: int, start: int) -> Iterator[EventPacket]:
+def stretches(
+    packets: Iterable[EventPacket], silence_limit_us: int = SILENCE_LIMIT_US
+) -> Iterator[Iterator[EventPacket]]:
+    """Yield the stretches of a stream between silences beyond the limit, each as packets.
+
+    A stretch ends the limit after its last event; the next one begins with its first event. How the
+    stream was packed does not matter. Take the packets of a stretch before the next one.
+
+    Args:
+        packets: Packets in order of time, of any length.
+        silence_limit_us: Longest silence within a stretch, us.
+
+    Raises:
+        ConfigError: A packet's columns do not fit its sensor.
+    """
+    pieces = _pieces(packets, silence_limit_us)
+    for _, group in itertools.groupby(pieces, key=lambda piece: piece[0]):
+        yield (packet for _, packet in group)
+
+
+def _pieces(
+    packets: Iterable[EventPacket], silence_limit_us: int | None
+) -> Iterator[tuple[int, EventPacket]]:
+    """Yield (number of the stretch, packet); packets end where too long a silence goes on."""
+    number, last_us = 0, None
+    for given in packets:
+        packet = given.sound()
+        if silence_limit_us is None:
+            yield 0, packet
+            continue
+        if last_us is None:
+            last_us = packet.t_start_us
+        leaps: list[int] = []
+        if packet.t_end_us - last_us > silence_limit_us:
+            leaps = np.flatnonzero(np.diff(packet.t, prepend=last_us) > silence_limit_us).tolist()
+        start_us, first = packet.t_start_us, 0
+        for following in [*leaps, len(packet)]:
+            if following > first:
+                last_us = int(packet.t[following - 1])
+            end_us = min(packet.t_end_us, last_us + silence_limit_us)
+            if following < len(packet):
+                end_us = min(end_us, int(packet.t[following]))
+            if end_us > start_us:
+                yield number, packet.part(first, following, start_us, end_us)
+            if following < len(packet):
+                number, first = number + 1, following
+                start_us = int(packet.t[following])
+
+
+def _regular(
+    pieces: Iterable[tuple[int, EventPacket]], period_us: int, origin: int
+) -> Iterator[EventPacket]:
     """Do what :func:`cut` does at regular edges, searching many of them in a packet at once."""
     parts: list[EventPacket] = []
-    for packet in packets:
+    start, stretch = origin, 0
+    for number, packet in pieces:
+        begin = origin + (packet.t_start_us - origin) // period_us * period_us
+        if number != stretch and begin > start:
+            if parts:
+                yield _joined(parts, start, start + period_us)
+            parts, start = [], begin
+        stretch = number
         if packet.t_end_us - start >= period_us and (parts or packet.t_start_us > start):
             parts.append(_between(packet, start, start + period_us))
             yield _joined(parts, start, start + period_us)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 
-from spikingtac.events.windows import cut
+from spikingtac.events.windows import cut, stretches
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
 from spikingtac.types import EventPacket, MarkerFrame
@@ -21,7 +21,8 @@ def follow(
     """Track a stream and yield the markers at a regular rate.
 
     The first estimate is at the first event, the last one at most a period before the end of the
-    stream. Silence in between is filled with estimates too.
+    stream. Silence in between is filled with estimates too, up to a minute: after a longer one (a
+    leap of the clock) the estimates continue at the next event, at the same regular times.
 
     Args:
         packets: Packets in order of time, of any length.
@@ -38,9 +39,10 @@ def follow(
         return
     times = EstimateTimes(int(first.t[0]), rate_hz)
     yield tracker.estimate(times.first_us)
-    next_us = iter(times)
-    next(next_us)
-    for window in cut(itertools.chain([first], stream), iter(times)):
-        tracker.absorb(window)
-        if window.t_end_us == next(next_us):
-            yield tracker.estimate(window.t_end_us)
+    for stretch in stretches(itertools.chain([first], stream)):
+        begun = next(stretch)
+        edges_us = times.since(begun.t_start_us)
+        for window in cut(itertools.chain([begun], stretch), edges_us):
+            tracker.absorb(window)
+            if times.includes(window.t_end_us):
+                yield tracker.estimate(window.t_end_us)

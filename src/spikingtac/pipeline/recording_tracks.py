@@ -47,12 +47,16 @@ def track_to_file(
     tracker = make_tracker(config, calibration)
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
-    for frame in follow(source, tracker, config.rate_hz):
-        writer.write(frame)
-        counts.add(frame)
-        if counts.estimates % PROGRESS_EVERY == 0:
-            advance(source.progress)
-    writer.close(_provenance(source, config))
+    try:
+        for frame in follow(source, tracker, config.rate_hz):
+            writer.write(frame)
+            counts.add(frame)
+            if counts.estimates % PROGRESS_EVERY == 0:
+                advance(source.progress)
+        writer.close(_provenance(source, config))
+    except BaseException:
+        writer.abandon()
+        raise
     return {
         **counts.summary(),
         "rate_hz": config.rate_hz,

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
 from spikingtac.calibration.sensor_calibration import Calibration
 
 WIDTH_IN = 7.0
@@ -63,7 +64,8 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
         if name in status
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    figure.savefig(path, dpi=120)
+    with replacing(path) as partial:
+        figure.savefig(partial, dpi=120)
 
 
 def marker_status(calibration: Calibration) -> list[str]:

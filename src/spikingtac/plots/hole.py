@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Ellipse
 
+from spikingtac.atomic_files import replacing
 from spikingtac.geometry.hole import Circle
 from spikingtac.types import FloatArray
 
@@ -98,7 +99,8 @@ def save_hole_plot(path: str | Path, title: str, picture: HolePicture) -> None:
     figure.legend(
         *axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8
     )
-    figure.savefig(path)
+    with replacing(path) as partial:
+        figure.savefig(partial)
 
 
 def draw_hole(axes: Axes, picture: HolePicture) -> None:

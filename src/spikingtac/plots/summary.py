@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import replacing
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -81,7 +83,8 @@ def save_summary(
     draw_sensor(sensor, picture, arrow_scale)
     _draw_course(above, below, course, picture.t_s)
     figure.suptitle(title, color=TEXT, fontsize=11)
-    figure.savefig(path, facecolor=PANEL, metadata={"Creator": CREATOR})
+    with replacing(path) as partial:
+        figure.savefig(partial, facecolor=PANEL, metadata={"Creator": CREATOR})
 
 
 def draw_sensor(axes: Axes, picture: Picture, arrow_scale: float = 2.0) -> None:

@@ -30,6 +30,8 @@ class Args:
     """Encoding of a .raw file; EVT3 unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
+    overwrite: bool = False
+    """Replace a file that is already there."""
     strict: bool = False
     """Refuse a damaged file instead of repairing it."""
     json: bool = False
@@ -38,11 +40,13 @@ class Args:
 
 def run(args: Args) -> int:
     """Copy the events and print how many were written."""
+    from spikingtac.atomic_files import require_free
     from spikingtac.events.create import create_events
     from spikingtac.events.filters import flip_polarity, time_slice
     from spikingtac.events.open import open_events
 
     _refuse_same_file(args.source, args.target)
+    require_free(args.target, args.overwrite)
     if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
         raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
     source = open_events(args.source, strict=args.strict, sensor=args.sensor)
@@ -77,10 +81,6 @@ def run(args: Args) -> int:
 
 
 def _refuse_same_file(source: Path, target: Path) -> None:
-    if target.is_dir():
-        raise ConfigError(f"{str(target)!r} is a folder; give the name of a file")
-    if not target.parent.is_dir():
-        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
     inner = source / "events.raw" if source.is_dir() else source
     if target.exists() and inner.exists() and target.samefile(inner):
         raise ConfigError(f"{str(target)!r} is the input itself; give another name")

@@ -15,7 +15,7 @@ def run(args: Args) -> int:
     from spikingtac.cli.robot.probe_search import check
 
     check(args)
-    paths = output_paths(args.output)
+    paths = output_paths(args.output, args.overwrite)
     found = probe_arm.on_arm(args) if args.arm else probe_twin.on_twin(args)
     summary = found.summary() | (write(found, paths) if paths else {})
     if args.json:

@@ -25,6 +25,8 @@ class ProbeArgs:
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER|FILE")] = None
     """Folder for hole.json and hole.png; or a .json, .png, .svg or .pdf file, the other one is
     written beside it. Nothing is written unless given."""
+    overwrite: bool = False
+    """Replace files that are already there."""
     arm: str | None = None
     """Address of a UR arm in remote control; the twin is used unless given."""
     events: Path | None = None

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError
 from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.travel import TravelModel
@@ -132,14 +133,15 @@ class ProbedHole:
         )
 
 
-def output_paths(output: Path | None) -> tuple[Path, Path] | None:
+def output_paths(output: Path | None, overwrite: bool = False) -> tuple[Path, Path] | None:
     """Return the paths of document and picture, and create their folder.
 
     Args:
         output: A folder, a ``.json`` file, or a picture file; the other file is written beside it.
+        overwrite: Whether files that are there may be replaced.
 
     Raises:
-        ConfigError: The ending is not valid, or the folder cannot be created.
+        ConfigError: The ending is not valid, the folder cannot be created, or a file is there.
     """
     if output is None:
         return None
@@ -161,6 +163,8 @@ def output_paths(output: Path | None) -> tuple[Path, Path] | None:
         raise ConfigError(
             f"cannot write into {str(paths[0].parent)!r}: {error.strerror}; give another folder"
         ) from error
+    for path in paths:
+        require_free(path, overwrite)
     return paths
 
 

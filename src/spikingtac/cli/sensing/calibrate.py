@@ -43,6 +43,8 @@ class Args:
     """Picture to write: the markers as circles, good and doubtful ones told apart."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
+    overwrite: bool = False
+    """Replace files that are already there."""
     strict: bool = False
     """Refuse a damaged recording instead of mending it."""
     json: bool = False
@@ -51,9 +53,13 @@ class Args:
 
 def run(args: Args) -> int:
     """Calibrate, write the file, and say what was found."""
+    from spikingtac.atomic_files import require_free
     from spikingtac.events.open import open_events
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 
+    for path in (args.output, args.plot):
+        if path is not None:
+            require_free(path, args.overwrite)
     config = CalibrationConfig(
         grid=grid_shape(args.grid),
         pitch_mm=args.pitch_mm,

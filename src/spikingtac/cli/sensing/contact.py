@@ -119,6 +119,12 @@ def _learn(
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
         raise ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
+    for quiet, source in zip(given, sources, strict=False):
+        if quiet.size != source.size:
+            raise ConfigError(
+                f"--quiet is from a sensor of {quiet.size[0]}x{quiet.size[1]} px, RECORDING from "
+                f"one of {source.size[0]}x{source.size[1]} px; record both with the same sensor"
+            )
     length = leading_quiet(sources) if args.quiet is None else None
     quiet = islice(paired_windows(given), length)
     return make_detector(config.detector or "default", config, calibrations, quiet)

@@ -31,6 +31,8 @@ class Args:
     """Law of the output position; the calibration's or the preset's unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
+    overwrite: bool = False
+    """Replace a file that is already there."""
     strict: bool = False
     """Refuse a damaged recording instead of mending it."""
     json: bool = False
@@ -39,11 +41,13 @@ class Args:
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
+    from spikingtac.atomic_files import require_free
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
     from spikingtac.pipeline.recording_tracks import track_to_file
 
+    require_free(args.output, args.overwrite)
     calibration = Calibration.load(args.calibration)
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis

@@ -52,8 +52,14 @@ def run(args: Args) -> int:
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
             f"(scenes: {', '.join(catalog.names())}, or a TOML file)"
         )
+    from spikingtac.events.recording import MANIFEST
     from spikingtac.sim.scene.render import simulate
 
+    if (args.output / MANIFEST).is_file() and not args.overwrite:
+        raise ConfigError(
+            f"the folder {str(args.output)!r} holds a recording already; "
+            "choose another one, or give --overwrite to replace it"
+        )
     scene = catalog.load(args.scene).with_camera(args.camera).with_serial(args.serial)
     with progress(f"simulating {args.scene}") as advance:
         summary = simulate(

@@ -41,7 +41,8 @@ class EvidenceSums:
         The next call overwrites the array.
 
         Raises:
-            ConfigError: The window has another number of sensors than the calibrations.
+            ConfigError: The window has another number of sensors than the calibrations, or
+                sensors of another size.
         """
         packets = packets_of(window)
         if len(packets) != len(self.tables):
@@ -51,6 +52,7 @@ class EvidenceSums:
             )
         slot = self._filled % self._memory
         for sensor, (packet, table) in enumerate(zip(packets, self.tables, strict=True)):
+            packet.require_map(table.row.shape)
             evidence_kernel(
                 packet.x, packet.y, packet.p, table.row, table.marker, table.modes,
                 self._evidence[sensor], self._recent[sensor][slot],

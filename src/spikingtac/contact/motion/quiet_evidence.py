@@ -83,8 +83,14 @@ def quiet_evidence(
     """Find the hot pixels of a quiet recording and sum its evidence without them.
 
     Raises:
-        CalibrationError: The recording is too short.
+        CalibrationError: The recording is too short, or no marker lies on the sensor.
+        ConfigError: The windows come from a sensor of another size than the calibrations.
     """
+    if not all(len(table.marker) for table in tables):
+        raise CalibrationError(
+            "no rim of a marker lies on the sensor; calibrate it anew: "
+            "spikingtac calibrate RECORDING -o calibration.json"
+        )
     kept, counts, period_s = _on_rims(tables, quiet)
     if len(kept) < LEAST_WINDOWS:
         raise CalibrationError(
@@ -103,14 +109,25 @@ def quiet_evidence(
 
 
 def scale_test(quiet: QuietEvidence, config: LearningConfig, alarms_per_hour: float) -> ScaleTest:
-    """Return the test of every scale; the scales share the false-alarm budget evenly."""
+    """Return the test of every scale; the scales share the false-alarm budget evenly.
+
+    Raises:
+        CalibrationError: The quiet windows hold too few events on the markers' rims, or two markers
+            share one place.
+    """
     from scipy import stats  # loaded when needed: configurations import this module
 
     windows = 2 ** np.arange(config.scales)
     windows = windows[windows * LEAST_SUMS <= len(quiet.evidence)]
     mean = quiet.evidence.mean(axis=0)
     sums = np.concatenate([np.zeros((1, len(mean))), np.cumsum(quiet.evidence - mean, axis=0)])
-    whiten = np.stack([_whitening(sums, quiet, int(n), config.leak_bias) for n in windows])
+    try:
+        whiten = np.stack([_whitening(sums, quiet, int(n), config.leak_bias) for n in windows])
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(
+            "the quiet windows do not tell motions apart: too few events lie on the markers' rims, "
+            "or markers share one place; check the calibration, and record the moving arm"
+        ) from error
     untested = ScaleTest(windows, whiten, mean, np.full(len(windows), np.inf))
     amplitude = np.sqrt(_replay(untested, quiet.evidence))
     per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
@@ -204,6 +221,7 @@ def _on_rims(
         period_us = packets[0].t_end_us - packets[0].t_start_us
         parts = []
         for packet, table, count in zip(packets, tables, counts, strict=True):
+            packet.require_map(table.row.shape)
             rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)
             np.add.at(count, (rim.y, rim.x), 1)
             parts.append(rim)

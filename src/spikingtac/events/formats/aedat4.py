@@ -1,4 +1,4 @@
-"""AEDAT4 files of iniVation's DV: compressed ones are read by the library aedat.
+"""AEDAT4 files of iniVation's DV, packet by packet: a damaged one costs only itself.
 
 Source: iniVation, "AEDAT 4.0" file format (public documentation): a line of text, an IOHeader and
 packets, each a size-prefixed FlatBuffer. The few bytes of FlatBuffers that are needed are laid out
@@ -12,11 +12,13 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from spikingtac.errors import FormatError, MissingExtraError
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.checks.decompress import decompressed
+from spikingtac.events.formats.checks.limits import refuse_piece
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
@@ -29,8 +31,15 @@ EVENT = np.dtype(
     }
 )
 PACKET_HEAD = struct.Struct("<iI")
-PACKET_LIMIT_BYTES = 1 << 26
-"""Longest packet that is read; DV writes some 100 kB."""
+COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
+"""What the head's number stands for."""
+
+STREAM_LIMIT = 1 << 10
+"""Numbers of streams that are believed."""
+
+SEARCH_BYTES = 1 << 20
+_MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
+"""How a packet's bytes begin, and how far behind its head; uncompressed ones name their type."""
 
 HEAD_LIMIT_BYTES = 1 << 24
 """Longest head that is believed."""
@@ -58,76 +67,80 @@ class Aedat4Head:
 class Aedat4Source(FileSource):
     """Events of the first event stream of an AEDAT4 file.
 
-    Uncompressed files are read directly; the library aedat reads compressed ones.
-
     Raises:
-        MissingExtraError: The file is compressed and the library aedat is not installed.
-        FormatError: The file cannot be read, or holds no events.
+        MissingExtraError: The file is compressed and the library for it is not installed.
+        FormatError: The file cannot be read, holds no events, or a packet is beyond the limit.
     """
 
     format = "AEDAT4"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._head = read_head(path)
-        if self._head.compression:
-            _decoder(path)
         super().__init__(path, options)
 
     def _size(self) -> tuple[int, int]:
         return self._head.size
 
     def _columns(self) -> Iterator[Rows]:
-        packets = self._library_packets() if self._head.compression else self._packets()
-        for events in packets:
-            x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
-            yield x, y, events["on"], events["t"].astype(np.int64)
-
-    def _packets(self) -> Iterator[np.ndarray[Any, np.dtype[Any]]]:
         total = max(self.path.stat().st_size, 1)
         end = self._head.table_position if self._head.table_position > 0 else total
         with self.path.open("rb") as file:
-            file.seek(self._head.length)
-            while file.tell() < end:
-                head = file.read(PACKET_HEAD.size)
-                stream, length = PACKET_HEAD.unpack(head.ljust(PACKET_HEAD.size, b"\0"))
-                data = file.read(min(length, PACKET_LIMIT_BYTES))
-                self.progress = file.tell() / total
-                self.losses.add("truncated", int(len(data) < length))
-                if stream == self._head.stream:
-                    events = _events_of(data)
-                    if events is None:
-                        self.losses.add("bad_record")
-                    else:
-                        yield events
+            place = self._head.length
+            while place < min(end, total):
+                head = _packet_at(file, place, total)
+                if head is None:
+                    found = _next_packet(file, place + 1, total, self._head)
+                    self.losses.add("truncated" if found is None else "bad_record")
+                    if found is not None:
+                        place = found
+                        continue
+                stream, length = head or (self._head.stream, total - place - PACKET_HEAD.size)
+                place += PACKET_HEAD.size + length
+                self.progress = place / total
+                if stream == self._head.stream and length > 0:
+                    file.seek(place - length)
+                    yield from self._events(file, length, cut=head is None)
 
-    def _library_packets(self) -> Iterator[np.ndarray[Any, np.dtype[Any]]]:
-        decoder = iter(_decoder(self.path))
-        while True:
-            try:
-                packet = next(decoder, None)
-            except BaseException as error:
-                # The library's panics derive from BaseException alone; name them by their class.
-                if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
-                    raise
-                self.losses.add("truncated", int(not self._ends_whole()))
-                return
-            if packet is None:
-                return
-            if packet["stream_id"] == self._head.stream and "events" in packet:
-                yield packet["events"]
+    def _events(self, file: BinaryIO, length: int, cut: bool) -> Iterator[Rows]:
+        """Yield the events of the packet whose bytes come next; damage is counted."""
+        where = f"{str(self.path)!r}: a packet"
+        refuse_piece(where, length)
+        kind = COMPRESSIONS.get(self._head.compression, "unknown")
+        try:
+            events, whole = _events_of(decompressed(file.read(length), kind, where))
+        except (struct.error, ValueError):
+            self.losses.add("bad_record", int(not cut))
+            return
+        self.losses.add("bad_record", int(not (whole or cut)))
+        x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
+        yield x, y, events["on"], events["t"].astype(np.int64)
 
-    def _ends_whole(self) -> bool:
-        """Whether the packets' lengths add up to the file's."""
-        total = self.path.stat().st_size
-        with self.path.open("rb") as file:
-            at = self._head.length
-            while 0 <= at < total:
-                file.seek(at)
-                head = file.read(PACKET_HEAD.size)
-                if len(head) < PACKET_HEAD.size:
-                    return False
-                at += PACKET_HEAD.size + max(PACKET_HEAD.unpack(head)[1], 0)
-        return at == total
+
+def _packet_at(file: BinaryIO, place: int, total: int) -> tuple[int, int] | None:
+    """Return stream and length of the packet at a place, or None where there is none."""
+    file.seek(place)
+    head = file.read(PACKET_HEAD.size)
+    if len(head) < PACKET_HEAD.size:
+        return None
+    stream, length = PACKET_HEAD.unpack(head)
+    fits = 0 <= stream < STREAM_LIMIT and length <= total - place - PACKET_HEAD.size
+    return (stream, length) if fits else None
+
+
+def _next_packet(file: BinaryIO, place: int, total: int, head: Aedat4Head) -> int | None:
+    """Return where the next packet of events begins, or None where the rest holds none."""
+    mark, before = _MARKS.get(COMPRESSIONS.get(head.compression, ""), (b"EVTS", 16))
+    while place < total:
+        file.seek(place)
+        data = file.read(SEARCH_BYTES + before + len(mark))
+        at = data.find(mark, before)
+        while 0 <= at < SEARCH_BYTES + before:
+            packet = _packet_at(file, place + at - before, total)
+            if packet is not None and packet[0] == head.stream and packet[1] > 0:
+                return place + at - before
+            at = data.find(mark, at + 1)
+        place += SEARCH_BYTES
+    return None
 
 
 def read_head(path: Path) -> Aedat4Head:
@@ -198,6 +211,8 @@ class _Table:
 
 def _event_stream(info: str) -> tuple[int, tuple[int, int]]:
     """Return number and size of the first event stream that the XML names."""
+    if "<!" in info:
+        raise ValueError("its XML declares entities, which no recorder does")
     for node in ElementTree.fromstring(info).iter("node"):
         kinds = [attr.text for attr in node.findall("attr") if attr.get("key") == "typeIdentifier"]
         if kinds == ["EVTS"]:
@@ -209,24 +224,14 @@ def _event_stream(info: str) -> tuple[int, tuple[int, int]]:
     raise ValueError("it holds no stream of events")
 
 
-def _events_of(data: bytes) -> np.ndarray[Any, np.dtype[Any]] | None:
-    """Return the whole events of a size-prefixed EventPacket, or None where it is damaged."""
-    try:
-        start, count = _Table(data[4:]).vector(0)
-        present = (len(data) - 4 - start) // EVENT.itemsize
-        return np.frombuffer(data, EVENT, max(min(count, present), 0), start + 4)
-    except (struct.error, ValueError):
-        return None
+def _events_of(data: bytes) -> tuple[np.ndarray[Any, np.dtype[Any]], bool]:
+    """Return the events of a size-prefixed EventPacket, and whether they are as many as it says.
 
-
-def _decoder(path: Path) -> Any:
-    try:
-        from aedat import Decoder  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise MissingExtraError(
-            "compressed AEDAT4 files need: pip install 'spikingtac[formats]'"
-        ) from error
-    try:
-        return Decoder(str(path))
-    except Exception as error:  # the library raises bare exceptions of several kinds
-        raise FormatError(f"{str(path)!r} is no readable AEDAT4 file: {error}") from error
+    Raises:
+        ValueError: The packet is damaged; :class:`struct.error` where an offset leads out of it.
+    """
+    start, count = _Table(data[4:]).vector(0)
+    present = max((len(data) - 4 - start) // EVENT.itemsize, 0)
+    if not present:
+        return np.empty(0, EVENT), not count
+    return np.frombuffer(data, EVENT, present, start + 4), count == present

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.types import EventPacket
@@ -36,8 +37,9 @@ class Aedat4Writer(EventWriter):
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self.size = size
         self._pending = np.zeros(0, EVENT)
-        self._file: BinaryIO = open(path, "wb")  # noqa: SIM115
-        self._file.write(SIGNATURE + _io_header(_NODE.format(*size).encode("ascii")))
+        self._target = WholeFile(path)
+        head = SIGNATURE + _io_header(_NODE.format(*size).encode("ascii"))
+        self._file = self._target.begin(head)
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
@@ -54,7 +56,11 @@ class Aedat4Writer(EventWriter):
         """Complete the file; further calls do nothing."""
         if not self._file.closed:
             self._put(self._pending)
-            self._file.close()
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
     def _put(self, events: np.ndarray[Any, np.dtype[Any]]) -> None:
         for first in range(0, len(events), PACKET_EVENTS):

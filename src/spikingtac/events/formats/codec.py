@@ -31,6 +31,9 @@ KINDS: dict[str, str] = {
 HARMLESS = frozenset({"trigger", "padding", "vendor_word"})
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
+JUMP_US = 1_000_000
+"""A leap forward by so much is counted; sensors send events and time words far more often."""
+
 RESET_US = 100_000
 """A fall of the time by less is held until the source catches up, a larger one re-based."""
 
@@ -46,6 +49,8 @@ class Trigger(NamedTuple):
 class EventWriter(ABC):
     """A file that events are appended to, packet by packet, at constant memory.
 
+    The file appears when it is closed; used as a context, it appears unless there was an error.
+
     Attributes:
         size: ``(width, height)`` of the sensor, px.
     """
@@ -60,6 +65,10 @@ class EventWriter(ABC):
     def close(self) -> None:
         """Complete the file; further calls do nothing."""
 
+    @abstractmethod
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+
     def __enter__(self) -> Self:
         return self
 
@@ -69,4 +78,7 @@ class EventWriter(ABC):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.checks.time_unit import US_PER_S
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket
 
 CHUNK_BYTES = 1 << 20
+SAMPLE_BYTES = 1 << 16
+"""First rows that tell how many columns there are, and whether times are seconds."""
 _NAMES = {
     "t": "t", "time": "t", "timestamp": "t", "timestamps": "t", "t_us": "t", "ts": "t",
     "time_us": "t", "timestamp_us": "t", "x": "x", "col": "x", "column": "x", "y": "y",
@@ -25,15 +30,15 @@ _TRUTH: dict[str, Any] = {"true": "1", "false": "0"}
 _VALUES = (*_TRUTH, "nan", "inf")
 _SPLIT = re.compile(r"[,;\t ]+")
 _SECONDS = re.compile(r"[.eE]")
-US_PER_S = 1_000_000
 
 
 class CsvSource(FileSource):
     """Events of a text table.
 
     A header names the columns in any order; without one the order is t, x, y, p. A ``# size W H``
-    comment gives the size. Times with a decimal point are seconds. Polarity is 1 and 0, 1 and -1,
-    or true and false. Lines that do not parse are counted as ``bad_record``.
+    comment gives the size. Times are seconds where some of the first ones have a decimal point.
+    Polarity is 1 and 0, 1 and -1, or true and false. Lines that do not parse, or have another
+    number of columns than most, are counted as ``bad_record``.
     """
 
     format = "CSV"
@@ -64,11 +69,21 @@ class CsvSource(FileSource):
                 ):
                     self._order = _columns_named(words, path)
                     continue
-                place = self._order.index("t")
-                if len(words) > place and _SECONDS.search(words[place]):
-                    self._scale = US_PER_S
-                return file.tell() - len(line)
+                start = file.tell() - len(line)
+                self._look_at(line + file.read(SAMPLE_BYTES))
+                return start
             return file.tell()
+
+    def _look_at(self, sample: bytes) -> None:
+        """Learn from the first rows how many columns there are, and the unit of the times."""
+        rows = [
+            _SPLIT.split(_trimmed(line)) for line in sample.decode("utf-8", "replace").split("\n")
+        ]
+        columns = Counter(map(len, rows[: max(len(rows) - 1, 1)])).most_common(1)[0][0]
+        self._order += "-" * (columns - len(self._order))
+        place = self._order.index("t")
+        if any(len(row) == columns and _SECONDS.search(row[place]) for row in rows):
+            self._scale = US_PER_S
 
     def _columns(self) -> Iterator[Rows]:
         with self.path.open("rb") as file:
@@ -98,8 +113,8 @@ class CsvWriter(EventWriter):
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self.size = size
-        self._file: IO[str] = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
-        self._file.write(f"# size {size[0]} {size[1]}\nt,x,y,p\n")
+        self._target = WholeFile(path)
+        self._file = self._target.begin(f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
@@ -107,12 +122,13 @@ class CsvWriter(EventWriter):
         np.savetxt(self._file, table, "%d", ",")
 
     def close(self) -> None:
-        """Complete the file."""
-        self._file.close()
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._target.commit(self._file)
 
-
-def _is_name(word: str) -> bool:
-    return bool(re.match(r"[A-Za-z_]", word)) and word.lower() not in _VALUES
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 def _columns_named(words: list[str], path: Path) -> str:
@@ -127,20 +143,22 @@ def _columns_named(words: list[str], path: Path) -> str:
 
 def _rows(lines: list[str], columns: int) -> NDArray[np.float64]:
     """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
-    words = _SPLIT.sub(" ", "\n".join(line.strip() for line in lines))
+    text = _SPLIT.sub(" ", "\n".join(map(_trimmed, lines)))
     try:
-        return _finite(np.array(words.split(), np.float64).reshape(len(lines), columns))
+        if not _regular(text, columns):
+            raise ValueError("lines of different lengths")
+        return _finite(np.array(text.split(), np.float64).reshape(len(lines), columns))
     except ValueError:
         rows = [row for line in lines if (row := _row(line, columns)) is not None]
         return _finite(np.array(rows, np.float64).reshape(-1, columns))
 
 
 def _row(line: str, columns: int) -> list[float] | None:
-    words = [_TRUTH.get(word.lower(), word) for word in _SPLIT.split(line.strip())]
-    if len(words) < columns:
+    words = [_TRUTH.get(word.lower(), word) for word in _SPLIT.split(_trimmed(line))]
+    if len(words) != columns:
         return None
     try:
-        return [float(word) for word in words[:columns]]
+        return [float(word) for word in words]
     except ValueError:
         return None
 
@@ -148,3 +166,16 @@ def _row(line: str, columns: int) -> list[float] | None:
 def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     bounded = np.isfinite(rows).all(axis=1) & (np.abs(rows) < 1e18).all(axis=1)
     return rows[bounded]
+
+
+def _trimmed(line: str) -> str:
+    """Return a line without blanks at its ends and without separators after its last word."""
+    return line.rstrip(" \t\r,;").lstrip()
+
+
+def _regular(text: str, columns: int) -> bool:
+    """Return whether each line holds so many words, parted by single blanks."""
+    characters = np.frombuffer(text.encode("utf-8"), np.uint8)
+    ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
+    blanks = np.searchsorted(np.flatnonzero(characters == ord(" ")), ends)
+    return bool((np.diff(blanks, prepend=0) == columns - 1).all())

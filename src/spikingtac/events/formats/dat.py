@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.evt.header import RawHeader, read_header
@@ -49,7 +50,7 @@ class DatSource(FileSource):
         return self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
-        wraps, last = 0, 0
+        epoch_us, last = 0, None
         with self.path.open("rb") as file:
             file.seek(self._start)
             while data := file.read(CHUNK_EVENTS * EVENT.itemsize):
@@ -57,10 +58,29 @@ class DatSource(FileSource):
                 self.losses.add("truncated", int(usable < len(data)))
                 events = np.frombuffer(data[:usable], EVENT)
                 t = events["t"].astype(np.int64)
-                falls = np.diff(t, prepend=last) < -TIME_PERIOD_US // 2
-                last = int(t[-1]) if len(t) else last
-                t = t + (wraps + np.cumsum(falls)) * TIME_PERIOD_US
-                wraps += int(falls.sum())
+                if len(t):
+                    t, epoch_us, last = unwrapped(t, epoch_us, int(t[0]) if last is None else last)
                 address = events["address"]
                 x, y = address & 0x3FFF, (address >> 14) & 0x3FFF
                 yield x.astype(np.int64), y.astype(np.int64), (address >> 28) & 0xF, t
+
+
+def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[np.int64], int, int]:
+    """Return times beyond the counter, the time at which its present period began, and its value.
+
+    The counter has wrapped where it fell from its last second to its first ones. A wrong timestamp
+    near its end falls, too, but nothing led up to it: such steps back and forth cancel.
+
+    Args:
+        t: Values of the counter, us.
+        epoch_us: Time at which the counter's present period began, us.
+        last: The counter's value before them.
+    """
+    steps = np.diff(t, prepend=last)
+    half = TIME_PERIOD_US // 2
+    periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
+    return (
+        t + epoch_us + periods * TIME_PERIOD_US,
+        epoch_us + int(periods[-1]) * TIME_PERIOD_US,
+        int(t[-1]),
+    )

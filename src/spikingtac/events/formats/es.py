@@ -10,11 +10,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
@@ -86,8 +87,8 @@ class EsWriter(EventWriter):
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
         self.size = size
         self._last_us = 0
-        self._file: BinaryIO = open(path, "wb")  # noqa: SIM115
-        self._file.write(_HEADER.pack(SIGNATURE, *VERSION, DVS, *size))
+        self._target = WholeFile(path)
+        self._file = self._target.begin(_HEADER.pack(SIGNATURE, *VERSION, DVS, *size))
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet.
@@ -103,8 +104,13 @@ class EsWriter(EventWriter):
             self._last_us = int(packet.t[-1])
 
     def close(self) -> None:
-        """Complete the file."""
-        self._file.close()
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 def _encoded(steps: NDArray[np.int64], packet: EventPacket, height: int) -> NDArray[Any]:

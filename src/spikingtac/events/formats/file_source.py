@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import DamageError
+from spikingtac.events.formats.checks.column_check import ColumnCheck
+from spikingtac.events.formats.checks.limits import require_size
+from spikingtac.events.formats.checks.packing import Packer
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
-from spikingtac.events.formats.packing import ColumnCheck, Packer
 from spikingtac.types import EventPacket, LossCounters
 
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
@@ -71,7 +73,11 @@ class FileSource:
         self.notes: list[str] = []
         self.progress = 0.0
         self._options = options
-        self.size = options.size or self._size()
+        where = repr(str(path))
+        if options.size is not None:
+            self.size = require_size(options.size, where)
+        else:
+            self.size = require_size(self._size(), where)
 
     def _size(self) -> tuple[int, int]:
         """Return the sensor's size, from the file or from its events."""
@@ -97,6 +103,7 @@ class FileSource:
             self._refuse_damage()
             yield from packer.push(*(columns if self.checked else check(*columns)))
             self._refuse_damage()
+        yield from packer.push(*check.finish())
         self._refuse_damage()
         yield from packer.finish()
         self.progress = 1.0

@@ -14,26 +14,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError, MissingExtraError
-from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.formats.checks.limits import piece_limit_bytes, refuse_piece
+from spikingtac.events.formats.checks.time_course import TIME_LIMIT_US
+from spikingtac.events.formats.checks.time_unit import US_PER_S
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.types import EventPacket
 
 CHUNK_ROWS = 1 << 17
-STORED_ROWS = 1 << 14
-"""Rows that are compressed together."""
+LEAST_STORED_BYTES = 1 << 14
+"""Stored bytes below which no claim is weighed against them."""
+
+ROW_LIMIT_BYTES = 1 << 10
+"""Longest row of a table that is read; an event takes 16."""
+
+LINK_DEPTH = 8
+"""Links to links that are followed."""
 
 COMPRESSION_LIMIT = 2_000
 """Most that compression is believed to gain; deflate cannot exceed 1,032."""
 
-DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError)
+DAMAGE = (
+    OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError,
+    IndexError, AttributeError,
+)  # fmt: skip
 """What h5py raises on damaged files."""
 
 ECF_FILTER = 0x8ECF
 """Prophesee's compression, of which no wheel exists."""
-
-US_PER_S = 1_000_000
-EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
-"""Metavision's event, in Metavision's order."""
 
 _TABLES = ("CD/events", "events", "prophesee/events")
 _GROUPS = ("events", "events/left", "CD", "/", "davis/left/events")
@@ -50,7 +56,8 @@ class Hdf5Source(FileSource):
 
     Raises:
         MissingExtraError: The library h5py is not installed.
-        FormatError: The file cannot be read, or holds no events in a known place.
+        FormatError: The file cannot be read, holds no events in a known place, leads to other files
+            or claims too much.
     """
 
     format = "HDF5"
@@ -59,7 +66,7 @@ class Hdf5Source(FileSource):
         with _opened(path) as file:
             try:
                 self._layout = _layout_of(file, path)
-                self._named_size = _size_of(file)
+                self._named_size = _size_of(file, path)
             except DAMAGE as error:
                 raise FormatError(f"{str(path)!r} is damaged: {error}") from error
         super().__init__(path, options)
@@ -70,13 +77,17 @@ class Hdf5Source(FileSource):
     def _columns(self) -> Iterator[Rows]:
         with _opened(self.path) as file:
             try:
-                total = min(
+                lengths = {
                     _length(file[place.partition("?")[0]]) for place in self._layout.values()
-                )
-                offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+                }
+                offset = _offset_of(file, self.path)
             except DAMAGE:
                 self.losses.add("bad_record")
                 return
+            total = min(lengths)
+            self.losses.add("truncated", int(total < max(lengths)))
+            if offset is None:
+                self.losses.add("bad_record")
             for first in range(0, total, CHUNK_ROWS):
                 rows = slice(first, min(first + CHUNK_ROWS, total))
                 try:
@@ -87,7 +98,7 @@ class Hdf5Source(FileSource):
                     continue
                 self.progress = rows.stop / total
                 t = _microseconds(t)
-                yield x, y, p, t + offset if offset else t
+                yield x, y, p, _shifted(t, offset or 0)
 
     def _read(self, file: Any, rows: slice) -> Rows:
         places = [self._layout[name] for name in ("x", "y", "p", "t")]
@@ -111,56 +122,12 @@ class Hdf5Source(FileSource):
             ) from error
 
 
-class Hdf5Writer(EventWriter):
-    """Writes Metavision-style files (``CD/events``, shuffled and deflated) packet by packet.
+def library() -> Any:
+    """Return h5py.
 
     Raises:
-        MissingExtraError: The library h5py is not installed.
+        MissingExtraError: It is not installed.
     """
-
-    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
-        h5py = _library()
-        self.size = size
-        self._file: Any = h5py.File(path, "w", libver=("v108", "v108"))
-        self._file.attrs["geometry"] = f"{size[0]}x{size[1]}"
-        self._events: Any = self._file.create_dataset(
-            "CD/events",
-            (0,),
-            EVENT,
-            maxshape=(None,),
-            chunks=(STORED_ROWS,),
-            shuffle=True,
-            compression="gzip",
-            compression_opts=1,
-            track_times=False,
-        )
-        self._pending = np.empty(0, EVENT)
-
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet."""
-        rows = np.empty(len(packet), EVENT)
-        for name in ("x", "y", "p", "t"):
-            rows[name] = getattr(packet, name)
-        rows = np.concatenate((self._pending, rows))
-        whole = len(rows) // STORED_ROWS * STORED_ROWS
-        self._append(rows[:whole])
-        self._pending = rows[whole:]
-
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        if self._file:
-            self._append(self._pending)
-            self._pending = self._pending[:0]
-            self._file.close()
-
-    def _append(self, rows: NDArray[Any]) -> None:
-        if len(rows):
-            length = len(self._events)
-            self._events.resize((length + len(rows),))
-            self._events[length:] = rows
-
-
-def _library() -> Any:
     try:
         import h5py
     except ImportError as error:
@@ -171,9 +138,10 @@ def _library() -> Any:
 
 
 def _opened(path: Path) -> Any:
-    h5py = _library()
+    h5py = library()
     try:
-        return h5py.File(path, "r")
+        # The cache holds the largest chunk that is read: else it is unpacked for each slice.
+        return h5py.File(path, "r", rdcc_nbytes=piece_limit_bytes() // 2)
     except OSError as error:
         raise FormatError(
             f"{str(path)!r} is no readable HDF5 file ({error}); a truncated one cannot be mended"
@@ -183,17 +151,69 @@ def _opened(path: Path) -> Any:
 def _layout_of(file: Any, path: Path) -> dict[str, str]:
     """Return where each column lies: ``dataset`` or ``dataset?field``."""
     for place in _TABLES:
-        names = getattr(getattr(file.get(place), "dtype", None), "names", None)
+        table = _found(file, place, path)
+        names = getattr(getattr(table, "dtype", None), "names", None)
         if names and (found := _matched(names)):
-            return {name: f"{place}?{field}" for name, field in found.items()}
+            _require_columns(table, [table.dtype[field] for field in found.values()], path)
+            return {name: f"{table.name}?{field}" for name, field in found.items()}
     for place in _GROUPS:
-        group = file.get(place)
+        group = _found(file, place, path)
         if hasattr(group, "keys") and (found := _matched(list(group.keys()))):
-            return {name: f"{place}/{field}" for name, field in found.items()}
+            columns = {name: _found(group, field, path) for name, field in found.items()}
+            for column in columns.values():
+                _require_columns(column, [getattr(column, "dtype", None)], path)
+            return {name: column.name for name, column in columns.items()}
     raise FormatError(
         f"{str(path)!r} holds no events where they are looked for: a table in "
         f"{', '.join(_TABLES)}, or the columns x, y, p and t in {', '.join(_GROUPS)}"
     )
+
+
+def _found(group: Any, place: str, path: Path, depth: int = 0) -> Any:
+    """Return what lies at a place of this very file, or None.
+
+    Raises:
+        FormatError: The place leads to another file.
+    """
+    for name in place.split("/"):
+        if not name or not hasattr(group, "keys"):
+            group = group if not name else None
+            continue
+        link = group.get(name, getlink=True)
+        target = getattr(link, "path", None)
+        if hasattr(link, "filename"):
+            raise FormatError(
+                f"{str(path)!r}: {name!r} is a link into another file, which is not followed; "
+                "open that file, or copy the events into this one"
+            )
+        if target is not None and depth < LINK_DEPTH:
+            start = group.file if target.startswith("/") else group
+            group = _found(start, target, path, depth + 1)
+        else:
+            group = group[name] if target is None and name in group else None
+    return group
+
+
+def _require_columns(dataset: Any, types: list[Any], path: Path) -> None:
+    """Refuse what is no plain row of numbers in this file, or claims too much.
+
+    Raises:
+        FormatError: The dataset is odd, lies in other files, or its chunks are beyond the limit.
+    """
+    where = f"{str(path)!r}: {getattr(dataset, 'name', 'a column')!r}"
+    numbers = all(kind is not None and kind.kind in "uifb" and not kind.shape for kind in types)
+    if len(getattr(dataset, "shape", None) or ()) != 1 or not numbers:
+        found = getattr(dataset, "dtype", "no data set"), getattr(dataset, "shape", "")
+        raise FormatError(
+            f"{where} is {found[0]} of shape {found[1]}; one row of numbers is needed"
+        )
+    if dataset.external or dataset.is_virtual:
+        raise FormatError(f"{where} lies in other files, which are not read; copy it into this one")
+    row_bytes = dataset.dtype.itemsize
+    if row_bytes > ROW_LIMIT_BYTES:
+        raise FormatError(f"{where} has rows of {row_bytes} bytes (valid: to {ROW_LIMIT_BYTES})")
+    if dataset.chunks is not None:
+        refuse_piece(f"{where}: a chunk", 2 * dataset.chunks[0] * row_bytes)
 
 
 def _length(dataset: Any) -> int:
@@ -203,9 +223,24 @@ def _length(dataset: Any) -> int:
         ValueError: It claims more than its bytes can hold, and reading it would not end.
     """
     claimed = len(dataset) * dataset.dtype.itemsize
-    if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), STORED_ROWS):
+    if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), LEAST_STORED_BYTES):
         raise ValueError(f"{dataset.name} claims {claimed} bytes")
     return len(dataset)
+
+
+def _offset_of(file: Any, path: Path) -> int | None:
+    """Return what is added to the times, us; None where it cannot be meant."""
+    offset = _found(file, "t_offset", path)
+    if offset is None:
+        return 0
+    if (
+        getattr(offset, "shape", None) not in ((), (1,))
+        or offset.dtype.kind not in "ui"
+        or offset.external
+    ):
+        return None
+    value = int(np.ravel(offset[()])[0])
+    return value if abs(value) <= TIME_LIMIT_US else None
 
 
 def _matched(names: Any) -> dict[str, str] | None:
@@ -216,9 +251,9 @@ def _matched(names: Any) -> dict[str, str] | None:
     return found if all(found.values()) else None
 
 
-def _size_of(file: Any) -> tuple[int, int] | None:
+def _size_of(file: Any, path: Path) -> tuple[int, int] | None:
     for place in ("/", "CD", "CD/events", "events"):
-        attributes = file[place].attrs if place in file else {}
+        attributes = getattr(_found(file, place, path), "attrs", {})
         if "geometry" in attributes:
             width, _, height = str(attributes["geometry"]).partition("x")
             if width.isdigit() and height.isdigit():
@@ -229,6 +264,12 @@ def _size_of(file: Any) -> tuple[int, int] | None:
             height, width = (int(value) for value in attributes["sensor_resolution"][:2])
             return width, height
     return None
+
+
+def _shifted(t: NDArray[Any], offset: int) -> NDArray[Any]:
+    if not offset:
+        return t
+    return (t.astype(np.int64) if t.dtype.kind in "iu" else t) + offset
 
 
 def _microseconds(t: NDArray[Any]) -> NDArray[Any]:

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import tempfile
 import zipfile
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS, ColumnFile
+from spikingtac.events.formats.checks.time_unit import SECONDS_NOTE, US_PER_S, in_seconds
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.types import EventPacket
 
 CHUNK_ROWS = 1 << 17
 _TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
-_DAMAGE = (
-    OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,
-    SyntaxError, TokenError, RuntimeError, MemoryError, OverflowError, TypeError,
-)  # fmt: skip
-"""What zipfile and NumPy's header parser raise on damaged archives."""
-
-_EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest date that ZIP knows: archives must not depend on the clock."""
-
-_COPY_BYTES = 1 << 20
 
 
 class NpzSource(FileSource):
@@ -42,13 +31,12 @@ class NpzSource(FileSource):
             if "size.npy" not in archive.namelist():
                 return self._size_from_events()
             try:
-                with archive.open("size.npy") as member:
-                    values = np.lib.format.read_array(member, allow_pickle=False).ravel()
-                width, height = (int(value) for value in values)
-            except _DAMAGE as error:
+                column = _ColumnReader(archive, "size", self.path)
+                if column.length != 2:
+                    raise ValueError(f"{column.length} numbers instead of two")
+                width, height = (int(value) for value in column.read(2))
+            except ARCHIVE_DAMAGE as error:
                 raise FormatError(f"{str(self.path)!r}: unfit size: {error}") from error
-        if min(width, height) < 1 or max(width, height) > 1 << 16:
-            raise FormatError(f"{str(self.path)!r}: size {width}x{height} px is not possible")
         return width, height
 
     def _columns(self) -> Iterator[Rows]:
@@ -57,19 +45,24 @@ class NpzSource(FileSource):
             left = min(column.length for column in columns)
             if left < max(column.length for column in columns):
                 self.losses.add("truncated")
+            seconds: bool | None = None
             while left > 0:
                 try:
                     x, y, p, t = (column.read(min(CHUNK_ROWS, left)) for column in columns)
-                except _DAMAGE:
+                except ARCHIVE_DAMAGE:
                     self.losses.add("truncated")
                     return
-                yield x, y, p, t
+                if seconds is None:
+                    seconds = in_seconds(t)
+                    if seconds and SECONDS_NOTE not in self.notes:
+                        self.notes.append(SECONDS_NOTE)
+                yield x, y, p, t * US_PER_S if seconds else t
                 left -= CHUNK_ROWS
 
     def _archive(self) -> zipfile.ZipFile:
         try:
             return zipfile.ZipFile(self.path)
-        except _DAMAGE as error:
+        except ARCHIVE_DAMAGE as error:
             raise FormatError(
                 f"{str(self.path)!r} is no readable .npz ({error}); write it again, or open the "
                 "recording that it was made from"
@@ -81,6 +74,8 @@ class _ColumnReader:
 
     def __init__(self, archive: zipfile.ZipFile, name: str, path: Path) -> None:
         try:
+            if archive.getinfo(f"{name}.npy").compress_type not in PACKINGS:
+                raise ValueError("it is packed by another method than NumPy's")
             self._file: IO[bytes] = archive.open(f"{name}.npy")
             version = np.lib.format.read_magic(self._file)
             read = (
@@ -93,7 +88,7 @@ class _ColumnReader:
             raise FormatError(
                 f"{str(path)!r} has no column {name!r}; an event .npz holds t, x, y, p and size"
             ) from error
-        except _DAMAGE as error:
+        except ARCHIVE_DAMAGE as error:
             raise FormatError(f"{str(path)!r}: column {name!r} is damaged: {error}") from error
         if len(shape) != 1 or self._type.kind not in "uifb":
             raise FormatError(
@@ -113,54 +108,8 @@ class _ColumnReader:
             raise EOFError("the column ends early")
         values = np.frombuffer(data, self._type)
         if self._type.kind == "f":
-            return np.nan_to_num(values, nan=-1.0, posinf=-1.0, neginf=-1.0)
+            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
         return values
-
-
-class ColumnFile:
-    """An ``.npz`` whose columns grow; the same values give the same bytes.
-
-    Args:
-        path: File to write; replaced if it exists.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-        self._spools: dict[str, tuple[IO[bytes], np.dtype[Any], list[int]]] = {}
-        self._fixed: dict[str, NDArray[Any]] = {}
-        self._closed = False
-
-    def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows to the named columns (the first call sets their types and row shapes)."""
-        for name, values in columns.items():
-            if name not in self._spools:
-                spool = tempfile.TemporaryFile()  # noqa: SIM115
-                self._spools[name] = (spool, values.dtype, [0, *values.shape[1:]])
-            spool, dtype, shape = self._spools[name]
-            spool.write(np.ascontiguousarray(values, dtype).tobytes())
-            shape[0] += len(values)
-
-    def set(self, name: str, values: NDArray[Any]) -> None:
-        """Set a member that does not grow."""
-        self._fixed[name] = np.asarray(values, order="C")
-
-    def close(self) -> None:
-        """Write the archive; further calls do nothing."""
-        if self._closed:
-            return
-        self._closed = True
-        with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
-            for name, (spool, dtype, shape) in self._spools.items():
-                spool.seek(0)
-                with archive.open(_member(name), "w", force_zip64=True) as member:
-                    _write_header(member, dtype, tuple(shape))
-                    while data := spool.read(_COPY_BYTES):
-                        member.write(data)
-                spool.close()
-            for name, values in self._fixed.items():
-                with archive.open(_member(name), "w", force_zip64=True) as member:
-                    _write_header(member, values.dtype, values.shape)
-                    member.write(values.tobytes())
 
 
 class NpzWriter(EventWriter):
@@ -177,19 +126,9 @@ class NpzWriter(EventWriter):
         self._file.append({name: getattr(packet, name) for name in _TYPES})
 
     def close(self) -> None:
-        """Complete the file."""
+        """Complete the file; further calls do nothing."""
         self._file.close()
 
-
-def _member(name: str) -> zipfile.ZipInfo:
-    info = zipfile.ZipInfo(f"{name}.npy", date_time=_EPOCH)
-    info.create_system = 3  # Unix, on every system
-    info.external_attr = 0o600 << 16
-    return info
-
-
-def _write_header(member: IO[bytes], dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    description = np.lib.format.dtype_to_descr(dtype)
-    np.lib.format.write_array_header_1_0(
-        member, {"descr": description, "fortran_order": False, "shape": shape}
-    )
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
+from spikingtac.events.formats.array_file import load_arrays
 
 REST_US = 1_000_000
 """Where the truth names no contacts, the last second counts as after the release, us."""
@@ -44,10 +45,8 @@ class GroundTruth:
             RecordingError: The file is missing, damaged, or lacks a column.
         """
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                columns = {name: archive[name] for name in archive.files}
-            return cls.of(columns)
-        except (OSError, ValueError, EOFError, KeyError) as error:
+            return cls.of(load_arrays(path, "ground truth"))
+        except (RecordingError, ValueError, IndexError, KeyError) as error:
             raise RecordingError(
                 f"{str(path)!r} holds no ground truth ({error}); "
                 "render the recording again with: spikingtac simulate SCENE -o FOLDER"

@@ -92,5 +92,6 @@ def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:
 
 
 def _coded(packet: EventPacket) -> NDArray[np.uint32]:
+    packet = packet.sound()
     pixel = packet.y.astype(np.uint32) * np.uint32(packet.size[0]) + packet.x
     return pixel * np.uint32(2) + packet.p

@@ -107,7 +107,12 @@ class CrossingObserver:
         return replace(found, count=found.count.copy(), speed_sum_px_s=found.speed_sum_px_s.copy())
 
     def absorb(self, packet: EventPacket) -> None:
-        """Look at further events, in order of time."""
+        """Look at further events, in order of time.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size, or leaves it.
+        """
+        packet.require_map(self._pixels.run.shape)
         if len(self._track.t_us) < 2:
             return
         found = self._found

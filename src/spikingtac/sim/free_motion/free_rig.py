@@ -122,7 +122,7 @@ class FreeRig:
             self.advance(min(CHUNK_STEPS, steps - first))[0][sensor]
             for first in range(0, steps, CHUNK_STEPS)
         )
-        return windows(chunks, period_us)
+        return windows(chunks, period_us, silence_limit_us=None)
 
 
 @functools.lru_cache(maxsize=16)

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.recording import MANIFEST, TRUTH, Recording, RecordingWriter
+from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.sim.scene.source import SceneSource
-
-NAMES = ("events.raw", TRUTH, MANIFEST)
-"""Files of the recording folder of one sensor."""
 
 SOURCE = "twin"
 """Entry ``source`` in the manifest of a simulation."""
@@ -57,22 +55,20 @@ def simulate(
     target = _prepared(Path(folder), overwrite)
     source = SceneSource(scene, seed, duration_s)
     events = 0
-    try:
-        with RecordingWriter(target, source.size) as writer:
-            writer.set_truth("reference_px", source.reference_px.astype(np.float32))
-            writer.set_truth("radius_px", source.radius_px.astype(np.float32))
-            for step in source.steps():
-                writer.write(step.packet)
-                writer.append_truth(asdict(step.truth))
-                events += len(step.packet)
-                if advance is not None and source.t_end_us:
-                    advance(step.packet.t_end_us / source.t_end_us)
-            writer.losses.update(source.losses)
-            writer.describe(**description(source, events))
-    except BaseException:
-        for name in NAMES:
-            (target / name).unlink(missing_ok=True)
-        raise
+    with (
+        whole_folder(target, last=MANIFEST) as partial,
+        RecordingWriter(partial, source.size) as writer,
+    ):
+        writer.set_truth("reference_px", source.reference_px.astype(np.float32))
+        writer.set_truth("radius_px", source.radius_px.astype(np.float32))
+        for step in source.steps():
+            writer.write(step.packet)
+            writer.append_truth(asdict(step.truth))
+            events += len(step.packet)
+            if advance is not None and source.t_end_us:
+                advance(step.packet.t_end_us / source.t_end_us)
+        writer.losses.update(source.losses)
+        writer.describe(**description(source, events))
     assert source.t_end_us is not None
     return {
         "folder": str(target),

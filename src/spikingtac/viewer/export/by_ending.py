@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.viewer.session.source import ViewSource
 
@@ -24,17 +25,18 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
     """
     target = Path(path)
     check_target(target, overwrite=True)
-    if target.suffix == ".mcap":
-        from spikingtac.viewer.export.mcap import export_mcap
+    with replacing(target) as partial:
+        if target.suffix == ".mcap":
+            from spikingtac.viewer.export.mcap import export_mcap
 
-        return export_mcap(view, target, seconds=seconds)
-    if target.suffix == ".rrd":
-        from spikingtac.viewer.export.rrd import export_rrd
+            return export_mcap(view, partial, seconds=seconds)
+        if target.suffix == ".rrd":
+            from spikingtac.viewer.export.rrd import export_rrd
 
-        return export_rrd(view, target, seconds=seconds)
-    from spikingtac.viewer.export.gif import export_gif
+            return export_rrd(view, partial, seconds=seconds)
+        from spikingtac.viewer.export.gif import export_gif
 
-    return export_gif(view, target, seconds=seconds)
+        return export_gif(view, partial, seconds=seconds)
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 from spikingtac.errors import ConfigError, RecordingError, nearest
 from spikingtac.plots.summary import CREATOR, PICTURE_ENDINGS
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.session.track_recorder import TRACKS_MAKER
+
+ARCHIVE_START, FIRST_ARRAY = b"PK\x03\x04", b"t_us.npy"
+CUT_START_BYTES = 64
+"""The first array's name lies within so many bytes."""
 
 
 def tracks_beside(picture: Path) -> Path:
@@ -34,6 +39,8 @@ def check_picture(path: Path) -> None:
 def check_tracks(path: Path) -> None:
     """Refuse a tracks file in the place of one that the demo did not make.
 
+    Tracks that a showing left unfinished are nobody's, and are replaced.
+
     Raises:
         ConfigError: The folder does not exist, or such a file is there.
     """
@@ -41,11 +48,19 @@ def check_tracks(path: Path) -> None:
     if not path.exists():
         return
     try:
-        made_by = Tracks.load(path).meta.get("made_by")
-    except (RecordingError, AttributeError):
-        made_by = None
-    if made_by != TRACKS_MAKER:
+        ours = Tracks.load(path).meta.get("made_by") == TRACKS_MAKER
+    except RecordingError:
+        ours = path.is_file() and _is_cut(path)
+    if not ours:
         raise _taken(path)
+
+
+def _is_cut(path: Path) -> bool:
+    """Return whether a file begins as tracks do and ends before the archive's index."""
+    with path.open("rb") as file:
+        start = file.read(CUT_START_BYTES)
+    begins = not start or (start.startswith(ARCHIVE_START) and FIRST_ARRAY in start)
+    return begins and not zipfile.is_zipfile(path)
 
 
 def _check_folder(path: Path) -> None:

@@ -41,6 +41,7 @@ def activity(packet: EventPacket) -> NDArray[np.uint8]:
         ``((width * height + 1) // 2,)`` uint8 of the displayed image, row by row; the first pixel
         of each pair sits in the high half.
     """
+    packet = packet.sound()
     step, (width, height) = view_step(packet.size), view_size(packet.size)
     recent = slice(max(len(packet) - MOST_EVENTS, 0), None)
     span_us = max(packet.t_end_us - packet.t_start_us, 1)

@@ -9,12 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
 from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
@@ -209,26 +209,37 @@ def _calibration_beside(folder: Path, manifest: dict[str, Any]) -> Calibration:
     if (folder / CALIBRATION_NAME).exists():
         return Calibration.load(folder / CALIBRATION_NAME)
     if "grid" in manifest and (folder / TRUTH_NAME).exists():
-        with np.load(folder / TRUTH_NAME) as stored:
-            return Calibration(
-                reference_px=stored["reference_px"].astype(np.float64),
-                radius_px=stored["radius_px"].astype(np.float64),
-                grid=(int(manifest["grid"][0]), int(manifest["grid"][1])),
-                size=(int(manifest["size"][0]), int(manifest["size"][1])),
-                polarity="dark" if float(manifest.get("contrast", 1)) < 1 else "white",
-                provenance={"from": "the twin's truth at rest"},
-            )
+        return _calibration_from_truth(folder / TRUTH_NAME, manifest)
     raise CalibrationError(
         f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
         "make it with: spikingtac calibrate RECORDING -o calibration.json"
     )
 
 
+def _calibration_from_truth(path: Path, manifest: dict[str, Any]) -> Calibration:
+    stored = load_arrays(path, "ground truth")
+    contrast = manifest.get("contrast")
+    document = {
+        "schema": CALIBRATION_SCHEMA,
+        "size": manifest.get("size"),
+        "grid": manifest.get("grid"),
+        "reference_px": stored.get("reference_px"),
+        "radius_px": stored.get("radius_px"),
+        "polarity": "dark" if isinstance(contrast, int | float) and contrast < 1 else "white",
+        "provenance": {"from": "the twin's truth at rest"},
+    }
+    return Calibration.from_document(document, where=str(path))
+
+
 def _truth(path: Path) -> SampledTruth | None:
     if not path.exists():
         return None
-    with np.load(path) as stored:
-        return SampledTruth(stored["marker_t_us"], stored["marker_px"])
+    stored = load_arrays(path, "ground truth")
+    if not {"marker_t_us", "marker_px"} <= stored.keys():
+        raise RecordingError(
+            f"{str(path)!r} lacks marker_t_us or marker_px; remove it, or simulate the scene again"
+        )
+    return SampledTruth(stored["marker_t_us"], stored["marker_px"])
 
 
 def _unchosen(_: Any) -> Any:

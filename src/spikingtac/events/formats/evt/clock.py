@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.codec import RESET_US
+from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import LossCounters
 
 HIGH, EPOCH, BASE, NOW, ROW, VECTOR_X, VECTOR_P, WIDTH, HEIGHT = range(9)
@@ -46,9 +46,6 @@ Integer = int | np.integer[Any]
 NONE = -1
 NO_ROW = 1 << 30
 """A row that no sensor has: nothing can be placed yet."""
-
-JUMP_US = 1_000_000
-"""A leap of the wire's time that is counted; sensors send time words far more often."""
 
 LEAP_US = 1 << 24
 """The artefact leap of streams that were restarted on an open device."""

@@ -10,6 +10,9 @@ ENCODINGS = ("evt2", "evt21", "evt3")
 LINE_LIMIT = 4096
 """Longest header line that is believed, bytes."""
 
+HEADER_LIMIT_BYTES = 1 << 20
+"""Longest header that is read; those of cameras have a kilobyte."""
+
 GENERATOR = "spikingtac"
 _VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}
 _FORMATS = {"evt2": "evt2", "evt2.0": "evt2", "evt21": "evt21", "evt2.1": "evt21", "evt3": "evt3"}
@@ -53,8 +56,8 @@ class RawHeader:
 def read_header(file: BinaryIO) -> RawHeader:
     """Read the header lines and leave the file at the first word (a header may be missing)."""
     fields: dict[str, str] = {}
-    while True:
-        start = file.tell()
+    first = file.tell()
+    while (start := file.tell()) - first < HEADER_LIMIT_BYTES:
         line = file.readline(LINE_LIMIT)
         if not _is_header_line(line):
             file.seek(start)

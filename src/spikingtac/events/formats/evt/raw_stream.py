@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import cast
 
 from spikingtac.errors import FormatError, RecordingError
-from spikingtac.events.formats.evt.header import LINE_LIMIT, read_header
+from spikingtac.events.formats.evt.header import HEADER_LIMIT_BYTES, LINE_LIMIT, read_header
 from spikingtac.events.formats.evt.raw import CHUNK_BYTES, SAMPLE_BYTES, RawSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 
@@ -103,7 +103,7 @@ def _opened(path: Path) -> io.BufferedReader:
 def _header_lines(reader: io.BufferedReader) -> bytes:
     """Return the lines that begin with %, up to ``% end``; the last may be words already."""
     lines = b""
-    while reader.peek(1)[:1] == b"%":
+    while len(lines) < HEADER_LIMIT_BYTES and reader.peek(1)[:1] == b"%":
         line = reader.readline(LINE_LIMIT)
         lines += line
         if line.split() == [b"%", b"end"] or not line.endswith(b"\n"):

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.evt.clock import JUMP_US, Integer
+from spikingtac.events.formats.codec import JUMP_US
+from spikingtac.events.formats.evt.clock import Integer
 
 SKIP_COST = 4
 """Price of leaving out a byte, in implausible words avoided; below it, words are believed."""

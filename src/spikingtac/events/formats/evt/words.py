@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import Trigger
 from spikingtac.events.formats.evt import clock, salvage
 from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
+from spikingtac.events.formats.evt.fill import fill_at_end, filled_words, may_be_filled
 from spikingtac.types import LossCounters
+
+Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Columns x, y, p and t of some consecutive events."""
 
 ALIGNMENT_SUSPECTS = 4
 """Unknown or outside words in a chunk from which on the word boundaries are questioned."""
@@ -34,10 +38,9 @@ class WordStream:
         self._triggers = triggers
         self._carry = np.empty(0, np.uint8)
         self._out = Columns.empty(0, 0)
+        self._in_fill = False
 
-    def feed(
-        self, data: bytes, final: bool = False
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    def feed(self, data: bytes, final: bool = False) -> Rows:
         """Return the columns x, y, p and t of the events in the next bytes.
 
         They are views of buffers that the next call overwrites.
@@ -46,11 +49,38 @@ class WordStream:
             data: Bytes that follow the ones before.
             final: Whether nothing follows: incomplete words are counted, not carried over.
         """
-        decoder = self._decoder
         buffer = np.frombuffer(data, np.uint8)
         if len(self._carry):
             buffer = np.concatenate((self._carry, buffer))
+        if self._in_fill or may_be_filled(buffer):
+            return self._around_fill(buffer, final)
+        return self._whole(buffer, final)
+
+    def _around_fill(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
+        """Leave out the stretches that are nothing but fill; addresses do not last across them."""
+        size = self._decoder.word.itemsize
+        words = buffer[: len(buffer) // size * size].view(self._decoder.word)
+        parts: list[Rows] = []
+        done = 0
+        for first, last in filled_words(words, self._in_fill):
+            if first > done:
+                parts.append(_copied(self._whole(buffer[done * size : first * size], True)))
+            self._losses.add("garbage", int(first > 0 or not self._in_fill))
+            self._decoder.state[[clock.ROW, clock.VECTOR_X]] = clock.NO_ROW, clock.NONE
+            done = last
+        self._in_fill = 0 < done == len(words)
+        rest = self._whole(buffer[done * size :], final)
+        if not parts:
+            return rest
+        x, y, p, t = (np.concatenate(column) for column in zip(*parts, rest, strict=True))
+        return x, y, p, t
+
+    def _whole(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
+        """Decode bytes that hold no stretch of fill."""
+        decoder = self._decoder
         end = len(buffer) // decoder.word.itemsize * decoder.word.itemsize
+        if not final:
+            end -= fill_at_end(buffer[:end].view(decoder.word)) * decoder.word.itemsize
         words = buffer[:end].view(decoder.word)
         before = decoder.state.copy()
         count = self._decode(words)
@@ -104,9 +134,14 @@ class WordStream:
         decoder.mended = 0
         return words, end
 
-    def _taken(self, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    def _taken(self, count: int) -> Rows:
         out, state = self._out, self._decoder.state
         for t_us, channel, value in out.triggers[: state[clock.TRIGGERS]].tolist():
             self._triggers.append(Trigger(t_us, channel, bool(value)))
         clock.take_counts(state, self._losses)
         return out.x[:count], out.y[:count], out.p[:count], out.t[:count]
+
+
+def _copied(rows: Rows) -> Rows:
+    x, y, p, t = (column.copy() for column in rows)
+    return x, y, p, t

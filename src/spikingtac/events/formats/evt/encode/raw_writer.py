@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
+from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import ConfigError, FormatError, nearest
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.evt.encode.word_encoder import WordEncoder
@@ -29,13 +30,21 @@ class RawWriter(EventWriter):
         path: File to write; replaced if it exists.
         size: ``(width, height)``, px, at most 2048 each.
         encoding: ``evt2``, ``evt21`` (little-endian words) or ``evt3``.
+        in_place: For a recorder: what came so far stands at the path, also if it is killed.
 
     Raises:
         ConfigError: The encoding is unknown.
         FormatError: The sensor does not fit into eleven-bit addresses.
     """
 
-    def __init__(self, path: str | Path, size: tuple[int, int], encoding: str = "evt3") -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        size: tuple[int, int],
+        encoding: str = "evt3",
+        *,
+        in_place: bool = False,
+    ) -> None:
         if max(size) > COORDINATE_LIMIT_PX:
             raise FormatError(
                 f"a sensor of {size[0]}x{size[1]} px does not fit into RAW addresses "
@@ -43,7 +52,8 @@ class RawWriter(EventWriter):
             )
         self.size = size
         self._encoder = _encoder(encoding)
-        self._file: BinaryIO | None = open(path, "wb")  # noqa: SIM115
+        self._target = WholeFile(path, in_place)
+        self._file: IO[bytes] | None = self._target.open()
         self._base_us: int | None = None
         self._last_us = 0
 
@@ -69,8 +79,14 @@ class RawWriter(EventWriter):
             return
         if self._base_us is None:
             self._begin(0)
-        self._open_file().close()
-        self._file = None
+        file, self._file = self._file, None
+        self._target.commit(file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before; in place, leave what came so far."""
+        if self._file is not None:
+            self._target.abandon(self._file)
+            self._file = None
 
     def _begin(self, first_us: int) -> int:
         period_bits = self._encoder.time_bits
@@ -79,7 +95,7 @@ class RawWriter(EventWriter):
         self._open_file().write(format_header(self._encoder.name, self.size, self._base_us))
         return self._base_us
 
-    def _open_file(self) -> BinaryIO:
+    def _open_file(self) -> IO[bytes]:
         if self._file is None:
             raise FormatError("the file is closed; open another to write more events")
         return self._file

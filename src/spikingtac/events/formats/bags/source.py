@@ -9,12 +9,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.bags import RawMessage, messages_of
+from spikingtac.events.formats.bags.messages import messages_of
+from spikingtac.events.formats.bags.raw_message import RawMessage
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 MONO_EVENT = np.dtype("<u8")
@@ -23,6 +24,8 @@ MONO_EVENT = np.dtype("<u8")
 MESSAGE_TYPES = ("event_camera_msgs/msg/EventPacket", "event_camera_msgs/EventPacket")
 ENCODINGS = ("evt3", "evt2", "evt21", "mono")
 NS_PER_US = 1_000
+PIECE_BYTES = 1 << 18
+"""Bytes of a message that are decoded at once: a word may stand for 32 events."""
 
 
 class _Packet(NamedTuple):
@@ -45,8 +48,6 @@ class RosSource(FileSource):
         MissingExtraError: The storage needs a library that is not installed.
     """
 
-    checked = False
-
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.format = "ROS bag"
         first = next(self._packets_of(path), None)
@@ -63,6 +64,7 @@ class RosSource(FileSource):
             )
         self.format = f"ROS bag ({first.encoding})"
         self._first = first
+        self.checked = first.encoding != "mono"  # decoders of words check what they decode
         super().__init__(path, options)
 
     def _size(self) -> tuple[int, int]:
@@ -79,7 +81,7 @@ class RosSource(FileSource):
             if following is not None and packet.sequence > following:
                 self.losses.add("gap", 1)
             following = packet.sequence + 1
-            yield reader(packet)
+            yield from reader(packet)
 
     def _packets_of(self, path: Path) -> Iterator[_Packet]:
         topic: str | None = None
@@ -142,13 +144,13 @@ def _parsed(message: RawMessage) -> _Packet:
     return _Packet(width, height, sequence, base_ns, encoding, cursor.block())
 
 
-class _Reader:
-    def __call__(self, packet: _Packet) -> Rows:
-        """Return the columns of a packet's events."""
-        raise NotImplementedError
+class _Reader(Protocol):
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events."""
+        ...
 
 
-class _WordReader(_Reader):
+class _WordReader:
     """Feeds the words of each message to one stateful decoder."""
 
     def __init__(self, encoding: str, source: RosSource) -> None:
@@ -158,28 +160,31 @@ class _WordReader(_Reader):
         decoder = word_decoder(encoding, source.size)
         self._stream = WordStream(decoder, source.losses, source.triggers)
 
-    def __call__(self, packet: _Packet) -> Rows:
-        """Return the columns of a packet's events."""
-        return self._stream.feed(packet.events, final=True)
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events."""
+        for first in range(0, max(len(packet.events), 1), PIECE_BYTES):
+            last = first + PIECE_BYTES
+            yield self._stream.feed(packet.events[first:last], final=last >= len(packet.events))
 
 
-class _MonoReader(_Reader):
+class _MonoReader:
     """Reads the encoding ``mono``: absolute times, one word an event."""
 
     def __init__(self) -> None:
         self._start_ns: int | None = None
 
-    def __call__(self, packet: _Packet) -> Rows:
-        """Return the columns of a packet's events, from the first message's base on."""
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events, from the first message's base on."""
         if self._start_ns is None:
             self._start_ns = packet.base_ns
         usable = len(packet.events) // MONO_EVENT.itemsize * MONO_EVENT.itemsize
         words = np.frombuffer(packet.events[:usable], MONO_EVENT)
-        offset_ns = packet.base_ns - self._start_ns
-        t = (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + offset_ns
+        offset_us, rest_ns = divmod(packet.base_ns - self._start_ns, NS_PER_US)
+        t_ns = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
         x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.int64)
         y = ((words >> np.uint64(48)) & np.uint64(0x7FFF)).astype(np.int64)
-        return x, y, (words >> np.uint64(63)).astype(np.bool_), t // NS_PER_US
+        t = (t_ns + rest_ns) // NS_PER_US + offset_us
+        yield x, y, (words >> np.uint64(63)).astype(np.bool_), t
 
 
 def _reader(encoding: str, source: RosSource) -> _Reader:

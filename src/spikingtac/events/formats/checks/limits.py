@@ -1,0 +1,72 @@
+"""What any input may claim: sizes are believed up to a limit, whatever a file says of itself."""
+
+from __future__ import annotations
+
+import os
+
+from spikingtac.errors import ConfigError, FormatError
+
+PIECE_LIMIT_MIB = 128
+"""Largest piece of an input (a chunk, a message, an array) that is taken into memory, MiB: an
+hour of tracks stays below, and a piece costs at most thrice as much while it is decoded (ours)."""
+
+LIMIT_VARIABLE = "SPIKINGTAC_PIECE_LIMIT_MIB"
+"""Environment variable that raises the limit."""
+
+SIDE_LIMIT_PX = 1 << 16
+"""Columns and rows that a coordinate of two bytes can name."""
+
+AREA_LIMIT_PX = 1 << 24
+"""Largest sensor that is believed, px: 16 megapixels; a map of it takes 64 MB (the largest event
+sensor on the market has one)."""
+
+
+def piece_limit_bytes() -> int:
+    """Return the largest piece of an input that is taken into memory, bytes.
+
+    Raises:
+        ConfigError: The environment names a limit that is no positive number.
+    """
+    text = os.environ.get(LIMIT_VARIABLE, str(PIECE_LIMIT_MIB))
+    if not (text.isascii() and text.isdigit() and 0 < int(text) < 1 << 40):
+        raise ConfigError(f"{LIMIT_VARIABLE} is {text!r}, it must be a whole number of MiB")
+    return int(text) << 20
+
+
+def refuse_piece(what: str, claimed_bytes: int | None = None) -> None:
+    """Refuse a piece that is larger than the limit.
+
+    Args:
+        what: The piece, for the error.
+        claimed_bytes: What it takes; None where that is only known to be too much.
+
+    Raises:
+        FormatError: It takes more than the limit.
+    """
+    limit = piece_limit_bytes()
+    if claimed_bytes is not None and claimed_bytes <= limit:
+        return
+    claim = "takes" if claimed_bytes is None else f"takes {claimed_bytes} bytes,"
+    raise FormatError(
+        f"{what} {claim} more than the {limit >> 20} MiB that one piece of an input may take; if "
+        f"the file is sound, raise the limit: {LIMIT_VARIABLE}=1024"
+    )
+
+
+def require_size(size: tuple[int, int], where: str) -> tuple[int, int]:
+    """Return a sensor's size.
+
+    Args:
+        size: ``(width, height)``, px.
+        where: Its origin, for the error.
+
+    Raises:
+        FormatError: No sensor has such a size.
+    """
+    width, height = size
+    if min(size) < 1 or max(size) > SIDE_LIMIT_PX or width * height > AREA_LIMIT_PX:
+        raise FormatError(
+            f"{where}: a sensor of {width}x{height} px is not possible (valid: 1 to "
+            f"{SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size with size="
+        )
+    return size

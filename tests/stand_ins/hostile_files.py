@@ -1,0 +1,135 @@
+"""Event files of every format, and what random damage makes of them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from spikingtac.events import create_events
+from spikingtac.types import EventPacket
+from stand_ins.bags import cdr, mcap_file, packet_words, ros1_bag, write_db3
+
+SIZE = (320, 320)
+SEED_EVENTS = 4_000
+RAW_KINDS = ("evt2", "evt21", "evt3")
+CONTAINERS = ("npz", "csv", "es", "dat", "aedat4", "h5", "mcap", "bag", "db3")
+KINDS = (*RAW_KINDS, *CONTAINERS)
+
+FILE_NAMES = {kind: "a.raw" for kind in RAW_KINDS} | {kind: f"a.{kind}" for kind in CONTAINERS}
+ODD_NUMBERS = (0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 1 << 59, (1 << 64) - 1)
+"""Numbers that lengths and times are replaced by."""
+
+
+def seed_file(kind: str, folder: Path) -> Path:
+    """Write a sound file of a kind, a few ten thousand bytes, and return it."""
+    path = folder / FILE_NAMES[kind]
+    if kind in RAW_KINDS:
+        _write(path, kind)
+    elif kind == "dat":
+        path.write_bytes(_dat())
+    elif kind in ("mcap", "bag", "db3"):
+        ros1 = kind == "bag"
+        messages = [cdr(k, b"evt3", packet_words(50 * k) * 4, ros1=ros1) for k in range(200)]
+        chunks = [messages[first : first + 20] for first in range(0, 200, 20)]
+        if kind == "db3":
+            write_db3(path, messages)
+        else:
+            path.write_bytes(ros1_bag(chunks, "lz4") if ros1 else mcap_file(chunks, "zstd"))
+    else:
+        _write(path, None)
+    return path
+
+
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return data with one to three kinds of damage."""
+    out = bytearray(data)
+    for _ in range(int(rng.integers(1, 4))):
+        if len(out) > 16:
+            _DAMAGES[int(rng.integers(0, len(_DAMAGES)))](out, rng)
+    return bytes(out)
+
+
+def _place(out: bytearray, rng: np.random.Generator) -> int:
+    """Return a place; every third lies in the first kilobyte, where the headers are."""
+    end = len(out) if rng.integers(0, 3) else min(len(out), 1_024)
+    return int(rng.integers(0, end))
+
+
+def _flip(out: bytearray, rng: np.random.Generator) -> None:
+    for _ in range(int(rng.integers(1, 17))):
+        out[_place(out, rng)] ^= 1 << int(rng.integers(0, 8))
+
+
+def _scribble(out: bytearray, rng: np.random.Generator) -> None:
+    first, length = _place(out, rng), int(rng.integers(1, 65))
+    out[first : first + length] = rng.bytes(min(length, len(out) - first))
+
+
+def _cut(out: bytearray, rng: np.random.Generator) -> None:
+    del out[_place(out, rng) + 1 :]
+
+
+def _lose(out: bytearray, rng: np.random.Generator) -> None:
+    first = _place(out, rng)
+    del out[first : first + int(rng.integers(1, 9))]
+
+
+def _insert(out: bytearray, rng: np.random.Generator) -> None:
+    first = _place(out, rng)
+    out[first:first] = rng.bytes(int(rng.integers(1, 9)))
+
+
+def _fill(out: bytearray, rng: np.random.Generator) -> None:
+    first, length = _place(out, rng), int(rng.integers(1, 8_193))
+    length = min(length, len(out) - first)
+    out[first : first + length] = bytes([int(rng.choice([0, 255]))]) * length
+
+
+def _repeat(out: bytearray, rng: np.random.Generator) -> None:
+    first, second = _place(out, rng), _place(out, rng)
+    out[second:second] = out[first : first + int(rng.integers(1, 513))]
+
+
+def _number(out: bytearray, rng: np.random.Generator) -> None:
+    first, kind = _place(out, rng), str(rng.choice(["<H", "<I", "<Q"]))
+    length = struct.calcsize(kind)
+    if first + length <= len(out):
+        value = ODD_NUMBERS[int(rng.integers(0, len(ODD_NUMBERS)))] & ((1 << 8 * length) - 1)
+        out[first : first + length] = struct.pack(kind, value)
+
+
+_DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
+    _flip,
+    _scribble,
+    _cut,
+    _lose,
+    _insert,
+    _fill,
+    _repeat,
+    _number,
+)
+
+
+def _events() -> EventPacket:
+    rng = np.random.default_rng(5)
+    t = np.cumsum(rng.integers(0, 50, SEED_EVENTS)).astype(np.int64)
+    x = rng.integers(0, SIZE[0], SEED_EVENTS).astype(np.uint16)
+    y = rng.integers(0, SIZE[1], SEED_EVENTS).astype(np.uint16)
+    return EventPacket(x, y, rng.random(SEED_EVENTS) < 0.5, t, 0, int(t[-1]) + 1, SIZE)
+
+
+def _write(path: Path, encoding: str | None) -> None:
+    with create_events(path, SIZE, encoding=encoding) as writer:
+        writer.write(_events())
+
+
+def _dat() -> bytes:
+    events = _events()
+    body = np.empty(len(events), [("t", "<u4"), ("address", "<u4")])
+    body["t"] = events.t
+    body["address"] = events.x.astype("u4") | events.y.astype("u4") << 14
+    body["address"] |= events.p.astype("u4") << 28
+    return b"% Version 2\n% Height 320\n% Width 320\n\x0c\x08" + body.tobytes()

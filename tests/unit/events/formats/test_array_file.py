@@ -1,0 +1,95 @@
+"""NumPy archives that are damaged or claim too much are refused in our words."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import RecordingError
+from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.recording import Recording
+from spikingtac.tracks import Tracks, create_tracks
+
+MIB = 1 << 20
+
+
+def archive(path: Path) -> Path:
+    np.savez_compressed(path, a=np.arange(5), b=np.zeros((0, 2)), c=np.array("text"), d=np.eye(3).T)
+    return path
+
+
+def test_arrays_come_back(tmp_path: Path) -> None:
+    found = load_arrays(archive(tmp_path / "a.npz"), "arrays")
+    with np.load(tmp_path / "a.npz") as expected:
+        assert set(found) == set(expected.files)
+        for name in found:
+            np.testing.assert_array_equal(found[name], expected[name])
+            assert found[name].flags.writeable
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_damage_is_told_in_our_words(tmp_path: Path, seed: int) -> None:
+    data = bytearray(archive(tmp_path / "a.npz").read_bytes())
+    rng = np.random.default_rng(seed)
+    for place in rng.integers(0, len(data), 1 + seed % 4):
+        data[place] = rng.integers(0, 256)
+    (tmp_path / "a.npz").write_bytes(data[: len(data) - seed % 7 * 20])
+    sound = load_arrays(archive(tmp_path / "b.npz"), "arrays")
+    try:
+        found = load_arrays(tmp_path / "a.npz", "arrays")
+    except RecordingError:
+        return
+    for name in found.keys() & sound.keys():
+        np.testing.assert_array_equal(found[name], sound[name])
+
+
+def test_a_bomb_is_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", size=np.zeros(200 * MIB, np.uint8))
+    with pytest.raises(RecordingError, match="SPIKINGTAC_PIECE_LIMIT_MIB"):
+        load_arrays(tmp_path / "a.npz", "arrays")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as file:
+        head = "{'descr': '|u1', 'fortran_order': False, 'shape': (1000000000000,), }"
+        length = len(head).to_bytes(2, "little")
+        file.writestr("a.npy", b"\x93NUMPY\x01\x00" + length + head.encode())
+    with pytest.raises(RecordingError, match="claims"):
+        load_arrays(tmp_path / "b.npz", "arrays")
+
+
+def test_damaged_truth_and_tracks_are_no_internal_errors(tmp_path: Path) -> None:
+    (tmp_path / "events.raw").write_bytes(b"")
+    for content in (
+        b"",
+        b"PK\x03\x04",
+        b"\x93NUMPY",
+        archive(tmp_path / "a.npz").read_bytes()[:90],
+    ):
+        (tmp_path / "truth.npz").write_bytes(content)
+        with pytest.raises(RecordingError, match="cannot be read as ground truth"):
+            Recording.open(tmp_path).truth()
+        with pytest.raises(RecordingError, match="holds no tracks"):
+            Tracks.load(tmp_path / "truth.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"t_us": np.zeros((2, 2), np.int64)},
+        {"detected_px": np.zeros((1, 1, 2), np.float32)},
+        {"confidence": np.array(["a"])},
+        {"meta": np.array("[]")},
+        {"meta": np.array("{")},
+        {"reference_px": np.zeros(3, np.float32)},
+    ],
+)
+def test_tracks_that_do_not_belong_together_are_refused(
+    tmp_path: Path, change: dict[str, np.ndarray]
+) -> None:
+    writer = create_tracks(tmp_path / "t.npz", np.zeros((2, 2)))
+    writer.close({})
+    arrays = load_arrays(tmp_path / "t.npz", "tracks")
+    np.savez(tmp_path / "t.npz", **(arrays | change))
+    with pytest.raises(RecordingError, match="make them with"):
+        Tracks.load(tmp_path / "t.npz")

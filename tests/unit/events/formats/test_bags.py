@@ -1,0 +1,178 @@
+"""Damaged and hostile bags: what is sound is read, the rest is counted or refused."""
+
+from __future__ import annotations
+
+import bz2
+import sqlite3
+import struct
+from pathlib import Path
+
+import pytest
+
+from spikingtac.errors import FormatError
+from spikingtac.events import open_events
+from stand_ins.bags import (
+    KIND,
+    cdr,
+    mcap_chunk,
+    mcap_file,
+    packet_words,
+    ros1_bag,
+    rows,
+    write_db3,
+)
+
+PER_CHUNK, CHUNKS = 5, 12
+COMPRESSIONS = ("", "lz4", "zstd")
+every_compression = pytest.mark.parametrize("kind", COMPRESSIONS)
+
+
+def expected(missing: int | None = None) -> list[tuple[int, int, int, int]]:
+    return [
+        (5 * index, 1, 3, 1)
+        for index in range(PER_CHUNK * CHUNKS)
+        if missing is None or index // PER_CHUNK != missing
+    ]
+
+
+def messages() -> list[bytes]:
+    return [cdr(index, b"evt3", packet_words(5 * index)) for index in range(PER_CHUNK * CHUNKS)]
+
+
+def chunked() -> list[list[bytes]]:
+    given = messages()
+    return [given[first : first + PER_CHUNK] for first in range(0, len(given), PER_CHUNK)]
+
+
+@every_compression
+def test_mcap_is_read_whatever_its_compression(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "a.mcap").write_bytes(mcap_file(chunked(), kind))
+    source = open_events(tmp_path / "a.mcap", strict=True)
+    assert rows(source) == expected()
+
+
+@every_compression
+def test_a_flipped_bit_in_an_mcap_costs_one_chunk(tmp_path: Path, kind: str) -> None:
+    data = bytearray(mcap_file(chunked(), kind))
+    chunk = mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK)
+    place = bytes(data).index(chunk) + len(chunk) - 9
+    data[place] ^= 0x10
+    (tmp_path / "a.mcap").write_bytes(data)
+    source = open_events(tmp_path / "a.mcap")
+    assert rows(source) == expected(missing=4)
+    assert dict(source.losses) == {"bad_record": 1, "gap": 1}
+
+
+def test_a_wrong_length_in_an_mcap_is_overcome(tmp_path: Path) -> None:
+    data = bytearray(mcap_file(chunked(), "zstd"))
+    place = bytes(data).index(mcap_chunk(chunked()[4], "zstd", first=4 * PER_CHUNK))
+    data[place + 5] ^= 0x40
+    (tmp_path / "a.mcap").write_bytes(data)
+    source = open_events(tmp_path / "a.mcap")
+    assert rows(source) == expected(missing=4)
+    assert source.losses["bad_record"] == 1
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+def test_a_bomb_in_an_mcap_is_refused(tmp_path: Path, kind: str) -> None:
+    module = pytest.importorskip("lz4.frame" if kind == "lz4" else "zstandard")
+    pack = module.compress if kind == "lz4" else module.ZstdCompressor().compress
+    size = 200 << 20
+    stored = pack(bytes(size))
+    head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(kind)) + kind.encode()
+    content = head + struct.pack("<Q", len(stored)) + stored
+    bomb = struct.pack("<BQ", 6, len(content)) + content
+    whole = mcap_file(chunked(), kind)
+    place = whole.index(mcap_chunk(chunked()[4], kind, first=4 * PER_CHUNK))
+    (tmp_path / "a.mcap").write_bytes(whole[:place] + bomb + whole[place:])
+    with pytest.raises(FormatError, match="SPIKINGTAC_PIECE_LIMIT_MIB"):
+        rows(open_events(tmp_path / "a.mcap"))
+
+
+@pytest.mark.parametrize("kind", ["none", "lz4", "bz2"])
+def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
+    whole = ros1_bag(chunked_ros1(), kind)
+    (tmp_path / "a.bag").write_bytes(whole)
+    assert rows(open_events(tmp_path / "a.bag", strict=True)) == expected()
+    data = bytearray(whole)
+    starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
+    data[starts[4] + 60] ^= 0xFF
+    data[starts[4] + 70] ^= 0xFF
+    (tmp_path / "a.bag").write_bytes(data)
+    source = open_events(tmp_path / "a.bag")
+    found = rows(source)
+    assert len(found) >= len(expected(missing=4)) - 1
+    assert found[-PER_CHUNK:] == expected()[-PER_CHUNK:]
+    assert source.losses["bad_record"] + source.losses["gap"] >= 1
+
+
+def test_a_wrong_length_in_a_ros1_bag_is_overcome(tmp_path: Path) -> None:
+    data = bytearray(ros1_bag(chunked_ros1(), "lz4"))
+    starts = [at for at in range(len(data)) if data.startswith(b"\x04\x00\x00\x00op=\x05", at)]
+    data[starts[4] - 23] ^= 0x40
+    (tmp_path / "a.bag").write_bytes(data)
+    source = open_events(tmp_path / "a.bag")
+    assert rows(source) == expected(missing=4)
+    assert source.losses["bad_record"] == 1
+
+
+def test_a_bomb_in_a_ros1_bag_is_refused(tmp_path: Path) -> None:
+    stored = bz2.compress(bytes(200 << 20))
+    (tmp_path / "a.bag").write_bytes(ros1_bag(chunked_ros1(), "bz2", bomb=(stored, 200 << 20)))
+    with pytest.raises(FormatError, match="more than the 128 MiB"):
+        rows(open_events(tmp_path / "a.bag"))
+
+
+def chunked_ros1() -> list[list[bytes]]:
+    given = [
+        cdr(index, b"evt3", packet_words(5 * index), ros1=True)
+        for index in range(PER_CHUNK * CHUNKS)
+    ]
+    return [given[first : first + PER_CHUNK] for first in range(0, len(given), PER_CHUNK)]
+
+
+def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:
+    write_db3(tmp_path / "a.db3", messages())
+    with sqlite3.connect(tmp_path / "a.db3") as base:
+        base.execute("UPDATE topics SET name = CAST(X'FF2F65' AS TEXT)")
+    base.close()
+    assert rows(open_events(tmp_path / "a.db3")) == expected()
+
+
+@pytest.mark.parametrize(
+    "statements",
+    [
+        ["ALTER TABLE messages RENAME TO m", "CREATE VIEW messages AS SELECT * FROM m"],
+        [
+            "DROP TABLE messages",
+            "CREATE TABLE messages(id, topic_id, timestamp, data AS (zeroblob(900000000)))",
+            "INSERT INTO messages(id, topic_id, timestamp) VALUES(1, 1, 1)",
+        ],
+    ],
+)
+def test_computed_tables_are_refused(tmp_path: Path, statements: list[str]) -> None:
+    write_db3(tmp_path / "a.db3", messages())
+    with sqlite3.connect(tmp_path / "a.db3") as base:
+        for statement in statements:
+            base.execute(statement)
+    base.close()
+    with pytest.raises(FormatError, match="no plain table"):
+        open_events(tmp_path / "a.db3")
+
+
+def test_a_message_of_absurd_length_is_counted(tmp_path: Path) -> None:
+    data = bytearray(messages()[0])
+    data[-12:-8] = struct.pack("<I", 0xFFFFFFF0)
+    write_db3(tmp_path / "a.db3", [*messages(), bytes(data)])
+    source = open_events(tmp_path / "a.db3")
+    assert rows(source) == expected()
+    assert source.losses["bad_record"] == 1
+
+
+def test_the_words_of_a_bag_count_a_leap_once(tmp_path: Path) -> None:
+    later = packet_words(3_000_005) + packet_words(3_010_005)
+    given = [cdr(0, b"evt3", packet_words(5)), cdr(1, b"evt3", later)]
+    write_db3(tmp_path / "a.db3", given, KIND)
+    source = open_events(tmp_path / "a.db3")
+    assert [row[0] for row in rows(source)] == [5, 3_000_005, 3_010_005]
+    assert dict(source.losses) == {"time_jump": 1}

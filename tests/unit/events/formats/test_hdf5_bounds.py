@@ -1,0 +1,74 @@
+"""HDF5 files that point elsewhere or claim too much are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import FormatError
+from spikingtac.events import open_events
+
+h5py: Any = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+
+
+def write(path: Path, name: str = "x") -> Any:
+    file = h5py.File(path, "w")
+    for column in "xypt":
+        if column != name:
+            file[f"events/{column}"] = np.zeros(8, np.int64)
+    return file
+
+
+def test_external_storage_is_not_read(tmp_path: Path) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file.create_dataset("events/x", (8,), "u1", external=[("/etc/passwd", 0, 8)])
+    with pytest.raises(FormatError, match="other files"):
+        open_events(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_links_into_other_files_are_not_followed(tmp_path: Path, soft: bool) -> None:
+    with h5py.File(tmp_path / "b.h5", "w") as other:
+        other["x"] = np.zeros(8)
+    with write(tmp_path / "a.h5") as file:
+        file["away" if soft else "events/x"] = h5py.ExternalLink("b.h5", "/x")
+        if soft:
+            file["events/x"] = h5py.SoftLink("/away")
+    with pytest.raises(FormatError, match="link into another file"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_a_soft_link_within_the_file_is_followed(tmp_path: Path) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file["columns/x"] = np.arange(8)
+        file["events/x"] = h5py.SoftLink("/columns/x")
+    (packet,) = open_events(tmp_path / "a.h5")
+    assert packet.x.tolist() == list(range(8))
+
+
+def test_virtual_data_sets_are_not_read(tmp_path: Path) -> None:
+    with write(tmp_path / "a.h5") as file:
+        layout = h5py.VirtualLayout((8,), "u1")
+        layout[:] = h5py.VirtualSource("b.h5", "x", (8,))
+        file.create_virtual_dataset("events/x", layout)
+    with pytest.raises(FormatError, match="other files"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_a_huge_chunk_is_refused(tmp_path: Path) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file.create_dataset("events/x", (1 << 30,), "u1", chunks=(1 << 30,))
+    with pytest.raises(FormatError, match="SPIKINGTAC_PIECE_LIMIT_MIB"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_the_limit_is_raised_by_the_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file.create_dataset("events/x", (8,), "u1", chunks=(1 << 27,), maxshape=(None,))
+    monkeypatch.setenv("SPIKINGTAC_PIECE_LIMIT_MIB", "512")
+    assert open_events(tmp_path / "a.h5").size == (320, 320)

@@ -1,0 +1,235 @@
+"""Damage that once passed in silence: each is now mended, counted or refused."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import DamageError, FormatError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.windows import windows
+from spikingtac.types import EventPacket
+from stand_ins.bags import rows
+
+SIZE = (320, 320)
+N = 20_000
+
+
+def sample(n: int = N) -> EventPacket:
+    rng = np.random.default_rng(3)
+    t = np.cumsum(rng.integers(0, 60, n)).astype(np.int64) + 1_000
+    x, y = rng.integers(0, 320, n).astype(np.uint16), rng.integers(0, 320, n).astype(np.uint16)
+    return EventPacket(x, y, rng.random(n) < 0.5, t, 1_000, int(t[-1]) + 1, SIZE)
+
+
+def whole(path: Path, **options: object) -> tuple[EventPacket, dict[str, int]]:
+    source = open_events(path, **options)  # type: ignore[arg-type]
+    found = EventPacket.concatenate(list(source))
+    return found, dict(source.losses)
+
+
+def save(path: Path, **changes: np.ndarray) -> None:
+    events = sample()
+    columns = {name: getattr(events, name).copy() for name in "txyp"} | changes
+    np.savez(path, **{"size": np.array(SIZE)} | columns)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "aedat4", "h5"])
+def test_a_leap_is_counted_in_every_format(tmp_path: Path, ending: str) -> None:
+    if ending == "h5":
+        pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    events = sample(100)
+    events.t[60:] += 5_000_000
+    path = tmp_path / f"a.{ending}"
+    with create_events(path, SIZE) as writer:
+        writer.write(events)
+    found, losses = whole(path)
+    np.testing.assert_array_equal(found.t, events.t)
+    assert losses == {"time_jump": 1}
+
+
+def test_one_wrong_last_time_does_not_run_without_end(tmp_path: Path) -> None:
+    t = sample().t.copy()
+    t[-1] = 1 << 59
+    save(tmp_path / "a.npz", t=t)
+    source = open_events(tmp_path / "a.npz")
+    assert sum(1 for _ in windows(source, 10_000)) < 10_000
+    assert dict(source.losses) == {"time_jump": 1}
+
+
+def test_0xff_in_a_dat_time_moves_nothing(tmp_path: Path) -> None:
+    events = sample()
+    body = np.empty(N, [("t", "<u4"), ("address", "<u4")])
+    body["t"] = events.t
+    body["address"] = events.x.astype("u4") | events.y.astype("u4") << 14
+    data = bytearray(body.tobytes())
+    data[8 * 5_000 + 3] = 0xFF
+    head = b"% Version 2\n% Height 320\n% Width 320\n\x0c\x08"
+    (tmp_path / "a.dat").write_bytes(head + bytes(data))
+    found, losses = whole(tmp_path / "a.dat")
+    same = np.arange(N) != 5_000
+    np.testing.assert_array_equal(found.t[same], events.t[same])
+    assert losses == {"time_glitch": 1}
+
+
+def test_a_short_and_a_long_line_shift_no_row(tmp_path: Path) -> None:
+    events = sample()
+    lines = [f"{t},{x},{y},1" for t, x, y in zip(events.t, events.x, events.y, strict=True)]
+    lines[4_000] = lines[4_000].rpartition(",")[0]
+    lines[19_000] += ",1"
+    (tmp_path / "a.csv").write_text("# size 320 320\nt,x,y,p\n" + "\n".join(lines) + "\n")
+    found, losses = whole(tmp_path / "a.csv")
+    kept = np.delete(np.arange(N), [4_000, 19_000])
+    np.testing.assert_array_equal(found.t, events.t[kept])
+    np.testing.assert_array_equal(found.x, events.x[kept])
+    assert losses == {"bad_record": 2}
+
+
+def test_tables_with_more_columns_are_read_by_most_lines(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("10,1,2,1,9\n20,3,4,0,9\n25,3,4,0\n30,319,9,1,9,\n")
+    source = open_events(tmp_path / "a.csv")
+    assert rows(source) == [(10, 1, 2, 1), (20, 3, 4, 0), (30, 319, 9, 1)]
+    assert dict(source.losses) == {"bad_record": 1}
+
+
+def test_seconds_are_no_microseconds(tmp_path: Path) -> None:
+    seconds = sample().t / 1e6
+    save(tmp_path / "a.npz", t=seconds)
+    source = open_events(tmp_path / "a.npz")
+    np.testing.assert_array_equal(EventPacket.concatenate(list(source)).t, sample().t)
+    assert any("seconds" in note for note in source.notes)
+    lines = ["0 1 2 1", *(f"{t:.6f} 3 4 0" for t in seconds[:50])]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    found, _ = whole(tmp_path / "a.csv")
+    np.testing.assert_array_equal(found.t[1:], sample().t[:50])
+    save(tmp_path / "b.npz", t=sample().t.astype(np.float64))
+    np.testing.assert_array_equal(whole(tmp_path / "b.npz")[0].t, sample().t)
+
+
+@pytest.mark.parametrize("size", [(70_000, 4), (320, 65_537), (0, 4), (-3, 4), (65_536, 65_536)])
+def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    save(tmp_path / "a.npz", size=np.array(size))
+    with pytest.raises(FormatError, match="not possible"):
+        open_events(tmp_path / "a.npz")
+    save(tmp_path / "b.npz")
+    with pytest.raises(FormatError, match="not possible"):
+        open_events(tmp_path / "b.npz", size=size)
+
+
+def test_a_false_count_in_an_aedat4_packet_loses_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat4"
+    with create_events(path, SIZE) as writer:
+        writer.write(sample())
+    data = bytearray(path.read_bytes())
+    place = data.index(b"EVTS", data.index(b"</dv>")) + 4
+    count = data.index(struct.pack("<I", 4_096), place)
+    for claimed in (0, 7, 1 << 31):
+        data[count : count + 4] = struct.pack("<I", claimed)
+        path.write_bytes(data)
+        found, losses = whole(path)
+        np.testing.assert_array_equal(found.t, sample().t)
+        assert losses == {"bad_record": 1}
+
+
+def test_a_wrong_length_in_an_aedat4_file_is_overcome(tmp_path: Path) -> None:
+    path = tmp_path / "a.aedat4"
+    with create_events(path, SIZE) as writer:
+        writer.write(sample())
+    data = bytearray(path.read_bytes())
+    second = data.index(b"EVTS", data.index(b"EVTS", data.index(b"</dv>")) + 4) - 16
+    data[second + 7] = 0x7F
+    path.write_bytes(data)
+    found, losses = whole(path)
+    assert len(found) == N - 4_096
+    assert losses["bad_record"] == 1
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+def test_compressed_aedat4_is_read_and_a_damaged_packet_left_out(tmp_path: Path, kind: str) -> None:
+    module = pytest.importorskip("lz4.frame" if kind == "lz4" else "zstandard")
+    pack = module.compress if kind == "lz4" else module.ZstdCompressor(write_checksum=True).compress
+    path = tmp_path / "a.aedat4"
+    with create_events(path, SIZE) as writer:
+        writer.write(sample())
+    data = path.read_bytes()
+    (head,) = struct.unpack_from("<I", data, 14)
+    first = 18 + head
+    packets, place = [], first
+    while place < len(data):
+        stream, length = struct.unpack_from("<iI", data, place)
+        stored = pack(data[place + 8 : place + 8 + length])
+        packets.append(struct.pack("<iI", stream, len(stored)) + stored)
+        place += 8 + length
+    out = _with_compression(data[:first], 1 if kind == "lz4" else 3)
+    path.write_bytes(out + b"".join(packets))
+    found, losses = whole(path)
+    np.testing.assert_array_equal(found.t, sample().t)
+    assert losses == {}
+    packets[1] = packets[1][:40] + bytes(20) + packets[1][60:]
+    path.write_bytes(out + b"".join(packets))
+    found, losses = whole(path)
+    assert len(found) in (N, N - 4_096)
+    assert losses.get("bad_record", 0) >= int(len(found) < N)
+
+
+def _with_compression(head: bytes, number: int) -> bytes:
+    """Return the head of a file whose table names a compression."""
+    (length,) = struct.unpack_from("<I", head, 14)
+    body = head[18 : 18 + length]
+    info = body[body.index(b"<dv") : body.rindex(b">") + 1]
+    vtable = struct.pack("<HHHHH2x", 10, 12, 8, 0, 4)
+    table = struct.pack("<iIi", 12, 8, number)
+    new = struct.pack("<I4s", 20, b"IOHE") + vtable + table
+    new += struct.pack("<I", len(info)) + info + b"\0"
+    new += bytes(-len(new) % 4)
+    return head[:14] + struct.pack("<I", len(new)) + new
+
+
+def write_h5(path: Path, **columns: np.ndarray) -> None:
+    import h5py
+
+    events = sample()
+    with h5py.File(path, "w") as file:
+        for name in "txyp":
+            file[f"events/{name}"] = columns.get(name, getattr(events, name))
+        if "t_offset" in columns:
+            file["t_offset"] = columns["t_offset"]
+
+
+def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    write_h5(tmp_path / "a.h5", y=sample().y[:-5_000])
+    found, losses = whole(tmp_path / "a.h5")
+    assert len(found) == N - 5_000
+    assert losses == {"truncated": 1}
+    with pytest.raises(DamageError, match="truncated"):
+        whole(tmp_path / "a.h5", strict=True)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"x": np.array([b"12"] * N)},
+        {"x": np.zeros((N, 2), np.uint16)},
+        {"p": np.zeros(N, [("a", "u1"), ("b", "u1")])},
+        {"t": np.array(5)},
+    ],
+)
+def test_odd_hdf5_columns_are_refused(tmp_path: Path, odd: dict[str, np.ndarray]) -> None:
+    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    write_h5(tmp_path / "a.h5", **odd)
+    with pytest.raises(FormatError, match="one row of numbers"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_an_absurd_offset_of_an_hdf5_file_is_counted(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    write_h5(tmp_path / "a.h5", t_offset=np.uint64((1 << 64) - 1))
+    found, losses = whole(tmp_path / "a.h5")
+    np.testing.assert_array_equal(found.t, sample().t)
+    assert losses == {"bad_record": 1}
+    write_h5(tmp_path / "b.h5", t=sample().t.astype(np.int32), t_offset=np.int64(1 << 40))
+    np.testing.assert_array_equal(whole(tmp_path / "b.h5")[0].t, sample().t + (1 << 40))

@@ -1,0 +1,178 @@
+"""Files appear whole or not at all, whatever ends their writing."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.atomic_files import WholeFile, replacing, require_free, whole_folder, write_text
+from spikingtac.errors import ConfigError
+from spikingtac.events import create_events, open_events
+from spikingtac.events.recording import RecordingWriter
+from spikingtac.tracks import create_tracks
+from spikingtac.types import EventPacket
+
+NAMES = ("a.raw", "a.npz", "a.csv", "a.es", "a.aedat4", "a.h5")
+SIZE = (320, 240)
+
+
+def packet(n: int = 5_000) -> EventPacket:
+    column = (np.arange(n) % 240).astype(np.uint16)
+    return EventPacket(column, column, column > 9, np.arange(n), 0, n, SIZE)
+
+
+def interrupted(writer: Any) -> None:
+    writer.write(packet())
+    raise KeyboardInterrupt
+
+
+def filled_disk(path: Path) -> None:
+    """Write eight packets; more than the disk takes."""
+    with create_events(path, SIZE) as writer:
+        for first in range(8):
+            part = packet(20_000)
+            part.t[:] += 20_000 * first
+            writer.write(part)
+
+
+def listed(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_error_leaves_what_was_there(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    with create_events(path, SIZE) as writer:
+        writer.write(packet(100))
+    before = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt), create_events(path, SIZE) as writer:
+        interrupted(writer)
+    assert path.read_bytes() == before
+    assert listed(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_seen_before_the_end(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    writer = create_events(path, SIZE)
+    writer.write(packet())
+    assert not path.exists()
+    writer.close()
+    assert sum(len(part) for part in open_events(path)) == 5_000
+    assert listed(tmp_path) == [name]
+
+
+class FullDisk:
+    """A file that takes some bytes and then says that the disk is full."""
+
+    def __init__(self, file: Any, room: int) -> None:
+        self._file, self._room = file, room
+
+    def write(self, data: Any) -> int:
+        self._room -= len(data)
+        if self._room < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._file.write(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "a.npz"])
+@pytest.mark.parametrize("room", [0, 900, 20_000])
+def test_a_full_disk_is_an_error_and_leaves_nothing(
+    tmp_path: Path, name: str, room: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = WholeFile.open
+    monkeypatch.setattr(
+        WholeFile, "open", lambda self, *a, **k: FullDisk(opened(self, *a, **k), room)
+    )
+    (tmp_path / name).write_bytes(b"before")
+    with pytest.raises(OSError, match="No space left"):
+        filled_disk(tmp_path / name)
+    assert (tmp_path / name).read_bytes() == b"before"
+    assert listed(tmp_path) == [name]
+
+
+def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Path) -> None:
+    code = (
+        "import sys, time; from spikingtac.atomic_files import WholeFile\n"
+        "file = WholeFile(sys.argv[1]); f = file.open(); f.write(b'x' * 99); f.flush()\n"
+        "print('begun', flush=True); time.sleep(60)"
+    )
+    path = tmp_path / "a[1].bin"
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "begun\n"
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    child.stdout.close()
+    assert not path.exists()
+    assert len(listed(tmp_path)) == 1
+    write_text(path, "whole")
+    assert listed(tmp_path) == [path.name]
+
+
+def test_tracks_appear_at_the_end(tmp_path: Path) -> None:
+    for name in ("t.npz", "t.csv"):
+        writer = create_tracks(tmp_path / name, np.zeros((2, 2)))
+        assert not (tmp_path / name).exists()
+        writer.abandon()
+        assert listed(tmp_path) == []
+        create_tracks(tmp_path / name, np.zeros((2, 2))).close({})
+        assert (tmp_path / name).exists()
+        for file in tmp_path.iterdir():
+            file.unlink()
+
+
+def test_a_recorder_keeps_what_it_received(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "r", SIZE) as writer:
+        interrupted(writer)
+    assert listed(tmp_path / "r") == ["events.raw"]
+    assert sum(len(part) for part in open_events(tmp_path / "r")) == 5_000
+
+
+def test_folders_are_replaced_at_the_end(tmp_path: Path) -> None:
+    folder = tmp_path / "f"
+    for text in ("one", "two"):
+        with whole_folder(folder, last="m.json") as partial:
+            write_text(partial / "m.json", text)
+            write_text(partial / "a.txt", text)
+    with pytest.raises(OSError, match=r"a\.txt"), whole_folder(folder, last="m.json") as partial:
+        os.rename(partial / "a.txt", partial / "b.txt")
+    assert [(folder / name).read_text() for name in listed(folder)] == ["two", "two"]
+    assert listed(tmp_path) == ["f"]
+
+
+def test_links_and_modes_and_devices_stay(tmp_path: Path) -> None:
+    write_text(tmp_path / "real", "1")
+    (tmp_path / "real").chmod(0o600)
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_text(tmp_path / "link", "2")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "2"
+    assert (tmp_path / "real").stat().st_mode & 0o777 == 0o600
+    with replacing("/dev/null") as partial:
+        assert partial == Path("/dev/null")
+
+
+def test_replacing_must_be_asked_for(tmp_path: Path) -> None:
+    require_free(tmp_path / "a.csv", overwrite=False)
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(ConfigError, match="--overwrite"):
+        require_free(tmp_path / "a.csv", overwrite=False)
+    require_free(tmp_path / "a.csv", overwrite=True)
+    with pytest.raises(ConfigError, match="is a folder"):
+        require_free(tmp_path, overwrite=True)
+    with pytest.raises(ConfigError, match="does not exist"):
+        require_free(tmp_path / "b" / "a.csv", overwrite=True)
