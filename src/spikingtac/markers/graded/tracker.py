@@ -28,9 +28,9 @@ from spikingtac.markers.graded.map_leak import (
 )
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.motion_filter import MotionFilter
-from spikingtac.markers.graded.periodic_task import PeriodicTask
 from spikingtac.markers.graded.track_management import TrackManagementConfig, TrackManager
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.periodic_task import PeriodicTask
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
 

@@ -18,9 +18,9 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.markers.graded.periodic_task import PeriodicTask
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.markers.periodic_task import PeriodicTask
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 from spikingtac.state_map.binary import BinaryStateMap

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from spikingtac.markers.graded.periodic_task import PeriodicTask
+from spikingtac.markers.periodic_task import PeriodicTask
 
 STEP_US = 100
 
