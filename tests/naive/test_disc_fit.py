@@ -14,14 +14,12 @@ from spikingtac.markers.graded.centroid_locator import (
     CentroidLocatorConfig,
     round_window,
 )
+from spikingtac.markers.graded.direction_fading import DirectionFading
 from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.fit_window import FLAT_SHARE, fit_window
-from spikingtac.markers.graded.map_leak import (
-    ease_outlines_kernel,
-    leak_tables,
-    leak_to_discs_kernel,
-)
+from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
+from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
 
@@ -29,6 +27,7 @@ SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
 RADIUS_PX = np.array([7.0, 6.5, 5.0])
 PROFILE = DiscProfile(6.0, 0.6)
+TABLES = profile_tables([PROFILE] * 3)
 CALIBRATION = Calibration(
     reference_px=REFERENCE_PX,
     radius_px=RADIUS_PX,
@@ -86,17 +85,17 @@ def test_disc_fit_equals_scipys_robust_minimum() -> None:
 @pytest.mark.parametrize("moved_px", [(0.0, 0.0), (0.03, -0.05)])
 def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> None:
     rng = np.random.default_rng(11)
-    window = fit_window(PROFILE, SIZE[0], 3.5)
+    window = fit_window([PROFILE], SIZE[0], 3.5)
     first, count = 20, 300
     x, y, r, b, c = disc = 0.2, -0.3, 7.1, 0.2, -0.1
-    half = (window.outer_px - window.inner_px) / 2.0
+    half = float(window.outer_px[0] - window.inner_px[0]) / 2.0
     edge = np.empty((5, window.offset.size), np.float32)
     level = edge[0, :count] = rng.random(count).astype(np.float32)
     disc_fit._edge_kernel(
         window.place_px,
         (np.uint64(first), np.uint64(count)),
         tuple(np.float32(value) for value in (*disc, 1.0 / half)),
-        window.coefficients,
+        window.coefficients[0],
         edge,
     )
     got = disc_fit._normal_equations_kernel(
@@ -106,7 +105,7 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
     rho, phi = np.hypot(dx - x, dy - y), np.arctan2(dy - y, dx - x)
     z = np.clip((rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)) / half, -1.0, 1.0)
     curve, slope = (
-        np.polynomial.polynomial.polyval(z, row.astype(float)) for row in window.coefficients
+        np.polynomial.polynomial.polyval(z, row.astype(float)) for row in window.coefficients[0]
     )
     u = np.array([np.cos(phi), np.sin(phi)])
     e = level - curve - slope * (np.array(moved_px) @ u)
@@ -123,30 +122,29 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
 
 @pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
 def test_the_window_shows_the_edge_where_it_is_steep(profile: DiscProfile) -> None:
-    window = fit_window(profile, SIZE[0], 3.5)
-    half = (window.outer_px - window.inner_px) / 2.0
-    q_px = np.linspace(window.inner_px, window.outer_px, 401)
-    z = (q_px - window.inner_px) / half - 1.0
-    level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients)
+    window = fit_window([profile], SIZE[0], 3.5)
+    inner_px, outer_px = float(window.inner_px[0]), float(window.outer_px[0])
+    half = (outer_px - inner_px) / 2.0
+    q_px = np.linspace(inner_px, outer_px, 401)
+    z = (q_px - inner_px) / half - 1.0
+    level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients[0])
     steepest = -profile.slope(np.linspace(-4.0, 4.0, 4001)).min()
     np.testing.assert_allclose(level, profile.level(q_px), atol=0.001)
     np.testing.assert_allclose(slope, -profile.slope(q_px), atol=0.02 * steepest)
-    for beyond in (window.inner_px - 0.05, window.outer_px + 0.05):
+    for beyond in (inner_px - 0.05, outer_px + 0.05):
         assert abs(beyond) > 3.5 or -profile.slope(beyond) < FLAT_SHARE * steepest
 
 
 @pytest.mark.parametrize("outline", [(7.0, 0.0, 0.0), (5.2, 0.5, -0.4), (1.0, 0.0, 0.0)])
 def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float]) -> None:
-    window = fit_window(PROFILE, SIZE[0], 3.5)
+    window = fit_window([PROFILE], SIZE[0], 3.5)
     state = np.array([10.4, 9.7, *outline])
-    first, count = (
-        int(n)
-        for n in disc_fit._ring_kernel(window.within, state, window.inner_px, window.outer_px)
-    )
+    inner_px, outer_px = float(window.inner_px[0]), float(window.outer_px[0])
+    first, count = (int(n) for n in disc_fit._ring_kernel(window.within, state, inner_px, outer_px))
     distance = np.hypot(*window.place_px.astype(float))
     bulge = abs(outline[1]) + abs(outline[2]) + ROUNDING_PX
-    needed = distance >= outline[0] - bulge + window.inner_px
-    needed &= distance <= outline[0] + bulge + window.outer_px
+    needed = distance >= outline[0] - bulge + inner_px
+    needed &= distance <= outline[0] + bulge + outer_px
     inside = np.zeros(needed.size, bool)
     inside[first : first + count] = True
     assert not (needed & ~inside).any()
@@ -213,9 +211,9 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
         state_map.memory,
         REFERENCE_PX,
         outline_px,
-        leak_tables(PROFILE),
-        (PROFILE.reach_px, reach),
-        tolerance,
+        TABLES.of(slice(None)),
+        reach,
+        np.full(3, tolerance),
         share,
     )
     expected = start.copy()
@@ -248,8 +246,7 @@ def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
         state_map.memory,
         (REFERENCE_PX, velocity_px_s, outline_px),
         RADIUS_PX,
-        PROFILE.tables,
-        PROFILE.reach_px,
+        TABLES.of(slice(None)),
         (share, 3.0),
     )
     (cx, cy), (r, b, c) = REFERENCE_PX[0], outline_px[0]
@@ -262,6 +259,37 @@ def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=0.002)
     np.testing.assert_allclose(state_map.values, state_map.memory, atol=1e-6)
     assert np.abs(moved).max() > 0.02
+
+
+def test_fading_equals_its_twin() -> None:
+    rng = np.random.default_rng(10)
+    start = rng.uniform(0.2, 0.8, (SIZE[1], SIZE[0])).astype(np.float32)
+    on = rng.uniform(0.05, 0.2, start.shape).astype(np.float32)
+    off = rng.uniform(0.1, 0.4, start.shape).astype(np.float32)
+    state_map = GradedStateMap(start, on, off)
+    expected_level = start + on / 2
+    state_map.values[:] = expected_level
+    outline_px = round_outline(RADIUS_PX)
+    outline_px[1] = 6.2, 0.4, -0.3
+    way_px = np.array([[0.5, -0.2], [-0.3, 0.6], [0.05, 0.0]])  # the last one moved too little
+    bands = 2.0
+    fading = DirectionFading(REFERENCE_PX - way_px, TABLES, bands)
+    fading.update(state_map, REFERENCE_PX, outline_px)
+    expected = expected_level.astype(float)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    for m in (0, 1):
+        dx, dy = x - REFERENCE_PX[m, 0], y - REFERENCE_PX[m, 1]
+        rho, phi = np.hypot(dx, dy), np.arctan2(dy, dx)
+        r, b, c = outline_px[m]
+        q = rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)
+        along = way_px[m, 0] * np.cos(phi) + way_px[m, 1] * np.sin(phi)
+        change = np.abs(PROFILE.slope(q) * along)
+        change[rho > r + 0.6 * PROFILE.reach_px] = 0.0
+        middle = start + (on - off) / 2
+        expected += (middle - expected) * (1 - 1 / (1 + change / (bands * (on + off))))
+    np.testing.assert_allclose(state_map.values, expected.clip(0, 1), atol=0.004)
+    assert np.abs(state_map.values - expected_level).max() > 0.02
+    np.testing.assert_array_equal(state_map.memory, start)
 
 
 def test_centroids_equal_their_twin() -> None:

@@ -88,6 +88,11 @@ class GradedStateMap:
             self._dark_markers,
         )
 
+    @property
+    def signed_steps(self) -> NDArray[np.float32]:
+        """``(height, width, 2)`` the steps in use: falling (negative), and rising."""
+        return self._used
+
     def set_events_kept(self, share: float) -> None:
         """Enlarge the steps for a stream that lost events.
 

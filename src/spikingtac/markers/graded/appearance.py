@@ -46,24 +46,6 @@ def appearance_of(calibration: Calibration) -> Appearance:
     )
 
 
-def profile_tables(
-    profiles: list[DiscProfile], entries: int
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return ``(m, 2, entries)`` S and dS/dq, 1/px, and the ``(m,)`` reach of each table, px.
-
-    Args:
-        profiles: The discs' profiles.
-        entries: Entries of each table, from minus to plus the reach.
-    """
-    reach_px = np.array([profile.reach_px for profile in profiles])
-    tables = np.empty((len(profiles), 2, entries), np.float32)
-    for table, profile, reach in zip(tables, profiles, reach_px, strict=True):
-        q_px = np.linspace(-reach, reach, entries)
-        table[0], table[1] = profile.level(q_px), profile.slope(q_px)
-        table[:, 0], table[:, -1] = (1.0, 0.0), (0.0, 0.0)
-    return tables, reach_px
-
-
 def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
     """Return ``(height, width)`` which marker rests nearest to each pixel."""
     columns, rows = np.arange(size[0]), np.arange(size[1])[:, np.newaxis]

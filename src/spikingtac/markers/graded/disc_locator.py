@@ -34,7 +34,7 @@ class DiscLocatorConfig:
 
     iterations: int = field(default=3, metadata={"range": (1, 8)})
     reach_px: float = field(default=6.0, metadata={"range": (1.0, 6.0)})
-    grid_weight: float = field(default=0.03, metadata={"range": (0.0, 0.5)})
+    grid_weight: float = field(default=0.01, metadata={"range": (0.0, 0.5)})
     outline_per_s: float = field(default=150.0, metadata={"range": (0.0, 400.0), "unit": "1/s"})
     outline_share: float = 0.3
 

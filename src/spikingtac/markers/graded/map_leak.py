@@ -14,45 +14,13 @@ single pixels know, and so the centre.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.appearance import profile_tables
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
-
-TABLE_ENTRIES = 1024
-"""Entries of a profile's table: steps of 1/70 px for an edge of 1 px."""
-
-
-@dataclass(frozen=True, slots=True)
-class LeakTables:
-    """What the leak reads of every marker.
-
-    Attributes:
-        level: ``(m, 3, TABLE_ENTRIES)`` S(q), the weight of the leak (1 where S is flat, 0 where it
-            is steepest), and dS/dq, 1/px.
-        reach_px: ``(m,)`` the tables go from minus to plus this distance from the radius, px.
-    """
-
-    level: NDArray[np.float32]
-    reach_px: NDArray[np.float64]
-
-    def some(self, chosen: slice) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return tables and reaches of some markers."""
-        return self.level[chosen], self.reach_px[chosen]
-
-
-def leak_tables(profiles: list[DiscProfile]) -> LeakTables:
-    """Tabulate the profiles of all markers."""
-    tables, reach_px = profile_tables(profiles, TABLE_ENTRIES)
-    slope = tables[:, 1]
-    weight = 1.0 - np.sqrt(slope / slope.min(axis=1, keepdims=True))
-    return LeakTables(np.stack([tables[:, 0], weight, slope], axis=1).astype(np.float32), reach_px)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -114,7 +82,7 @@ def leak_to_discs_kernel(
         center_px: ``(m, 2)`` disc centres, px.
         outline_px: ``(m, 3)`` r, b and c of each disc (:mod:`spikingtac.markers.graded.disc_fit`),
             px.
-        tables: Tables and reaches of :class:`LeakTables`.
+        tables: Values and reaches of `profile_tables.ProfileTables`.
         outer_px: How far outside of a disc the leak works, px.
         tolerance: ``(m,)`` disagreement that is left alone.
         share: Share of the excess that is given up where the weight is 1.
@@ -154,7 +122,7 @@ def ease_outlines_kernel(
         memory: The clipped sums behind it; changed.
         discs: ``(m, 2)`` centres, px; ``(m, 2)`` velocities, px/s; ``(m, 3)`` r, b and c, px.
         radius_px: ``(m,)`` calibrated radii.
-        tables: Tables and reaches of :class:`LeakTables`.
+        tables: Values and reaches of `profile_tables.ProfileTables`.
         limits: Share of the way that is gone; speed from which a marker does not rest, px/s.
     """
     center_px, velocity_px_s, outline_px = discs

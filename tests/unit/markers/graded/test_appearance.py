@@ -1,0 +1,57 @@
+"""Each marker's own appearance, and what stands in where it is unknown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.appearance import appearance_of, nearest_marker
+from spikingtac.markers.graded.initial_map import painted_graded_map
+from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX
+from spikingtac.state_map.graded import STEP_DEFAULT
+
+PLAIN = Calibration(
+    reference_px=np.array([[20.0, 20.0], [60.0, 20.0]]),
+    radius_px=np.array([6.0, 7.0]),
+    grid=(1, 2),
+    size=(80, 40),
+)
+
+
+def test_a_minimal_calibration_looks_usual() -> None:
+    appearance = appearance_of(PLAIN)
+    assert [profile.contrast for profile in appearance.profiles] == [CONTRAST_DEFAULT] * 2
+    assert [profile.edge_px for profile in appearance.profiles] == [EDGE_DEFAULT_PX] * 2
+    np.testing.assert_array_equal(appearance.step_on, STEP_DEFAULT)
+    np.testing.assert_array_equal(appearance.step_off, STEP_DEFAULT)
+
+
+def test_a_markers_own_values_come_before_the_sensors() -> None:
+    calibration = replace(
+        PLAIN, edge_px=0.7, step_off=0.2, marker_step_off=np.array([0.3, 0.4]), step_on=0.11
+    )
+    appearance = appearance_of(calibration)
+    assert [profile.edge_px for profile in appearance.profiles] == [0.7, 0.7]
+    np.testing.assert_array_equal(appearance.step_off, [0.3, 0.4])
+    np.testing.assert_array_equal(appearance.step_on, [0.11, 0.11])
+
+
+def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
+    own = np.zeros((40, 80), np.float32)
+    own[20, 20] = 0.05
+    calibration = replace(PLAIN, marker_step_on=np.array([0.1, 0.2]), step_on_map=own)
+    steps = painted_graded_map(calibration, appearance_of(calibration)).signed_steps
+    assert steps[20, 20, 1] == pytest.approx(0.05)
+    assert steps[20, 21, 1] == pytest.approx(0.1)
+    assert steps[20, 61, 1] == pytest.approx(0.2)
+    assert steps[20, 21, 0] == pytest.approx(-STEP_DEFAULT)
+
+
+def test_every_pixel_belongs_to_the_nearest_marker() -> None:
+    owner = nearest_marker(PLAIN.reference_px, PLAIN.size)
+    assert owner.shape == (40, 80)
+    assert (owner[:, :40] == 0).all()
+    assert (owner[:, 41:] == 1).all()
