@@ -14,9 +14,9 @@ from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 
-CALM = WatchdogConfig(stale_s=0.25, backlog_s=2.0)
-TOUCH = 600
-"""Window at which something happens: 1.2 s after the stream was opened."""
+CALM = WatchdogConfig(stale_s=2.0, backlog_s=60.0)  # a busy machine is neither
+TOUCH = 300
+"""Window at which something happens: 1.5 s after the stream was opened."""
 
 
 @pytest.fixture
@@ -35,6 +35,7 @@ def watch(stream: dict[str, int], notes: Path, monkeypatch: pytest.MonkeyPatch) 
         return ContactProcess(source, Factory(function=detector), arm, CALM)
 
     monkeypatch.setattr(guard, "start", start)
+    monkeypatch.setattr(guard, "SILENCE_S", 60.0)  # the watchdog is patient here, too
 
 
 @pytest.mark.parametrize(

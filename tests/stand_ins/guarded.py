@@ -18,7 +18,7 @@ from spikingtac.types import EventPacket, Pose
 from stand_ins.moving_rims import PERIOD_US, calibration, windows
 
 NEVER = 1 << 30
-SLOWED = 2
+SLOWED = 5
 """Host time and sensor time of a window, in periods of the detector."""
 LEAP_US = 600_000_000
 
@@ -67,7 +67,7 @@ def detector() -> ContactDetector:
 def paced(
     touch: int = NEVER, stall: int = NEVER, end: int = NEVER, fault: int = NEVER, leap: int = NEVER
 ) -> Iterator[Arrival]:
-    """Yield windows of 2 ms in real time; touch, stall, end, break or leap at a window."""
+    """Yield windows of 5 ms in real time; touch, stall, end, break or leap at a window."""
 
     def speed(number: int) -> tuple[float, float]:
         return (0.1, 0.0) if number >= touch else (0.0, 0.0)

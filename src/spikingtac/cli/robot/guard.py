@@ -133,7 +133,7 @@ def _wait(process: ContactProcess) -> dict[str, Any]:
     """Return the last state of the guarding process, after a contact or a fault.
 
     Raises:
-        DeviceError: The process died, or its stream stalled.
+        DeviceError: The process died, or does not answer.
     """
     ready = False
     while True:
@@ -150,7 +150,7 @@ def _wait(process: ContactProcess) -> dict[str, Any]:
             return status
         if age_s > SILENCE_S:
             raise DeviceError(
-                "the stream stalled, the watchdog told the arm to stop; check camera and cable"
+                "the guarding process does not answer; see whether the arm stands, then start again"
             )
         if status and not ready:
             ready = True
