@@ -95,7 +95,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="process-noise",
-        file="markers/graded/motion_filter.py",
+        file="markers/motion_filter.py",
         old="ACCELERATION_NOISE_PX2_S3 = 5.0e5",
         new="ACCELERATION_NOISE_PX2_S3 = 5.0e3",
         tests=(ACCURACY,),
@@ -116,7 +116,7 @@ MUTATIONS = (
     ),
     Mutation(
         name="coasting-speed",
-        file="markers/graded/motion_filter.py",
+        file="markers/motion_filter.py",
         old="velocity_px_s[m, axis] = 0.0",
         new="pass",
         tests=("tests/unit/markers/graded/test_motion_filter.py",),

@@ -24,10 +24,10 @@ from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_graded_map
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.missing_markers import MissingMarkers
-from spikingtac.markers.graded.motion_filter import MotionFilter
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.track_management import TrackManagementConfig, TrackManager
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.motion_filter import MotionFilter
 from spikingtac.markers.periodic_task import PeriodicTask
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.markers.graded.motion_filter import (
+from spikingtac.markers.motion_filter import (
     ACCELERATION_NOISE_PX2_S3,
     MEASUREMENT_SIGMA_PX,
     START_VELOCITY_PX_S,
