@@ -14,10 +14,10 @@ from spikingtac.markers.graded.centroid_locator import (
     CentroidLocatorConfig,
     round_window,
 )
+from spikingtac.markers.graded.direction_fading import DirectionFading
 from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.fit_window import FLAT_SHARE, fit_window
-from spikingtac.markers.graded.direction_fading import DirectionFading
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.profile import DiscProfile
