@@ -24,8 +24,11 @@ FIRST_EVENTS = 8
 times as many follow."""
 
 BREAKS_PER_CHUNK = 1 << 12
-"""Breaks of the course that are looked at in one chunk; what follows more of them is noise, and
-time stands still in it."""
+"""Breaks of the course that are looked at in one chunk."""
+
+BELIEVED_PER_CHUNK = 16
+"""Leaps and restarts that are believed in one chunk; what follows more of them is noise, and time
+stands still in it."""
 
 LEAPS_AFTER_RESTART = 64
 """Leaps of one chunk that may take a restart back."""
@@ -88,7 +91,7 @@ class TimeCourse:
         first_us = t[edges[:-1]]
         if edges[0]:
             last = max(last, int(t[: edges[0]].max()))
-        place = 0
+        place = believed = 0
         while place < len(edges) - 1:
             begin, step = int(edges[place]), int(t[edges[place]]) - last
             if -RESET_US < step < RESET_US:
@@ -110,6 +113,11 @@ class TimeCourse:
                 continue
             if not final and len(t) - begin <= HELD_EVENTS:
                 return 0 if wrong_first else begin
+            believed += 1
+            if believed > BELIEVED_PER_CHUNK:
+                t[begin:] = last
+                self._losses.add("time_glitch", len(t) - begin)
+                return len(t)
             shift = self._believed(step, last)
             t[begin:] += shift
             first_us = t[edges[:-1]]

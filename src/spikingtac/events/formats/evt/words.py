@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.events.formats.codec import Trigger
 from spikingtac.events.formats.evt import clock, salvage
 from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
-from spikingtac.events.formats.evt.fill import fill_at_end, filled_words, may_be_filled
+from spikingtac.events.formats.evt.salvage import fill_at_end, filled_words, may_be_filled
 from spikingtac.types import LossCounters
 
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
