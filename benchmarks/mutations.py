@@ -119,7 +119,7 @@ MUTATIONS = (
         file="markers/motion_filter.py",
         old="velocity_px_s[m, axis] = 0.0",
         new="pass",
-        tests=("tests/unit/markers/graded/test_motion_filter.py",),
+        tests=("tests/unit/markers/test_motion_filter.py",),
     ),
     Mutation(
         name="capture-radius",
