@@ -102,7 +102,7 @@ def test_packets_do_not_matter() -> None:
     events = slides_of(markers(2, 3, size, 36.0), 6.0, size)
     cut = [0, 1, 777, len(events) // 2, len(events)]
     edges = [0, *(int(events.t[index]) for index in cut[1:-1]), events.t_end_us]
-    parts = [events.part(*cut[i : i + 2], edges[i], edges[i + 1]) for i in range(len(cut) - 1)]
+    parts = [events.part(cut[i], cut[i + 1], edges[i], edges[i + 1]) for i in range(len(cut) - 1)]
     whole = calibrate(PacketSource([events], size), estimate_lag=None)
     again = calibrate(PacketSource(parts, size), estimate_lag=None)
     np.testing.assert_array_equal(whole.reference_px, again.reference_px)

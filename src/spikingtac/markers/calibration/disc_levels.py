@@ -6,6 +6,7 @@ See :mod:`spikingtac.markers.profile` for the formula of the level.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -88,7 +89,7 @@ def nearest_markers(center_px: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.ascontiguousarray(np.argsort(distance, axis=1)[:, 1 : 1 + count])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def bounds_kernel(center: float, reach: float, size: int) -> tuple[int, int]:
     """Return the first pixel and the one after the last within ``reach``, inside of the image."""
     first = max(0, int(np.floor(center - reach)))
@@ -96,7 +97,7 @@ def bounds_kernel(center: float, reach: float, size: int) -> tuple[int, int]:
     return first, max(first, last)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def level_kernel(q_px: float, edge_px: float, table: NDArray[np.float32]) -> np.float32:
     """Return the level at a distance outside of the rim from a marker's table."""
     z = (q_px / edge_px + REACH_EDGES) * ((TABLE_STEPS - 1) / (2.0 * REACH_EDGES))
@@ -182,6 +183,25 @@ def nearer_kernel(
 
 
 @njit(cache=True)
+def profile_kernel(z: Any, edge_px: Any, k: Any) -> tuple[float, float]:
+    """Return the level at ``z`` edge widths outside of the rim, and its fall there, 1 / px."""
+    cover = 1.0 / (1.0 + np.exp(max(z, -30.0)))
+    light = 1.0 + k * cover
+    swing = np.log1p(k)
+    return np.log(light) / swing, k * cover * (1.0 - cover) / (edge_px * light * swing)
+
+
+@njit(cache=True)
+def reading_kernel(side: Any, on: Any, off: Any) -> tuple[float, float]:
+    """Return how far the light is probably beyond the last level, and how wide that range is."""
+    if side > 0:
+        return 0.5 * on, on
+    if side < 0:
+        return -0.5 * off, off
+    return 0.5 * (on - off), on + off
+
+
+@njit(cache=True)
 def sums_kernel(
     state: tuple[NDArray[np.float32], NDArray[np.int8]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
@@ -198,9 +218,7 @@ def sums_kernel(
     level, side = state
     height, width = level.shape
     radius, edge, k = scene[2][m]
-    swing = np.log1p(k)
-    outer = OUTSIDE_EDGES * edge + MARGIN_PX
-    inner = -INSIDE_EDGES * edge - MARGIN_PX
+    outer, inner = OUTSIDE_EDGES * edge + MARGIN_PX, -INSIDE_EDGES * edge - MARGIN_PX
     sums[:] = 0.0
     top, bottom = bounds_kernel(place[1], radius + outer, height)
     left, right = bounds_kernel(place[0], radius + outer, width)
@@ -210,24 +228,17 @@ def sums_kernel(
             dx, dy = x - place[0], y - place[1]
             rho = np.sqrt(dx * dx + dy * dy)
             q = rho - radius
-            if q > outer or q < inner or rho < 0.5:
+            off_rim = q > outer or q < inner or rho < 0.5
+            if off_rim or (crowded and nearer_kernel(x, y, q, m, scene)):
                 continue
-            if crowded and nearer_kernel(x, y, q, m, scene):
-                continue
-            cover = 1.0 / (1.0 + np.exp(q / edge))
-            light = 1.0 + k * cover
-            expected = np.log(light) / swing
-            slope = k * cover * (1.0 - cover) / (edge * light * swing)
+            expected, slope = profile_kernel(q / edge, edge, k)
             on, off = steps[0][y, x], steps[1][y, x]
-            value, variance = level[y, x] + 0.5 * (on - off), (on + off) ** 2
-            if side[y, x] > 0:
-                value, variance = level[y, x] + 0.5 * on, on * on
-            elif side[y, x] < 0:
-                value, variance = level[y, x] - 0.5 * off, off * off
-            error = value - expected
-            doubt = (1.0 + (error / RESIDUAL_LEVEL) ** 2) * (LEVEL_VARIANCE + variance / 12.0)
-            inside = level[y, x] - off <= expected <= level[y, x] + on
-            weight = (IN_BAND_WEIGHT if inside else 1.0) / doubt
+            ahead, width_of_band = reading_kernel(side[y, x], on, off)
+            error = level[y, x] + ahead - expected
+            variance = LEVEL_VARIANCE + width_of_band**2 / 12.0
+            weight = 1.0 / variance / (1.0 + (error / RESIDUAL_LEVEL) ** 2)
+            if level[y, x] - off <= expected <= level[y, x] + on:
+                weight *= IN_BAND_WEIGHT
             gx, gy = slope * dx / rho, slope * dy / rho
             sums[0] += weight * gx * gx
             sums[1] += weight * gx * gy

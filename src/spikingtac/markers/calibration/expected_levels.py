@@ -111,6 +111,23 @@ def fire_kernel(phases: NDArray[np.float32], level: Any, on: Any, off: Any) -> t
 
 
 @njit(cache=True)
+def follow_level_kernel(
+    q: Any,
+    phases: NDArray[np.float32],
+    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    events: NDArray[np.float64],
+) -> None:
+    """Let one pixel's copies follow the level of now and before; add what they fire to events."""
+    now, before = levels
+    if abs(now[q] - before[q]) > STILL_LEVEL:
+        rises, falls = fire_kernel(phases[q], now[q], steps[0][q], steps[1][q])
+        events[2] += rises
+        events[3] += falls
+        before[q] = now[q]
+
+
+@njit(cache=True)
 def spread_kernel(
     phases: NDArray[np.float32],
     level: NDArray[np.float32],
@@ -126,6 +143,23 @@ def spread_kernel(
 
 
 @njit(cache=True)
+def sum_events_kernel(
+    code: NDArray[np.uint32],
+    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    total: NDArray[np.float32],
+    owner: NDArray[np.int32],
+    events: NDArray[np.float64],
+) -> None:
+    """Add real events to their pixels' sums, and to the counts of the discs that cover them."""
+    on, off = steps
+    for i in range(len(code)):
+        q = code[i] >> 1
+        total[q] += on[q] if code[i] & 1 else -off[q]
+        if owner[q] >= 0:
+            events[owner[q], 0 if code[i] & 1 else 1] += 1
+
+
+@njit(cache=True)
 def walk_kernel(
     code: NDArray[np.uint32],
     course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]],
@@ -136,7 +170,6 @@ def walk_kernel(
 ) -> None:
     """Walk along the samples; fill a :class:`Walk`."""
     index, places, states = course
-    on, off = steps
     measured, expected, drawn, events = out
     image = np.zeros(measured.shape[1:], np.float32)
     owner = np.full(image.shape, -1, np.int32)
@@ -147,38 +180,27 @@ def walk_kernel(
     count = formers = kept = 0
     at = index[0]
     for sample in range(len(index)):
-        for i in range(at, index[sample]):
-            q = code[i] >> 1
-            total[q] += on[q] if code[i] & 1 else -off[q]
-            if last_owner[q] >= 0:
-                events[last_owner[q], 0 if code[i] & 1 else 1] += 1
+        sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
         count = draw_kernel(places[sample], discs, (image, owner), touched)
         if sample == 0:
             spread_kernel(phases, now, steps)
             before[:] = now
-        for i in range(formers):  # what was a disc and is ground now
-            q = former[i]
-            if whose[q] < 0 and before[q] != 0.0:
-                rises, falls = fire_kernel(phases[q], 0.0, on[q], off[q])
-                events[last_owner[q], 3] += falls
-                before[q] = 0.0
-        for i in range(count):
-            q = touched[i]
+        # What was a disc and is ground now, then what is a disc.
+        for q in former[:formers]:
+            if whose[q] < 0:
+                follow_level_kernel(q, phases, (now, before), steps, events[last_owner[q]])
+        for q in touched[:count]:
             last_owner[q] = whose[q]
-            if abs(now[q] - before[q]) > STILL_LEVEL:
-                rises, falls = fire_kernel(phases[q], now[q], on[q], off[q])
-                events[whose[q], 2] += rises
-                events[whose[q], 3] += falls
-                before[q] = now[q]
+            follow_level_kernel(q, phases, (now, before), steps, events[whose[q]])
         if kept < len(states) and states[kept] == sample:
             keep_kernel(phases, total, now, (measured[kept], expected[kept], drawn[kept]))
             kept += 1
-        for i in range(count):
-            former[i] = touched[i]
-            now[touched[i]] = 0.0
-            whose[touched[i]] = -1
+        former[:count] = touched[:count]
         formers = count
+        for q in touched[:count]:
+            now[q] = 0.0
+            whose[q] = -1
     events[:, 2:] /= phases.shape[1]
 
 

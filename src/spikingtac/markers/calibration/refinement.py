@@ -23,6 +23,7 @@ from spikingtac.markers.calibration.disc_levels import (
     crowded_kernel,
     nearer_kernel,
     nearest_markers,
+    profile_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import Walk, walk
 from spikingtac.markers.calibration.following import Course, PixelSteps
@@ -230,7 +231,6 @@ def add_rim_kernel(
     height, width = error.shape
     cx, cy = scene[0][m, 0], scene[0][m, 1]
     radius, edge, k = scene[2][m]
-    swing = np.log1p(k)
     outer = OUTSIDE_EDGES * edge + MARGIN_PX
     top, bottom = bounds_kernel(cy, radius + outer, height)
     left, right = bounds_kernel(cx, radius + outer, width)
@@ -242,13 +242,11 @@ def add_rim_kernel(
             q = rho - radius
             if q > outer or rho < 0.5 or (crowded and nearer_kernel(x, y, q, m, scene)):
                 continue
-            z = q / edge
-            cover = 1.0 / (1.0 + np.exp(max(z, -30.0)))
-            slope = k * cover * (1.0 - cover) / (edge * (1.0 + k * cover) * swing)
+            _, slope = profile_kernel(q / edge, edge, k)
             left_over = error[y, x]
             variance = LEVEL_VARIANCE + (steps[0][y, x] ** 2 + steps[1][y, x] ** 2) / 12.0
             weight = 1.0 / variance / (1.0 + (left_over / RESIDUAL_LEVEL) ** 2)
-            gx, gy, gs = slope * dx / rho, slope * dy / rho, slope * z
+            gx, gy, gs = slope * dx / rho, slope * dy / rho, slope * q / edge
             place[0] += weight * gx * gx
             place[1] += weight * gx * gy
             place[2] += weight * gy * gy

@@ -12,6 +12,7 @@ since the level at which the pixel fired last lies anywhere within a step before
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -90,13 +91,7 @@ def learn_steps(
         np.zeros(events.shape, np.float32),
         (by_marker, by_pixel),
     )
-    mean = _mean_counts(by_marker, start)
-    near = _nearby_sums(by_marker, rest_px)
-    counts = []
-    for column in (0, 2):
-        known, swings = by_marker[:, column], by_marker[:, column + 1]
-        expected = (near[:, column] + mean[column // 2]) / (near[:, column + 1] + 1.0)
-        counts.append((known + NEIGHBOUR_SWINGS * expected) / (swings + NEIGHBOUR_SWINGS))
+    counts = _smooth_counts(by_marker, rest_px, start)
     on, off = steps_of_counts(counts[0], counts[1])
     cell = nearest_marker(events.size, rest_px)
     single = [
@@ -114,6 +109,19 @@ def learn_steps(
         by_marker[:, 1] + by_marker[:, 3],
         (by_pixel[:, 1] + by_pixel[:, 3]).reshape(events.shape),
     )
+
+
+def _smooth_counts(
+    by_marker: NDArray[np.float64], rest_px: NDArray[np.float64], start: MeanSteps
+) -> list[NDArray[np.float64]]:
+    # Mean ON and OFF events of each marker's swings, a little drawn to its neighbours'.
+    mean, near = _mean_counts(by_marker, start), _nearby_sums(by_marker, rest_px)
+    counts = []
+    for column in (0, 2):
+        known, swings = by_marker[:, column], by_marker[:, column + 1]
+        expected = (near[:, column] + mean[column // 2]) / (near[:, column + 1] + 1.0)
+        counts.append((known + NEIGHBOUR_SWINGS * expected) / (swings + NEIGHBOUR_SWINGS))
+    return counts
 
 
 def steps_of_counts(
@@ -182,14 +190,12 @@ def count_swings_kernel(
     ``out`` is ``(m, 4)`` by marker and ``(pixels, 4)`` by pixel; ``drawn`` is an empty image.
     """
     index, places = course
-    by_marker, by_pixel = out
     pixels = drawn.size
     flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
     whose = owner.ravel()
     touched = np.empty(pixels, np.int64)
     counts = np.zeros((pixels, 2), np.int32)
-    last, pending = np.zeros(pixels, np.int8), np.zeros(pixels, np.int8)
-    waited, marker = np.zeros(pixels, np.int32), np.zeros(pixels, np.int32)
+    visits = np.zeros((pixels, 4), np.int32)
     at = index[0]
     for sample in range(len(index)):
         for i in range(at, index[sample]):
@@ -198,27 +204,46 @@ def count_swings_kernel(
         drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
         for q in range(pixels):
             now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
-            if pending[q] != 0:
-                waited[q] += 1
-                if waited[q] >= SETTLE_SAMPLES or now != last[q]:
-                    rise = 0 if pending[q] == 2 else 2
-                    events = counts[q, 1] if rise == 0 else counts[q, 0]
-                    by_marker[marker[q], rise] += events
-                    by_marker[marker[q], rise + 1] += 1
-                    by_pixel[q, rise] += events
-                    by_pixel[q, rise + 1] += 1
-                    pending[q] = 0
-                    counts[q, 0] = counts[q, 1] = 0
-            if now == 0:
-                continue
-            if now == 2:
-                marker[q] = whose[q]
-            if now != last[q] and last[q] != 0:
-                pending[q] = now
-                waited[q] = 0
-            elif pending[q] == 0:
-                counts[q, 0] = counts[q, 1] = 0
-            last[q] = now
+            visit_kernel(q, now, whose[q], (counts, visits), out)
         for i in range(drawn_pixels):
             flat[touched[i]] = 0.0
             whose[touched[i]] = -1
+
+
+@njit(cache=True)
+def visit_kernel(
+    q: int,
+    now: int,
+    owner: Any,
+    state: tuple[NDArray[np.int32], NDArray[np.int32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> None:
+    """Note that pixel ``q`` is ground (1), marker (2) or in between (0); sum a swing that ended.
+
+    ``state`` holds for each pixel its OFF and ON events since it was at one end, and the end that
+    it was at last, the end of a swing that has just come to it, samples since then, its marker.
+    """
+    counts, visits = state
+    by_marker, by_pixel = out
+    last, ended, waited, marker = visits[q]
+    if ended != 0:
+        visits[q, 2] = waited + 1
+        if waited + 1 >= SETTLE_SAMPLES or now != last:
+            column = 0 if ended == 2 else 2
+            events = counts[q, 1] if ended == 2 else counts[q, 0]
+            by_marker[marker, column] += events
+            by_marker[marker, column + 1] += 1
+            by_pixel[q, column] += events
+            by_pixel[q, column + 1] += 1
+            visits[q, 1] = 0
+            counts[q] = 0
+    if now == 0:
+        return
+    if now == 2:
+        visits[q, 3] = owner
+    if now != last and last != 0:
+        visits[q, 1] = now
+        visits[q, 2] = 0
+    elif visits[q, 1] == 0:
+        counts[q] = 0
+    visits[q, 0] = now
