@@ -177,8 +177,7 @@ def walk_kernel(
     before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
     touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
     last_owner = np.full(len(now), -1, np.int32)
-    count = formers = kept = 0
-    at = index[0]
+    formers, kept, at = 0, 0, index[0]
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
