@@ -177,7 +177,8 @@ def walk_kernel(
     before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
     touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
     last_owner = np.full(len(now), -1, np.int32)
-    formers, kept, at = 0, 0, index[0]
+    at = index[0]
+    count = formers = kept = 0
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
@@ -195,9 +196,8 @@ def walk_kernel(
         if kept < len(states) and states[kept] == sample:
             keep_kernel(phases, total, now, (measured[kept], expected[kept], drawn[kept]))
             kept += 1
-        former[:count] = touched[:count]
-        formers = count
-        for q in touched[:count]:
+        former[:count], formers = touched[:count], count
+        for q in former[:count]:
             now[q] = 0.0
             whose[q] = -1
     events[:, 2:] /= phases.shape[1]
