@@ -13,6 +13,8 @@ VERBS: dict[str, str] = {
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
+    "touch": "list the touches in a recording: begin, end, place, area and peak of each",
+    "force": "learn forces from displacements with measured wrenches, and check them",
     "probe": "find centre and radius of a hole by touch, on the twin or a real arm",
     "guard": "watch a camera's stream and stop a moving arm at the first contact",
     "train": "train the denoising network on recordings, without labels",
@@ -26,7 +28,7 @@ VERBS: dict[str, str] = {
 FOLDERS: dict[str, tuple[str, ...]] = {
     "files": ("info", "convert"),
     "robot": ("probe", "guard"),
-    "sensing": ("calibrate", "track", "contact"),
+    "sensing": ("calibrate", "track", "contact", "touch", "force"),
     "studies": ("train", "experiment", "bench"),
     "system": ("doctor",),
     "twin": ("demo", "simulate"),

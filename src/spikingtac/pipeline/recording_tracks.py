@@ -43,7 +43,7 @@ def track_to_file(
     Raises:
         CalibrationError: The recording's size is not the calibration's.
     """
-    _check_sizes(source.size, calibration.size)
+    require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
@@ -65,7 +65,12 @@ def track_to_file(
     }
 
 
-def _check_sizes(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
+def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
+    """Refuse a recording ``(width, height)`` that another sensor's calibration is used for.
+
+    Raises:
+        CalibrationError: The two sizes differ.
+    """
     if recorded != calibrated:
         raise CalibrationError(
             f"the recording is {recorded[0]}x{recorded[1]}, the calibration is for "

@@ -48,6 +48,10 @@ class _Taught:
     wrench: Field
 
 
+LEAST_FLOOR_SHARE = 0.1
+"""Least half-width at rest, as a share of the mean absolute error (ours)."""
+
+
 def fit_force(
     series: Sequence[WrenchSeries],
     *,
@@ -163,7 +167,9 @@ def _interval(estimate: Field, error: Field) -> Interval:
     """Fit floor and share to absolute errors, then stretch them to the wanted coverage."""
     columns = np.column_stack([np.ones(len(error)), np.abs(estimate)])
     (floor, share), _ = nnls(columns, np.abs(error))
-    floor = max(floor, 0.1 * float(np.mean(np.abs(error))))
+    floor = max(floor, LEAST_FLOOR_SHARE * float(np.mean(np.abs(error))))
+    if floor <= 0.0:  # a component that is always zero is known exactly
+        return Interval(0.0, 0.0)
     stretch = float(np.quantile(np.abs(error) / (floor + share * np.abs(estimate)), COVERAGE))
     return Interval(floor * stretch, share * stretch)
 

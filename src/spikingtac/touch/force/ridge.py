@@ -61,5 +61,6 @@ def fit_ridge(
         scale = np.maximum(features.std(axis=0), np.finfo(np.float64).tiny ** 0.25)
     x = (features - center) / scale
     gram = (x * weight[:, None]).T @ x + np.diag(penalty * rows)
-    weights = np.linalg.solve(gram, (x * weight[:, None]).T @ (target - offset))
+    moment = (x * weight[:, None]).T @ (target - offset)
+    weights = np.asarray(np.linalg.solve(gram, moment), np.float64)
     return Ridge(center, scale, weights, offset)

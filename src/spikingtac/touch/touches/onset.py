@@ -75,7 +75,7 @@ def _rest_rows(times: NDArray[np.int64], risen_us: int) -> slice:
 
 
 def _line(times: NDArray[np.int64], values: Field, at: NDArray[np.int64]) -> Field:
-    """Return the drift of the rest: its median, and its slope where the rest is long enough."""
+    """Return the drift of the rest at other times: its slope only where the rest is long enough."""
     center = float(np.median(times))
     level = float(np.median(values))
     half = len(values) // 2
@@ -83,7 +83,7 @@ def _line(times: NDArray[np.int64], values: Field, at: NDArray[np.int64]) -> Fie
         return np.full(len(at), level)
     early, late = float(np.median(values[:half])), float(np.median(values[half:]))
     slope = (late - early) / (float(np.median(times[half:])) - float(np.median(times[:half])))
-    return level + slope * (at - center)
+    return level + slope * (at.astype(np.float64) - center)
 
 
 def _extrapolated(times: NDArray[np.int64], above: Field, first: int) -> int:

@@ -1,0 +1,141 @@
+"""``spikingtac force``: learn forces from labelled displacements, and check what was learned."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.errors import ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.touch.force.model import ForceModel
+    from spikingtac.touch.force.wrench_series import WrenchSeries
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Learn a force model from displacements with wrenches (fit), or check one (check).
+
+    fit: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
+    check: spikingtac force check contacts_3.npz --force force.json
+
+    Each file is one series with its own zero: tracks of this package, or arrays t_us,
+    reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
+    forces come from a file of their own.
+    """
+
+    action: Annotated[tyro.conf.Positional[Literal["fit", "check"]], tyro.conf.arg(metavar="DO")]
+    """fit makes a model, check compares a model with the wrenches of a file."""
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")]
+    """Series of one sensor."""
+    wrench: tuple[Path, ...] = ()
+    """Forces of each file where it holds none: truth.npz or the folder of a simulation, or the CSV
+    of a force sensor (t_us or t_s, fx, fy, fz, mx, my, mz), whose clock is aligned by itself."""
+    force: Path = Path("force.json")
+    """check: the model."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("force.json")
+    """fit: the file to write."""
+    depth: bool = False
+    """fit: use the third coordinate of the displacements too."""
+    overwrite: bool = False
+    """fit: replace a file that is there."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Fit or check, and say how well the forces are known."""
+    if not args.files:
+        raise ConfigError("no file was given; give files with displacements and wrenches")
+    if args.wrench and len(args.wrench) != len(args.files):
+        raise ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
+    return _fit(args) if args.action == "fit" else _check(args)
+
+
+def _series(args: Args) -> list[WrenchSeries]:
+    from spikingtac.touch.force.labels_file import labelled, load_labels
+    from spikingtac.touch.force.series_file import load_series
+
+    series = [load_series(path) for path in args.files]
+    if not args.wrench:
+        return series
+    return [labelled(one, load_labels(path)) for one, path in zip(series, args.wrench, strict=True)]
+
+
+def _fit(args: Args) -> int:
+    from spikingtac.touch.force.fit import fit_force
+    from spikingtac.touch.force.model_file import save_force
+
+    if args.output.exists() and not args.overwrite:
+        raise ConfigError(
+            f"{str(args.output)!r} exists; choose another name, or give --overwrite to replace it"
+        )
+    with progress("learning forces"):
+        model = fit_force(_series(args), depth=args.depth)
+    save_force(model, args.output)
+    summary = {"output": str(args.output), "unit": model.unit} | model.about
+    if args.json:
+        emit_json(summary)
+        return 0
+    _print_fit(model, args)
+    return 0
+
+
+def _check(args: Args) -> int:
+    from spikingtac.touch.force.model_file import load_force
+    from spikingtac.touch.force.score import score_force
+
+    model = load_force(args.force)
+    rows: list[dict[str, Any]] = []
+    for series in _series(args):
+        _, _, distance = model.estimate(series)
+        beyond = float((distance > 1.0).mean())
+        if beyond > 0.0:
+            remark(f"note: {beyond:.0%} of {series.name} is unlike anything that was learned")
+        rows += [
+            {**asdict(score), "file": series.name, "extrapolated": beyond}
+            for score in score_force(model, series)
+        ]
+    if args.json:
+        emit_json({"rows": rows})
+        return 0
+    emit_table(
+        f"{args.force.name} against measured forces",
+        ("file", "component", "R2", "mean abs. error", "in 90 % interval"),
+        [
+            (
+                row["file"],
+                row["component"],
+                f"{row['r2']:.3f}",
+                f"{row['mae']:.4f} {row['unit']}",
+                f"{row['coverage90']:.1%}",
+            )
+            for row in rows
+        ],
+        words=2,
+    )
+    return 0
+
+
+def _print_fit(model: ForceModel, args: Args) -> None:
+    about = model.about
+    emit_table(
+        f"{args.output} from {about['frames']} frames of {len(about['series'])} series",
+        ("component", "law", "range", "R2 between series"),
+        [
+            (
+                name,
+                " and ".join(part.family for part in law.parts),
+                "{:g} to {:g}".format(*about["range"][name]),
+                f"{about['r2_between_series'][name]:.3f}",
+            )
+            for name, law in zip(model.components, model.laws, strict=True)
+        ],
+        words=2,
+    )
+    if len(about["series"]) == 1:
+        remark("note: one series; R2 is between its parts, a second series would be a harder test")

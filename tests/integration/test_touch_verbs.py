@@ -1,0 +1,74 @@
+"""The verbs ``touch`` and ``force`` from the command line."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+
+X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
+REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
+
+
+def arrays(path: Path, seed: int) -> Path:
+    """Four presses a second apart, with the wrench that made them."""
+    rng = np.random.default_rng(seed)
+    t_us = np.arange(0, 5_000_000, 10_000, dtype=np.int64)
+    share = np.clip(np.sin(np.pi * t_us / 5e5), 0.0, 1.0) ** 2 * (t_us > 900_000)
+    depth = 0.3 + 0.2 * np.floor(t_us / 1e6) / 4
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    pattern = away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+    moved = (share * depth)[:, None, None] * pattern + rng.normal(0, 0.004, (500, 30, 3))
+    force = np.zeros((500, 6))
+    force[:, 2] = -4 * share * depth
+    force[:, 0] = 0.5 * share * depth
+    np.savez(path, t_us=t_us, reference_mm=REFERENCE, displacement_mm=moved, wrench=force)
+    return path
+
+
+def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, table = arrays(tmp_path / "a.npz", 1), tmp_path / "touches.csv"
+    assert main(["touch", str(source), "-o", str(table), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["t_first_us"] == 0
+    assert [round(touch["begin_us"] / 5e5) for touch in said["touches"]] == [2, 4, 6, 8]
+    first = said["touches"][0]
+    assert {"end_us", "place_mm", "area_mm2", "outline_mm", "peak_us"} <= set(first)
+    with table.open() as file:
+        assert len(list(csv.DictReader(file))) == 4
+    assert main(["touch", str(source), "-o", str(table)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main(["touch", str(source), "-o", str(table), "--overwrite"]) == 0
+    assert "touches in a.npz" in capsys.readouterr().out
+
+
+def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["touch", str(tmp_path / "events.raw")]) == 2
+    assert "--calibration" in capsys.readouterr().err
+
+
+def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    taught = [str(arrays(tmp_path / f"{seed}.npz", seed)) for seed in (1, 2)]
+    other, model = str(arrays(tmp_path / "3.npz", 3)), str(tmp_path / "force.json")
+    assert main(["force", "fit", *taught, "-o", model, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 1000
+    assert main(["force", "check", other, "--force", model, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["component"] for row in rows] == ["fx", "fy", "fz", "mx", "my", "mz"]
+    assert rows[2]["r2"] > 0.95
+    assert set(rows[0]) >= {"component", "r2", "mae", "coverage90"}
+    assert main(["force", "check", other, "--force", model]) == 0
+    assert "fz" in capsys.readouterr().out
+    assert main(["force", "fit", *taught, "-o", model]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_a_missing_model_says_how_to_make_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = str(arrays(tmp_path / "a.npz", 1))
+    assert main(["force", "check", source, "--force", str(tmp_path / "none.json")]) == 2
+    assert "force fit" in capsys.readouterr().err

@@ -1,0 +1,33 @@
+"""Forces of a real gel, each series predicted from the other two (docs/how-to/measure-force.md)."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.r_squared import r_squared
+from spikingtac.touch.force.series_file import load_series
+
+SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
+POOLED = (0.955, 0.95, 0.85)
+"""R2 of Fx, Fy, Fz over the pooled series; measured 0.960, 0.956, 0.861."""
+
+
+@pytest.mark.slow
+def test_each_series_from_the_other_two(data_dir: Path) -> None:
+    series = [load_series(data_dir / "force" / f"{name}.npz") for name in SERIES]
+    truth, estimates, inside = [], [], []
+    for left_out in series:
+        model = fit_force([one for one in series if one is not left_out])
+        values, widths, _ = model.estimate(left_out)
+        truth.append(left_out.wrench[:, :3])
+        estimates.append(values[:, :3])
+        inside.append(np.abs(truth[-1] - estimates[-1]) <= widths[:, :3])
+        each = [r_squared(truth[-1][:, k], estimates[-1][:, k]) for k in range(3)]
+        assert min(each) >= 0.5, left_out.name
+    pooled_truth, pooled = np.concatenate(truth), np.concatenate(estimates)
+    found = [r_squared(pooled_truth[:, k], pooled[:, k]) for k in range(3)]
+    assert (np.array(found) >= POOLED).all(), found
+    coverage = np.concatenate(inside).mean(axis=0)
+    assert ((coverage >= 0.85) & (coverage <= 0.95)).all(), coverage

@@ -1,0 +1,144 @@
+"""Force laws on a skin whose forces are known."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.force.model_file import load_force, save_force
+from spikingtac.touch.force.rest_zero import RestZeroConfig
+from spikingtac.touch.force.score import score_force
+from spikingtac.touch.force.wrench_series import WrenchSeries
+
+X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
+REFERENCE = np.column_stack([X.ravel(), Y.ravel()])
+NOISE_MM = 0.005
+
+
+def series(seed: int, *, largest: float = 1.0, rest_mm: float = 0.0) -> WrenchSeries:
+    """Presses that spread the markers and drag them; shear is linear, pressing a power law."""
+    rng = np.random.default_rng(seed)
+    frames = []
+    for _ in range(60):
+        depth, drag = largest * rng.uniform(0.2, 1.0), rng.uniform(-0.5, 0.5, 2)
+        center = rng.uniform([1.5, 1.5], [3.5, 2.5])
+        for share in np.r_[np.zeros(3), np.linspace(0, 1, 10)]:
+            away = REFERENCE - center
+            near = np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+            moved = share * (0.5 * depth * away * near + drag * near)
+            force = [*(4.0 * share * drag), -3.0 * (share * depth) ** 1.5]
+            frames.append((moved, force))
+    moved = np.array([frame[0] for frame in frames]) + rest_mm
+    moved = moved + rng.normal(0.0, NOISE_MM, moved.shape)
+    t_us = np.arange(len(frames), dtype=np.int64) * 20_000
+    return WrenchSeries(
+        t_us, REFERENCE, moved, np.array([f[1] for f in frames]), "mm", f"series {seed}"
+    )
+
+
+@pytest.fixture(scope="module")
+def model() -> ForceModel:
+    return fit_force([series(1), series(2, rest_mm=0.01), series(21)])
+
+
+def test_a_series_that_was_not_learned_is_told_well(model: ForceModel) -> None:
+    scores = {score.component: score for score in score_force(model, series(3))}
+    assert list(scores) == ["fx", "fy", "fz"]
+    assert min(score.r2 for score in scores.values()) > 0.95
+    for score in scores.values():
+        assert score.coverage90 > 0.8
+
+
+def test_a_zero_that_moved_is_learned_at_rest(model: ForceModel) -> None:
+    still = [score.mae for score in score_force(model, series(4))]
+    moved = [score.mae for score in score_force(model, series(4, rest_mm=0.015))]
+    unaware = dataclasses.replace(model, zero=RestZeroConfig(radius_share=0.0))
+    lost = [score.mae for score in score_force(unaware, series(4, rest_mm=0.015))]
+    gain = (np.array(lost[:2]) - still[:2]) / (np.array(moved[:2]) - still[:2])
+    assert (gain > 1.5).all()
+
+
+def test_rest_is_quiet(model: ForceModel) -> None:
+    estimator = model.estimator()
+    wrench = estimator.update(0, np.zeros((len(REFERENCE), 2)))
+    np.testing.assert_allclose(wrench.force_n, 0.0, atol=0.1)
+    assert not wrench.extrapolated
+
+
+def test_the_stream_equals_the_batch(model: ForceModel) -> None:
+    one = series(5)
+    values, widths, distances = model.estimate(one)
+    estimator = model.estimator()
+    for index in range(80):
+        wrench = estimator.update(int(one.t_us[index]), one.displacement[index])
+        np.testing.assert_allclose(wrench.values, values[index], atol=1e-9)
+        np.testing.assert_allclose(wrench.half_width, widths[index], atol=1e-9)
+        assert wrench.distance == pytest.approx(distances[index])
+
+
+def test_beyond_what_was_learned_the_interval_widens_and_a_flag_says_so(
+    model: ForceModel,
+) -> None:
+    inside, beyond = model.estimator(), model.estimator()
+    field = series(6).displacement[12]
+    known = inside.update(0, field)
+    unknown = beyond.update(0, 4.0 * field)
+    assert not known.extrapolated
+    assert unknown.extrapolated
+    assert (unknown.half_width > 2.0 * known.half_width).all()
+
+
+def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
+    path = tmp_path / "force.json"
+    save_force(model, path)
+    assert json.loads(path.read_text())["unit"] == "mm"
+    again = load_force(path)
+    one = series(7)
+    for ours, theirs in zip(model.estimate(one), again.estimate(one), strict=True):
+        np.testing.assert_allclose(theirs, ours, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"schema": 9}', '{"schema": 1, "unit": "mm"}'], ids=repr
+)
+def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "force.json"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"force\.json"):
+        load_force(path)
+
+
+def test_a_series_of_another_sensor_is_refused(model: ForceModel) -> None:
+    one = series(8)
+    fewer = WrenchSeries(one.t_us, REFERENCE[:9], one.displacement[:, :9], one.wrench, "mm", "few")
+    with pytest.raises(ConfigError, match="few has 9 markers"):
+        model.estimate(fewer)
+    pixels = WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench, "px", "pixels")
+    with pytest.raises(ConfigError, match="pixels is in px"):
+        model.estimate(pixels)
+
+
+def test_too_little_makes_no_model() -> None:
+    one = series(9)
+    with pytest.raises(ConfigError, match="50 frames are too few"):
+        fit_force([one.part(np.arange(len(one.t_us)) < 50)])
+    with pytest.raises(ConfigError, match="no depth"):
+        fit_force([one], depth=True)
+    bare = WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench[:, :0], "mm", "bare")
+    with pytest.raises(ConfigError, match="bare holds no wrench"):
+        fit_force([bare])
+
+
+def test_a_broken_series_is_refused() -> None:
+    one = series(1)
+    with pytest.raises(RecordingError, match="rows"):
+        WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench[:5], "mm")
+    broken = one.displacement.copy()
+    broken[3, 2, 1] = np.nan
+    with pytest.raises(RecordingError, match="not finite"):
+        WrenchSeries(one.t_us, REFERENCE, broken, one.wrench, "mm")

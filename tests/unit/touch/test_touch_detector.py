@@ -1,0 +1,132 @@
+"""Touches from synthetic marker frames whose begin and end are known."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.touch.touches.detector import TouchConfig, TouchDetector
+from spikingtac.touch.touches.touch import Touch
+from spikingtac.types import MarkerFrame
+
+PITCH_PX = 37.0
+NOISE_PX = 0.012
+
+
+def grid() -> np.ndarray:
+    x, y = np.meshgrid(np.arange(8) * PITCH_PX, np.arange(8) * PITCH_PX)
+    return np.column_stack([x.ravel(), y.ravel()]) + 30.0
+
+
+REFERENCE = grid()
+CENTER = np.array([160.0, 145.0])
+
+
+def press(depth: float) -> np.ndarray:
+    """Markers spread away from a press, most at one pitch from it."""
+    away = REFERENCE - CENTER
+    far2 = (away**2).sum(axis=1, keepdims=True) / (1.5 * PITCH_PX) ** 2
+    return depth * away / PITCH_PX * np.exp(-0.5 * far2)
+
+
+def watch(
+    depth: Callable[[float], float], seconds: float, rate_hz: float = 500.0, drift: float = 0.0
+) -> Iterator[MarkerFrame]:
+    rng = np.random.default_rng(4)
+    for k in range(int(seconds * rate_hz)):
+        t_s = k / rate_hz
+        place = REFERENCE + press(depth(t_s)) + rng.normal(0.0, NOISE_PX, REFERENCE.shape)
+        place = place + drift * t_s
+        markers = len(REFERENCE)
+        yield MarkerFrame(
+            7_000_000 + round(t_s * 1e6),
+            place,
+            place,
+            place - REFERENCE,
+            np.zeros(markers, np.bool_),
+            np.ones(markers),
+        )
+
+
+def touches(frames: Iterator[MarkerFrame], config: TouchConfig | None = None) -> list[Touch]:
+    detector = TouchDetector(REFERENCE, config)
+    found = [touch for frame in frames if (touch := detector.update(frame))]
+    last = detector.finish()
+    return [*found, last] if last else found
+
+
+def pulse(t_s: float, begin_s: float, end_s: float, rise_s: float = 0.2) -> float:
+    """A press that grows as the square of time and is taken back alike."""
+    share = min((t_s - begin_s) / rise_s, (end_s - t_s) / rise_s, 1.0)
+    return max(share, 0.0) ** 2
+
+
+def test_two_presses_are_two_touches_in_time_and_place() -> None:
+    found = touches(watch(lambda t: 4 * pulse(t, 0.8, 1.9) + 2 * pulse(t, 2.6, 3.4), 4.5))
+    begins = [(touch.begin_us - 7_000_000) / 1e6 for touch in found]
+    ends = [((touch.end_us or 0) - 7_000_000) / 1e6 for touch in found]
+    assert begins == pytest.approx([0.8, 2.6], abs=0.010)
+    assert ends == pytest.approx([1.9, 3.4], abs=0.1)
+    for touch in found:
+        np.testing.assert_allclose(touch.place_px, CENTER, atol=0.5 * PITCH_PX)
+        assert touch.duration_us == (touch.end_us or 0) - touch.begin_us
+
+
+def test_what_remains_after_a_release_is_no_touch() -> None:
+    def creeping(t: float) -> float:
+        remains = 0.5 * np.exp(-(t - 1.9) / 0.4) if t > 1.9 else 0.0
+        return 4 * pulse(t, 0.8, 2.0) + float(remains)
+
+    assert len(touches(watch(creeping, 5.0))) == 1
+
+
+def test_a_shake_through_the_rest_is_one_touch() -> None:
+    def shake(t: float) -> float:
+        return 4 * np.sin(2 * np.pi * 12 * (t - 1.0)) if 1.0 < t < 2.0 else 0.0
+
+    found = touches(watch(shake, 3.0))
+    assert len(found) == 1
+    assert ((found[0].end_us or 0) - 7_000_000) / 1e6 == pytest.approx(2.0, abs=0.1)
+
+
+def test_noise_and_drift_are_no_touch() -> None:
+    assert touches(watch(lambda t: 0.0, 4.0, drift=0.3)) == []
+
+
+def test_a_rest_off_the_calibrated_one_is_no_touch() -> None:
+    assert touches(watch(lambda t: 0.2, 2.0)) == []
+
+
+def test_a_touch_without_an_end_says_so() -> None:
+    (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 9.0), 2.0))
+    assert touch.end_us is None
+    assert touch.duration_us is None
+
+
+def test_a_firmer_touch_of_a_wider_body_has_a_larger_area() -> None:
+    small, wide = press(4.0), (REFERENCE - CENTER) * 0.1
+    areas = []
+    for field in (small, wide):
+        frames = watch(lambda t: 0.0, 1.0)
+        detector = TouchDetector(REFERENCE)
+        for frame in frames:
+            shift = field if frame.t_us > 7_500_000 else 0.0 * field
+            moved = MarkerFrame(
+                frame.t_us,
+                frame.detected_px + shift,
+                frame.position_px,
+                frame.displacement_px,
+                frame.coasted,
+                frame.confidence,
+            )
+            detector.update(moved)
+        touch = detector.finish()
+        assert touch is not None
+        areas.append(touch.area_px2)
+    assert areas[1] > 2 * areas[0]
+
+
+@pytest.mark.parametrize("change", [{"end_share": 1.5}, {"noise_factor": 0.0}])
+def test_settings_out_of_range_are_refused(change: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(change))):
+        TouchConfig(**change)  # type: ignore[arg-type]
