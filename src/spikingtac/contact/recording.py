@@ -14,7 +14,7 @@ from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
-from spikingtac.types import Contact
+from spikingtac.types import Contact, EventPacket
 
 LEAST_QUIET_WINDOWS = 300
 """A recording has to begin with at least this stretch without contact: 0.3 s."""
@@ -43,9 +43,26 @@ def paired_windows(sources: Sequence[EventSource]) -> Iterator[Window]:
         windows(chain([begun], others), WINDOW_US, origin_us)
         for begun, others in zip(first, packets, strict=True)
     ]
-    for window in zip(*streams, strict=False):
+    for window in _aligned(streams):
         if window[0].t_end_us - window[0].t_start_us == WINDOW_US:
             yield window
+
+
+def _aligned(streams: Sequence[Iterator[EventPacket]]) -> Iterator[tuple[EventPacket, ...]]:
+    """Pair windows by time: a sensor whose long silence was not filled gets empty ones."""
+    heads = [next(stream, None) for stream in streams]
+    while all(head is not None for head in heads):
+        known = [head for head in heads if head is not None]
+        first = min(known, key=lambda head: head.t_start_us)
+        start_us, end_us = first.t_start_us, first.t_end_us
+        yield tuple(
+            head if head.t_start_us == start_us else EventPacket.empty(start_us, end_us, head.size)
+            for head in known
+        )
+        heads = [
+            next(stream, None) if head.t_start_us == start_us else head
+            for stream, head in zip(streams, known, strict=True)
+        ]
 
 
 def leading_quiet(sources: Sequence[EventSource]) -> int:

@@ -12,6 +12,10 @@ from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival
 from spikingtac.types import LossCounters
 
+SILENCE_US = 500_000
+"""Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner, and
+the empty windows of a leap would only delay the ones after it)."""
+
 
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
     """Yield the regular windows of a camera's pipe as they become complete.
@@ -30,7 +34,8 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
     """
     source = open_events(path)
-    return timed(((window,) for window in windows(source, period_us)), source.losses)
+    regular = windows(source, period_us, silence_limit_us=SILENCE_US)
+    return timed(((window,) for window in regular), source.losses)
 
 
 def timed(stream: Iterable[Window], losses: LossCounters | None = None) -> Iterator[Arrival]:

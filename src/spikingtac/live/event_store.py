@@ -55,6 +55,16 @@ class EventStore:
         """Time of the first event, or None while none has been pulled."""
         return int(self._columns["t"][0]) if self._events else None
 
+    def around(self, t_us: int) -> tuple[int | None, int | None]:
+        """Return the times of the last event before ``t_us`` and of the next one from it on.
+
+        None stands for an event that is not there, or was not pulled yet.
+        """
+        times_us = self._columns["t"][: self._events]
+        place = int(np.searchsorted(times_us, t_us))
+        last_us = int(times_us[place - 1]) if place else None
+        return last_us, int(times_us[place]) if place < len(times_us) else None
+
     @property
     def t_end_us(self) -> int:
         """First microsecond that was not pulled yet."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import WINDOW_US
+from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
@@ -130,6 +131,10 @@ class Playback:
         edge_us = window_us if estimate_us is None else min(estimate_us, window_us)
         if not store.extend_to(edge_us):
             return False
+        resumes_us = self.resumes_us(edge_us)
+        if resumes_us is not None:
+            self._pass_silence(resumes_us)
+            return True
         if edge_us == window_us:
             self._detect(window_us)
         self._track(edge_us, estimate=edge_us == estimate_us)
@@ -142,6 +147,28 @@ class Playback:
         state = _State(self._tracker, self._detector, self._step, self.frame)
         self._history.offer(edge_us, store.t_start_us, state)
         return True
+
+    def resumes_us(self, t_us: int) -> int | None:
+        """Return when the events go on after a silence that is too long to be filled.
+
+        Args:
+            t_us: Somewhere after the position, us.
+
+        Returns:
+            The time of the next event, us; None where ``t_us`` lies in no such silence.
+        """
+        last_us, next_us = self.store.around(self.position_us)
+        if last_us is None or next_us is None or next_us == self.position_us:
+            return None
+        too_long = next_us - last_us > SILENCE_LIMIT_US
+        return next_us if too_long and t_us > last_us + SILENCE_LIMIT_US else None
+
+    def _pass_silence(self, resumes_us: int) -> None:
+        """Go on towards the next event without estimates, as `follow` does."""
+        self.position_us = min(self.aim_us, resumes_us)
+        first_us = self.store.first_event_us
+        if first_us is not None and self.position_us == resumes_us:
+            self._step = EstimateTimes(first_us, self._rate_hz).index(resumes_us) + 1
 
     def _next_estimate_us(self, needed_until_us: int) -> int | None:
         """Return the next estimate time, or None if there is no event before the given time."""

@@ -37,13 +37,13 @@ class EstimateTimes:
 
     def since(self, t_us: int) -> Iterator[int]:
         """Yield the times from the last one at or before ``t_us`` on, without end."""
-        return map(self.at, itertools.count(self._index(t_us)))
+        return map(self.at, itertools.count(self.index(t_us)))
 
     def includes(self, t_us: int) -> bool:
         """Return whether an estimate is due at ``t_us``."""
-        return self.at(self._index(t_us)) == t_us
+        return self.at(self.index(t_us)) == t_us
 
-    def _index(self, t_us: int) -> int:
+    def index(self, t_us: int) -> int:
         """Return the index of the last time at or before ``t_us``, or 0."""
         index = max(int((t_us - self.first_us) * self.rate_hz / 1e6) - 1, 0)
         while self.at(index + 1) <= t_us:

@@ -1,14 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.errors import ConfigError
+from spikingtac.events.source import PacketSource
 from spikingtac.live import tracker_history as history
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.playback import Playback
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import MarkerFrame
-from stand_ins.live import BurstDetector, CountingTracker, random_source
+from stand_ins.live import (
+    SIZE,
+    BurstDetector,
+    CountingTracker,
+    random_packets,
+    random_source,
+)
 
 FOREVER_S = 3600.0
 
@@ -120,3 +129,38 @@ def test_estimates_begin_at_the_first_event_and_keep_the_times_of_follow() -> No
     assert [frame.t_us for frame in frames] == [frame.t_us for frame in expected]
     for one, other in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(one.detected_px, other.detected_px)
+
+
+def leaping_source(leap_us: int) -> PacketSource:
+    packets = random_packets(seed=3, packets=40)
+    late = [
+        replace(packet, t=packet.t + leap_us, t_start_us=start, t_end_us=packet.t_end_us + leap_us)
+        for packet in packets[20:]
+        for start in [packet.t_start_us + (leap_us if packet is not packets[20] else 0)]
+    ]
+    return PacketSource([*packets[:20], *late], SIZE)
+
+
+@pytest.mark.parametrize("leap_us", [30_000_000, 200_000_000, 8_000_000_000])
+def test_a_leap_of_the_clock_is_not_filled_and_gives_the_estimates_of_follow(leap_us: int) -> None:
+    frames: list[MarkerFrame] = []
+    store = EventStore(leaping_source(leap_us))
+    play = Playback(store, CountingTracker, BurstDetector, rate_hz=100.0, on_frame=frames.append)
+    play.aim(10**12)
+    assert play.work(FOREVER_S)
+    expected = list(follow(leaping_source(leap_us), CountingTracker(), 100.0))
+    assert [frame.t_us for frame in frames] == [frame.t_us for frame in expected]
+    for one, other in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(one.detected_px, other.detected_px)
+    assert len(frames) < 100 * 61 + 100
+
+
+def test_a_long_silence_can_be_visited_and_left_again() -> None:
+    store = EventStore(leaping_source(8_000_000_000))
+    store.extend_to_end()
+    play = Playback(store, CountingTracker, rate_hz=100.0)
+    seen = {t_us: tracked_to(play, t_us).copy() for t_us in (100_000, 4_000_000_000)}
+    play.aim(store.t_end_us)
+    play.work(FOREVER_S)
+    for t_us in (4_000_000_000, 100_000):
+        np.testing.assert_array_equal(tracked_to(play, t_us), seen[t_us])

@@ -33,9 +33,13 @@ class Stretch:
     end_us: int
 
     def advance(self, step_us: int) -> int:
-        """Track on by a step, at most to the end; return how far it went, us."""
+        """Track on by a step, at most to the end; return how far it went, us.
+
+        A silence that is too long to be filled counts as one step.
+        """
         before_us = self.playback.position_us
-        self.playback.aim(min(before_us + step_us, self.end_us))
+        target_us = max(before_us + step_us, self.playback.resumes_us(before_us + step_us) or 0)
+        self.playback.aim(min(target_us, self.end_us))
         self.playback.work(_BUDGET_S)
         return self.playback.position_us - before_us
 

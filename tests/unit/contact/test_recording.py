@@ -1,0 +1,46 @@
+"""Windows of two sensors on one clock stay paired by time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from spikingtac.contact.recording import _aligned
+from spikingtac.contact.window import WINDOW_US
+from spikingtac.types import EventPacket
+
+SIZE = (8, 8)
+
+
+def windows(*numbers: int) -> Iterator[EventPacket]:
+    """Yield windows of one event each."""
+    for number in numbers:
+        start_us = number * WINDOW_US
+        zero = np.zeros(1, np.uint16)
+        t_us = np.array([start_us], np.int64)
+        yield EventPacket(zero, zero, zero > 0, t_us, start_us, start_us + WINDOW_US, SIZE)
+
+
+def rows(*streams: Iterator[EventPacket]) -> list[tuple[int, tuple[int, ...]]]:
+    """Return each row's window number and the events of its sensors."""
+    found = []
+    for row in _aligned(streams):
+        (start_us,) = {packet.t_start_us for packet in row}
+        assert {packet.t_end_us for packet in row} == {start_us + WINDOW_US}
+        found.append((start_us // WINDOW_US, tuple(len(packet) for packet in row)))
+    return found
+
+
+def test_a_sensor_whose_silence_was_not_filled_stays_paired() -> None:
+    expected = [(0, (1, 1)), (1, (1, 0)), (2, (1, 0)), (3, (1, 1)), (4, (1, 1))]
+    assert rows(windows(0, 1, 2, 3, 4), windows(0, 3, 4)) == expected
+
+
+def test_a_leap_of_all_sensors_is_not_filled() -> None:
+    assert rows(windows(0, 9), windows(0, 9)) == [(0, (1, 1)), (9, (1, 1))]
+
+
+def test_pairs_end_with_the_shorter_sensor() -> None:
+    assert rows(windows(0, 1, 2), windows(0, 1)) == [(0, (1, 1)), (1, (1, 1))]
+    assert rows(windows(0, 5)) == [(0, (1,)), (5, (1,))]
