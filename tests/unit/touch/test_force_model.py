@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.touch.force.files.model_file import load_force, save_force
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.touch.force.model_file import load_force, save_force
 from spikingtac.touch.force.rest_zero import RestZeroConfig
 from spikingtac.touch.force.score import score_force
 from spikingtac.touch.force.wrench_series import WrenchSeries

@@ -57,8 +57,8 @@ def run(args: Args) -> int:
 
 
 def _series(args: Args) -> list[WrenchSeries]:
-    from spikingtac.touch.force.labels_file import labelled, load_labels
-    from spikingtac.touch.force.series_file import load_series
+    from spikingtac.touch.force.files.labels_file import labelled, load_labels
+    from spikingtac.touch.force.files.series_file import load_series
 
     series = [load_series(path) for path in args.files]
     if not args.wrench:
@@ -67,8 +67,8 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
+    from spikingtac.touch.force.files.model_file import save_force
     from spikingtac.touch.force.fit import fit_force
-    from spikingtac.touch.force.model_file import save_force
 
     if args.output.exists() and not args.overwrite:
         raise ConfigError(
@@ -86,7 +86,7 @@ def _fit(args: Args) -> int:
 
 
 def _check(args: Args) -> int:
-    from spikingtac.touch.force.model_file import load_force
+    from spikingtac.touch.force.files.model_file import load_force
     from spikingtac.touch.force.score import score_force
 
     model = load_force(args.force)

@@ -88,7 +88,7 @@ def run(args: Args) -> int:
 
 
 def _watch(args: Args, advance: Any) -> _Watched:
-    from spikingtac.touch.force.series_file import is_series, load_series
+    from spikingtac.touch.force.files.series_file import is_series, load_series
 
     if is_series(args.source):
         series = load_series(args.source).in_image()

@@ -1,0 +1,1 @@
+"""Files of force estimation: labels, series and fitted models."""
