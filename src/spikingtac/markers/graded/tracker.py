@@ -108,7 +108,7 @@ class MaintenanceConfig:
     leak_reach_px: float = 3.5
     ease_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
     leak_groups: int = 8
-    fading_bands: float = field(default=2.0, metadata={"range": (0.0, 10.0)})
+    fading_bands: float = field(default=0.0, metadata={"range": (0.0, 10.0)})
     lag_us: float | None = None
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
     track_management: TrackManagementConfig = field(

@@ -47,7 +47,7 @@ def test_an_empty_file_is_a_quiet_scene_of_the_papers_sensor():
         ("mechanics_hz = 1.0", "valid are 50 to 2000"),
         (CONTACT.replace("ball", "bal"), r"unknown indenter 'bal'; did you mean 'ball'\?"),
         (CONTACT.replace("depth_mm", "depth"), "unknown key 'depth'; did you mean 'depth_mm'"),
-        (CONTACT.replace('"lift"', '"hold"'), "ends clear of it"),
+        (CONTACT.replace('"lift"', '"hold"'), "end above it"),
         (CONTACT.replace("height_mm = 0.3", "height_mm = -0.1"), "must start above the skin"),
     ],
 )
