@@ -81,8 +81,10 @@ def paused_at(page: WebDriver, t_us: int) -> None:
 
 
 def arrows(page: WebDriver) -> tuple[int, np.ndarray]:
-    t_us, drawn = js(page, "[__m.meta.t_us, __m.arrows]")
-    return t_us, np.array(drawn)
+    """Return the time of the estimate that is drawn, us, and the arrows of its markers."""
+    t_us, estimate_us, drawn = js(page, "[__m.meta.t_us, __m.meta.estimate_us, __m.arrows]")
+    assert 0 <= t_us - estimate_us < 1e6 / js(page, "__m.hello.rate_hz")
+    return estimate_us, np.array(drawn)
 
 
 def test_it_goes_on_drawing(page: WebDriver) -> None:
@@ -105,6 +107,9 @@ def test_the_drawn_arrows_are_the_markers_displacements(page: WebDriver) -> None
     assert drawn.shape == (64, 4)
     np.testing.assert_allclose(drawn[:, :2], reference_px(), atol=1e-3)
     np.testing.assert_allclose(drawn[:, 2:] - drawn[:, :2], scale * moved, atol=1e-2)
+    sample = js(page, "__m.sample")
+    assert sample["t_us"] == t_us
+    np.testing.assert_allclose([sample["dx"], sample["dy"]], moved[0], atol=1e-2)
 
 
 def test_arrows_are_painted_where_they_are_said_to_be(page: WebDriver) -> None:

@@ -93,6 +93,7 @@ def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, 
     opened[0].command("seek_us", 750_000)
     meta, arrays = stepped(opened)
     assert meta["t_us"] == 750_000
+    assert 0 <= meta["t_us"] - meta["estimate_us"] < 1e6 / open_circling().rate_hz
     np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
     opened[0].command("seek_us", 10**15)
     assert stepped(opened)[0]["t_us"] == 1_000_000

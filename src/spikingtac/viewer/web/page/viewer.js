@@ -17,7 +17,7 @@ const LEVELS = { OK: "good", "CATCHING UP": "poor", OVERLOAD: "poor", STALE: "ba
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
 const readings = new Readings($("readings"));
-const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], connected: false, hello: null, meta: null };
+const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
@@ -86,8 +86,9 @@ function draw() {
 function sample(meta, { position_px: position, truth_px: truth }) {
   if (!position) return;
   const marker = sensor.options.marker, [rx, ry] = hello.reference_px[marker];
+  // The markers are where they were at the last estimate time, a little before the time shown.
   trace.add({
-    t_us: meta.t_us, dx: position[2 * marker] - rx, dy: position[2 * marker + 1] - ry,
+    t_us: meta.estimate_us, dx: position[2 * marker] - rx, dy: position[2 * marker + 1] - ry,
     truthX: truth && truth[2 * marker] - rx, truthY: truth && truth[2 * marker + 1] - ry,
   });
 }
@@ -113,6 +114,7 @@ function measure(meta) {
   const now = performance.now();
   metrics.meta = meta;
   metrics.arrows = sensor.arrows;
+  metrics.sample = trace.samples.at(-1);
   metrics.latencies_ms.push(performance.timeOrigin + now - meta.stamp_ms);
   if (metrics.latencies_ms.length > 600) metrics.latencies_ms.shift();
   drawnAt.push(now);
