@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,3 +25,10 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"test recordings not found in {folder} (set SPIKINGTAC_DATA)")
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_left_open() -> Iterator[None]:
+    """Collect garbage after each file of tests, so that what it left open fails there."""
+    yield
+    gc.collect()

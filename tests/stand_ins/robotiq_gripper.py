@@ -36,10 +36,11 @@ class FakeGripper:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self.drop()
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
+        self._threads[0].join(5.0)  # a connection may have come in meanwhile
+        self.drop()
         for thread in self._threads:
             thread.join(5.0)
 

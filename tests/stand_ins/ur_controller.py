@@ -62,6 +62,7 @@ class URController:
         self._open = True
         self._sockets: list[socket.socket] = []
         self._listeners: list[socket.socket] = []
+        self._accepting: list[threading.Thread] = []
         self._threads: list[threading.Thread] = []
         self._ended = threading.Event()
         self._in_background(self._tick)
@@ -79,10 +80,12 @@ class URController:
     def shut_down(self) -> None:
         """Close every port and connection, as when the power goes."""
         self._open = False
-        self.drop_connections()
         for listener in self._listeners:
             _close(listener)
-        self._listeners = []
+        for accepting in self._accepting:  # a connection may have come in meanwhile
+            accepting.join(5.0)
+        self._listeners, self._accepting = [], []
+        self.drop_connections()
 
     def start_again(self) -> None:
         """Listen again after :meth:`shut_down`."""
@@ -108,7 +111,7 @@ class URController:
         for port, session in serve.items():
             listener = socket.create_server((self.host, port))
             self._listeners.append(listener)
-            self._in_background(self._accept, listener, session)
+            self._accepting.append(self._in_background(self._accept, listener, session))
 
     def _accept(self, listener: socket.socket, session: Callable[[socket.socket], None]) -> None:
         with contextlib.suppress(OSError):
@@ -118,9 +121,11 @@ class URController:
                 self._sockets.append(connection)
                 self._in_background(_quietly, session, connection)
 
-    def _in_background(self, work: Callable[..., None], *arguments: object) -> None:
-        self._threads.append(threading.Thread(target=work, args=arguments, daemon=True))
-        self._threads[-1].start()
+    def _in_background(self, work: Callable[..., None], *arguments: object) -> threading.Thread:
+        thread = threading.Thread(target=work, args=arguments, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+        return thread
 
     def _tick(self) -> None:
         """Live on without any client: move, and obey the watchdog."""
