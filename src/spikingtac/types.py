@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,12 @@ from spikingtac.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 """Array of float64; each use states its shape."""
+
+Polarity = Literal["white", "dark"]
+"""White markers on dark ground, or dark markers on light ground."""
+
+LawName = Literal["none", "paper", "anchored"]
+"""Laws of the output position, by name."""
 
 EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
 """Structured dtype at the edges, equal to that of the aedat and faery packages."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 from spikingtac.denoise.registry import DENOISERS
 from spikingtac.markers.anchored_law import AnchoredLawConfig
@@ -12,6 +12,7 @@ from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
 from spikingtac.markers.graded.tracker import MaintenanceConfig
 from spikingtac.markers.hysteresis import PaperLawConfig
 from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
+from spikingtac.types import LawName
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,7 +35,7 @@ class TrackingConfig:
 
     method: str = "disc"
     rate_hz: float = 1_000.0
-    hysteresis: str = field(default="none", metadata={"choices": ("none", "paper", "anchored")})
+    hysteresis: str = field(default="none", metadata={"choices": get_args(LawName)})
     denoiser: str = field(default="box7", metadata={"choices": tuple(DENOISERS)})
     disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
     centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)

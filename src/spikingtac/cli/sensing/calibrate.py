@@ -10,6 +10,8 @@ import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
+from spikingtac.markers.calibration.reference import Method
+from spikingtac.types import Polarity
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
@@ -32,9 +34,9 @@ class Args:
     """Size of the grid, as 8x8; found by itself unless given."""
     pitch_mm: float | None = None
     """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
-    polarity: Literal["auto", "white", "dark"] = "auto"
+    polarity: Literal["auto"] | Polarity = "auto"
     """White markers on dark ground, or dark on light; found by itself unless given."""
-    method: Literal["rest-mean", "bounding-box"] = "rest-mean"
+    method: Method = "rest-mean"
     """How rests become a reference; bounding-box is the published one."""
     allow_missing: int | None = None
     """So many markers may be missing: they are put where the others expect them. A third of them

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.types import LawName, Polarity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +26,9 @@ class Args:
     """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
-    polarity: Literal["white", "dark"] | None = None
+    polarity: Polarity | None = None
     """White markers on dark ground, or dark on light; the calibration's unless given."""
-    hysteresis: Literal["none", "paper", "anchored"] | None = None
+    hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""

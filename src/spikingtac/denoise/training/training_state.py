@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from spikingtac.denoise.network.architecture import NetworkConfig, make_network
+from spikingtac.denoise.network.architecture import NetworkConfig
 from spikingtac.errors import ConfigError, MissingExtraError
-from spikingtac.schema import build, to_mapping
+from spikingtac.schema import to_mapping
 
 FORMAT = "spikingtac-denoiser-1"
 """Format name in the metadata of a weight file."""
@@ -39,24 +39,6 @@ def save_weights(path: str | Path, network: nn.Module, config: NetworkConfig) ->
     """Write the weights, with the network's configuration in the metadata."""
     tensors = {name: value.detach().cpu() for name, value in network.state_dict().items()}
     _save(Path(path), tensors, {"network": json.dumps(to_mapping(config))})
-
-
-def load_weights(path: str | Path) -> tuple[nn.Module, NetworkConfig]:
-    """Read a network from a weight file.
-
-    Raises:
-        ConfigError: The file is not such a file, is damaged, or its tensors do not fit the network
-            that it names. The message gives both shapes.
-    """
-    tensors, about = _load(Path(path))
-    try:
-        config = build(NetworkConfig, json.loads(about["network"]), f"network of {path}")
-    except (KeyError, ValueError) as error:
-        raise ConfigError(f"{str(path)!r} does not say which network it is for") from error
-    network = make_network(config)
-    _check_shapes(network.state_dict(), tensors, str(path))
-    network.load_state_dict(tensors)
-    return network, config
 
 
 def save_state(path: str | Path, state: TrainingState) -> None:

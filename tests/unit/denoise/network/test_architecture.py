@@ -4,7 +4,7 @@ import pytest
 from spikingtac.denoise.infer import NetworkDenoiser
 from spikingtac.denoise.network.export import export_network
 from spikingtac.errors import ConfigError
-from stand_ins.denoiser_training import lean_tensors, noisy_maps, write_weights
+from stand_ins.denoiser_training import noisy_maps
 
 torch = pytest.importorskip("torch")
 
@@ -14,7 +14,12 @@ from spikingtac.denoise.network.architecture import (  # noqa: E402
     make_network,
 )
 from spikingtac.denoise.training.losses import prediction_error  # noqa: E402
-from spikingtac.denoise.training.training_state import load_weights, save_weights  # noqa: E402
+from spikingtac.denoise.training.training_state import (  # noqa: E402
+    TrainingState,
+    load_state,
+    save_state,
+    save_weights,
+)
 
 CONFIGS = [
     NetworkConfig(widths=(8, 16)),
@@ -90,19 +95,21 @@ def test_the_lean_size_is_counted(depth):
     assert multiply_adds(make_network(config), config, (320, 320)) == expected
 
 
+def fresh_state(**sizes) -> TrainingState:
+    network = make_network(NetworkConfig(**sizes))
+    return TrainingState(network, torch.optim.Adam(network.parameters()))
+
+
 def test_a_wrong_shape_names_both(tmp_path):
-    tensors = lean_tensors()
-    tensors["middle.0.0.weight"] = np.zeros((8, 9, 3, 3), np.float32)
-    path = write_weights(tmp_path / "weights.safetensors", tensors)
-    with pytest.raises(ConfigError, match=r"\(8, 9, 3, 3\).*\(8, 8, 3, 3\)"):
-        load_weights(path)
+    save_state(tmp_path / "state.safetensors", fresh_state(widths=(8, 9), depth=1))
+    with pytest.raises(ConfigError, match=r"shape \(9,\).*asks for \(8,\)"):
+        load_state(tmp_path / "state.safetensors", fresh_state(widths=(8, 8), depth=1))
 
 
 def test_an_unknown_tensor_is_named(tmp_path):
-    tensors = lean_tensors() | {"extra": np.zeros(1, np.float32)}
-    path = write_weights(tmp_path / "weights.safetensors", tensors)
-    with pytest.raises(ConfigError, match="unknown tensor 'extra'"):
-        load_weights(path)
+    save_state(tmp_path / "state.safetensors", fresh_state(widths=(8, 8), depth=2))
+    with pytest.raises(ConfigError, match="has an unknown tensor 'middle"):
+        load_state(tmp_path / "state.safetensors", fresh_state(widths=(8, 8), depth=1))
 
 
 @pytest.mark.parametrize(
