@@ -24,7 +24,7 @@ def test_the_configuration_offers_the_same_laws() -> None:
 
 def test_an_unknown_law_is_refused() -> None:
     with pytest.raises(ConfigError, match="anchored"):
-        make_law(TrackingConfig(hysteresis="anchord"))
+        make_law(TrackingConfig(hysteresis="anchor"))
 
 
 def _another(name: str) -> str:
