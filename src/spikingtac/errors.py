@@ -12,6 +12,9 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+SHORTEST_STEM = 4
+"""Letters of a name that a longer word must begin with to be taken for it."""
+
 
 class SpikingTacError(Exception):
     """Base of every error that this package raises on purpose."""
@@ -59,7 +62,10 @@ class SearchError(SpikingTacError):
 
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the closest valid name, or an empty string."""
-    close = difflib.get_close_matches(name, list(valid), n=1)
+    names = list(valid)
+    # A word of the same stem is meant rather than one of similar letters: tracking is track.
+    stems = [known for known in names if len(known) >= SHORTEST_STEM and name.startswith(known)]
+    close = sorted(stems, key=len)[-1:] or difflib.get_close_matches(name, names, n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 

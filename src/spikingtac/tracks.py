@@ -184,7 +184,7 @@ class CsvTracksWriter:
                 [
                     frame.t_us,
                     marker,
-                    *(f"{value:.4f}" for value in vector),
+                    *(f"{value:z.4f}" for value in vector),  # z writes no -0.0000
                     int(frame.coasted[marker]),
                     f"{frame.confidence[marker]:.3f}",
                 ]

@@ -62,6 +62,8 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[P
     tracks = Tracks.load(picture.with_name("demo.tracks.npz"))
     assert summary["tracks"] == str(picture.with_name("demo.tracks.npz"))
     assert len(tracks.t_us) > 10
+    largest_px = np.hypot(*np.moveaxis(tracks.displacement_px, 2, 0)).max()
+    assert summary["displacement_max_px"] == pytest.approx(largest_px, abs=1e-3)
     assert set(np.diff(tracks.t_us)) == {1_000}
     assert tracks.meta["scene"] == "demo"
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,7 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.hysteresis import LAWS, NoLaw, PaperLaw, PaperLawConfig
+from spikingtac.markers.hysteresis import NoLaw, PaperLaw, PaperLawConfig
+from spikingtac.markers.registry import make_law
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.types import LawName
 
 REST = np.array([[100.0, 60.0]])
 
@@ -126,8 +130,8 @@ def test_markers_do_not_mix() -> None:
 
 
 def test_outputs_are_arrays_of_their_own() -> None:
-    for law_class, config_class in LAWS.values():
-        law = law_class(config_class())
+    for name in get_args(LawName):
+        law = make_law(TrackingConfig(hysteresis=name))
         detected = REST + 1.0
         first = law.update(detected, REST)
         kept = first.copy()

@@ -83,11 +83,14 @@ def _dispatch(arguments: list[str]) -> int:
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
     import tyro
 
+    from spikingtac.cli.options import check_options
+
+    check_options(arguments, verb, rest)
     return tyro.cli(
         arguments,
         prog=f"spikingtac {verb}",
         args=rest,
-        config=(tyro.conf.FlagCreatePairsOff,),
+        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
     )
 
 

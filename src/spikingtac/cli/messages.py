@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 if TYPE_CHECKING:
     from rich.console import Console
 
+PIPE_COLUMNS = 1_000
+"""Width of a table that no terminal shows, in characters: wider than any."""
+
 
 class Advance(Protocol):
     """Sets a progress bar."""
@@ -49,7 +52,9 @@ def emit_table(
         table.add_column(name, justify="left" if index < words else "right")
     for row in rows:
         table.add_row(*(Text(str(cell)) for cell in row))
-    Console(highlight=False).print(table)
+    # A pipe has no width: what reads it gets each row on one line.
+    width = None if sys.stdout.isatty() else PIPE_COLUMNS
+    Console(highlight=False, width=width).print(table)
 
 
 def remark(text: str) -> None:

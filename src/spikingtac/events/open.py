@@ -70,9 +70,22 @@ def _file(path: Path, sensor: int) -> Path:
                 "(events_1.raw for a second sensor)"
             )
         return path / name if (path / name).is_file() else _ros2_storage(path)
+    refuse_url(path)
     if not path.exists() and not is_stream(path):
         raise RecordingError(f"there is no file {str(path)!r}; check the path")
     return path
+
+
+def refuse_url(path: Path) -> None:
+    """Refuse an address on the net.
+
+    Raises:
+        RecordingError: The path is one, such as ``https://host/file.raw``.
+    """
+    scheme, colon, rest = str(path).partition(":/")
+    if colon and len(scheme) > 1 and scheme.isalnum() and not path.exists():
+        address = f"{scheme}://{rest.lstrip('/')}"  # a path keeps one of its two slashes
+        raise RecordingError(f"{address!r} is an address on the net; download it, name the file")
 
 
 def _is_ros2_folder(path: Path) -> bool:
@@ -98,6 +111,8 @@ def _opener(path: Path) -> _Opener:
         return RawStream
     with path.open("rb") as file:
         start = file.read(64)
+    if not start:
+        raise RecordingError(f"{str(path)!r} is empty (0 bytes): nothing was recorded into it")
     foreign = with_plugins({}, plugins.READERS)
     if path.suffix.lower().removeprefix(".") in foreign and not _kind_by_content(start):
         return foreign[path.suffix.lower().removeprefix(".")]
@@ -151,6 +166,7 @@ def _kind_by_ending(path: Path) -> str:
     if ending not in _KINDS:
         raise FormatError(
             f"{path.name!r} is no event file that this version knows{nearest(ending, READABLE)} "
-            f"(valid endings: {', '.join(READABLE)})"
+            f"(valid endings: {', '.join(READABLE)}); give it the ending of its format, or convert "
+            "it with the software of its camera"
         )
     return _KINDS[ending]

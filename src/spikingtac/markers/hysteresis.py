@@ -1,21 +1,20 @@
 """From the detected position to the position that is given out (paper section IV-C).
 
 ``none`` gives the detected position, ``paper`` the published law, ``anchored`` a law without memory
-that never drifts, ``rezero`` the latter around a slowly learned zero. The published law is kept as
-written, slips included (``docs/explanation/errata.md``): its output depends on the path.
+that never drifts (:mod:`spikingtac.markers.anchored_law`). The published law is kept as written,
+slips included (``docs/explanation/errata.md``): its output depends on the path.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig, ReZero, ReZeroConfig
 
 
 class OutputLaw(Protocol):
@@ -40,16 +39,8 @@ class OutputLaw(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class NoLawConfig:
-    """The law ``none`` has nothing to set."""
-
-
 class NoLaw:
     """Gives out what was detected: the truthful estimate."""
-
-    def __init__(self, config: NoLawConfig | None = None) -> None:
-        self.config = config or NoLawConfig()
 
     def update(
         self, detected_px: NDArray[np.float64], reference_px: NDArray[np.float64]
@@ -141,12 +132,3 @@ def _integrate_kernel(
         position_px[m, 0] += gain * (x - before_px[m, 0])  # Eqs. 3 and 4
         position_px[m, 1] += gain * (y - before_px[m, 1])
         before_px[m, 0], before_px[m, 1] = x, y
-
-
-LAWS: dict[str, tuple[type[Any], type[Any]]] = {
-    "none": (NoLaw, NoLawConfig),
-    "paper": (PaperLaw, PaperLawConfig),
-    "anchored": (AnchoredLaw, AnchoredLawConfig),
-    "rezero": (ReZero, ReZeroConfig),
-}
-"""Name for ``--hysteresis`` -> (class, class of its config)."""

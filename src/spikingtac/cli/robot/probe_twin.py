@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spikingtac.cli.messages import progress
+from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.robot.probe_args import ProbeArgs
 from spikingtac.cli.robot.probe_result import ProbedHole, TrueHole
 from spikingtac.cli.robot.probe_search import (
@@ -46,9 +46,11 @@ def on_twin(args: ProbeArgs) -> ProbedHole:
     """
     site = HoleSite(Grasp.of(args.seed), args.seed)
     trial = trial_of(args)
+    remark("calibrating on a flat wall, then probing the hole; this takes about half a minute")
     with progress("calibrate on a flat wall, then probe") as advance:
         detector, travel = calibrate(args, site)
         advance(CALIBRATED_FRACTION)
+        remark("calibrated; probing the hole")
         site.set_wall(trial.wall, trial.start_mm)
         prober = ArmProber(
             site.rig.arm,

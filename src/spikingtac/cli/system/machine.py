@@ -27,6 +27,7 @@ EXTRAS = {
     "formats": ("aedat", "h5py", "hdf5plugin", "rosbags", "mcap", "mcap_ros2"),
     "robot": ("rtde_receive",),
     "bench": ("cv2", "trackpy", "evt3"),
+    "rerun": ("rerun",),
 }
 """Extra -> the modules that it brings."""
 _CPU = Path("/sys/devices/system/cpu")

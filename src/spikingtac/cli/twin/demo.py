@@ -35,8 +35,9 @@ class Args:
     """Serve without a browser, end after --seconds, and print the summary."""
     seconds: float | None = None
     """Duration, s; without end unless given (10 with --headless)."""
-    picture: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo.png")
-    """File for a summary picture (.png, .svg, .pdf); the tracks are written beside it."""
+    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File for a summary picture (.png, .svg, .pdf); the tracks are written beside it. Nothing is
+    written unless given."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -47,6 +48,6 @@ def run(args: Args) -> int:
 
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
-    tracks = tracks_beside(args.picture)
+    tracks = tracks_beside(args.picture) if args.picture else None
     report(SCENE, show_source(arguments, args, repeat=True, tracks=tracks), as_json=args.json)
     return 0

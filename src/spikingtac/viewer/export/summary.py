@@ -84,8 +84,8 @@ class Record:
             "estimates": last.get("steps", 0),
             "step_p50_us": last.get("step_p50_us", 0.0),
             "step_p99_us": last.get("step_p99_us", 0.0),
-            "contacts": len(last.get("contacts_us", [])),
-            "displacement_max_px": round(max(self._largest_px, 0.0), 3),
+            "contacts": last.get("contacts_found", 0),
+            "displacement_max_px": last.get("displacement_max_px", 0.0),
             "held_at_once": self._lost,
             "losses": last.get("losses", {}),
         }

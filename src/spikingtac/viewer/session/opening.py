@@ -16,6 +16,7 @@ from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
+from spikingtac.events.open import refuse_url
 from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
 from spikingtac.markers.registry import make_tracker
@@ -86,6 +87,7 @@ def open_view_source(
 
 def _refuse_missing_file(path: Path) -> None:
     """Say so where a file was meant; the list of scenes would not help."""
+    refuse_url(path)
     if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
         raise RecordingError(
             f"there is no file or folder {str(path)!r}; "
@@ -100,13 +102,14 @@ def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
 def _open_recording(path: Path, calibration: str | None) -> ViewSource:
     from spikingtac.events.open import open_events
 
+    source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
     truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
     manifest = _manifest(folder) if path.is_dir() else {}
     chosen = Calibration.load(calibration) if calibration else _calibration_beside(folder, manifest)
     return ViewSource(
         label=path.resolve().name,
-        source=open_events(path),
+        source=source,
         calibration=chosen,
         config=None,
         make_tracker=_unchosen,

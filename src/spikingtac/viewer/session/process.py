@@ -112,11 +112,15 @@ class SessionProcess:
         """The process's id."""
         return self._process.pid
 
+    def stop(self) -> None:
+        """Stop the process; its last frame can be read until :meth:`close`."""
+        self._stopped.set()
+        self._process.join(SHUTDOWN_S)
+
     def close(self) -> bool:
         """Stop the process and release the shared memory; True where it ended without an error."""
-        self._stopped.set()
         try:
-            self._process.join(SHUTDOWN_S)
+            self.stop()
         finally:  # also where a second Ctrl-C cuts the wait short
             self._end_process()
             for channel in (self._commands, self._failures):

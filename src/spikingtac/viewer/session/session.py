@@ -18,6 +18,7 @@ from spikingtac.live.ring import Publisher
 from spikingtac.live.stream_health import StreamHealth
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
+from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.snapshot import greeting, images, moving
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.session.track_recorder import NullTrackRecorder, TrackRecorder
@@ -77,8 +78,9 @@ class Session:
             self._tracker,
             view.make_detector,
             rate_hz=view.rate_hz,
-            on_frame=self._recorder.take,
+            on_frame=self._take,
         )
+        self._largest_px = 0.0
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = DEFAULT_EXPOSURE_US, False
         self._playhead_us = float(store.t_start_us)
@@ -149,6 +151,11 @@ class Session:
         self._health.delivered()
         return reached
 
+    def _take(self, frame: MarkerFrame) -> None:
+        """Take every estimate; the pages see some of them."""
+        self._largest_px = max(self._largest_px, float(np.hypot(*frame.displacement_px.T).max()))
+        self._recorder.take(frame)
+
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)
 
@@ -206,6 +213,8 @@ class Session:
             "watchdog": self._watchdog(),
             "exposure_us": self._exposure_us,
             "notice": self._notice,
+            "displacement_max_px": round(self._largest_px, 3),
+            "contacts_found": len(self.playback.contacts),
         }
         if not self._frames.publish(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import time
 import webbrowser
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.errors import DeviceError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture, check_tracks
 from spikingtac.viewer.export.summary import Record
@@ -24,6 +25,8 @@ from spikingtac.viewer.web.server import make_app, serve
 
 OPENING_S = 120.0
 """Longest wait for the view; compiling all kernels takes up to half of it."""
+LAST_PORT = 65_535
+"""Largest port number of TCP (RFC 793: 16 bits)."""
 WAIT_S = 0.02
 NICENESS = 5
 """Nice value of the server: a third of an ordinary program's share on a busy machine (ours)."""
@@ -66,6 +69,7 @@ def show(
         SpikingTacError: The view cannot be opened, a file cannot be written, the port is taken, or
             the session was killed.
     """
+    check_address(options.host, options.port)
     if options.picture is not None:
         check_picture(options.picture)
     if options.tracks is not None:
@@ -73,7 +77,9 @@ def show(
     session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
     ended_well = False
     try:
-        summary = _served(session, options, report)
+        monitor = _served(session, options, report)
+        session.stop()  # what is summarized ends where the tracks do
+        monitor.take_frame()
     finally:
         ended_well = session.close()
     if session.killed:
@@ -81,6 +87,9 @@ def show(
             f"the session did not end within {SHUTDOWN_S:g} s and was killed; its tracks are not "
             "complete"
         )
+    summary = monitor.record.summary()
+    if options.picture is not None and monitor.save_picture(options.picture):
+        summary["picture"] = str(options.picture)
     if options.tracks is not None and ended_well:
         summary["tracks"] = str(options.tracks)
     return summary
@@ -88,7 +97,7 @@ def show(
 
 def _served(
     session: SessionProcess, options: PageOptions, report: Callable[[str], None]
-) -> dict[str, Any]:
+) -> _SessionMonitor:
     gate, monitor = Gate.for_host(options.host), _SessionMonitor(session, options.seconds)
 
     def ready(port: int) -> None:
@@ -102,10 +111,7 @@ def _served(
     app = make_app(session, session.command, gate)
     serve(app, options.host, options.port, ready, monitor.poll)
     _raise_failure(session)
-    summary = monitor.record.summary()
-    if options.picture is not None and monitor.save_picture(options.picture):
-        summary["picture"] = str(options.picture)
-    return summary
+    return monitor
 
 
 class _SessionMonitor:
@@ -129,13 +135,16 @@ class _SessionMonitor:
         if self._hello is None and not self._greeted():
             self._expect_life()
             return True
-        frame = self._session.frame(self.record.number)
-        if frame is not None:
+        if not self.record.number and self._session.frame(0) is not None:
             # The given time is viewing time; compiling does not count.
-            if not self.record.number:
-                self._until_s = time.monotonic() + self._seconds
-            self.record.take(frame, self._reference_px)
+            self._until_s = time.monotonic() + self._seconds
+        self.take_frame()
         return self._session.alive and time.monotonic() < self._until_s
+
+    def take_frame(self) -> None:
+        """Note the latest frame, if there is one that was not noted."""
+        if self._hello is not None:
+            self.record.take(self._session.frame(self.record.number), self._reference_px)
 
     def save_picture(self, path: Path) -> bool:
         """Write the summary picture; False where no frame was seen."""
@@ -156,6 +165,23 @@ class _SessionMonitor:
         raise DeviceError(
             "the session did not start; see `spikingtac doctor`, and try again with --debug"
         )
+
+
+def check_address(host: str, port: int) -> None:
+    """Refuse an address that no page can be served on, before anything is computed.
+
+    Raises:
+        ConfigError: The port is out of range, or the host is no address of a machine.
+    """
+    if not 0 <= port <= LAST_PORT:
+        raise ConfigError(f"--port is {port}, valid is 0 (any free one) to {LAST_PORT}")
+    try:
+        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise ConfigError(
+            f"--host {host!r} is no address of this machine ({error}); valid are 127.0.0.1 "
+            "(this machine alone) and 0.0.0.0 (every network that it is on)"
+        ) from error
 
 
 def addresses(host: str, port: int, token: str) -> list[str]:

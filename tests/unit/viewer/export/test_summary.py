@@ -13,9 +13,10 @@ FRAME_US = 16_000
 
 def message(number: int, t_us: int, moved_px: float) -> tuple[int, bytes]:
     meta = {"t_us": t_us, "t_start_us": 0, "events_per_s": 1_000, "steps": number, "losses": {}}
+    meta |= {"contacts_us": [], "contacts_found": number // 3, "displacement_max_px": moved_px}
     placed = np.full((64, 2), moved_px / np.sqrt(2), np.float32)
     arrays = {"position_px": placed, "detected_px": placed, "held": np.zeros(64, np.uint8)}
-    return number, encode(meta | {"contacts_us": []}, arrays | {"truth_px": 0.9 * placed})
+    return number, encode(meta, arrays | {"truth_px": 0.9 * placed})
 
 
 @pytest.fixture
@@ -44,6 +45,7 @@ def test_repeated_stretches_count_as_played() -> None:
     for number, t_us in enumerate((0, 100_000, 200_000, 0, 100_000), start=1):
         record.take(message(number, t_us, 1.0), REFERENCE_PX)
     assert record.summary()["played_s"] == pytest.approx(0.3)
+    assert record.summary()["contacts"] == 1
 
 
 def test_nothing_seen_is_nothing_drawn(tmp_path: Path) -> None:

@@ -108,7 +108,8 @@ class RawSource(FileSource):
         if share > FOREIGN_SHARE:
             raise FormatError(
                 f"{str(path)!r} names no encoding in its header, and its words fit none of "
-                f"{', '.join(NAMES.values())}; give one with encoding="
+                f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
+                "encoding=), or export the recording again with the software of its camera"
             )
         encoding, _, order = name.partition("/")
         self._notes.append(f"the header names no encoding; {NAMES[encoding]} fits")
@@ -147,7 +148,8 @@ def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) 
     raise FormatError(
         f"{str(path)!r}: the header says {_spoken(claimed)}, but the words are {_spoken(found)} "
         f"({doubt:.0%} of them make no sense as {_spoken(claimed)}); correct the header's "
-        f"'% evt' and '% format' lines, or read it with encoding={found.partition('/')[0]!r}"
+        f"'% evt' and '% format' lines, or read it with "
+        f"--encoding {found.partition('/')[0]} (in Python encoding=)"
     )
 
 

@@ -1,0 +1,139 @@
+"""What a new user types wrong, and what is said then."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.cli.registry import VERBS
+from spikingtac.cli.twin.demo import Args
+from spikingtac.errors import RecordingError
+from spikingtac.events.open import open_events
+from spikingtac.experiments.registry import EXPERIMENTS
+from spikingtac.tracks import create_tracks
+from spikingtac.types import MarkerFrame
+from spikingtac.viewer.session.opening import open_view_source
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    code = main(arguments)
+    shown = capsys.readouterr()
+    assert "Traceback" not in shown.err
+    return code, " ".join((shown.out + shown.err).split())
+
+
+@pytest.fixture
+def noise(tmp_path: Path) -> Path:
+    path = tmp_path / "noise.raw"
+    path.write_bytes(np.random.default_rng(0).bytes(30_000))
+    return path
+
+
+def test_a_wrong_option_is_named_even_where_an_argument_is_missing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, text = said(capsys, "info", "--bogus", "x")
+    assert code == 2
+    assert "'--bogus'" in text
+    assert "--strict" in text
+    assert said(capsys, "info", "--stricd", "x")[1].count("did you mean '--strict'") == 1
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_shows_no_none(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, text = said(capsys, verb, "--help")
+    assert code == 0
+    assert "{None" not in text
+
+
+def test_the_help_of_experiment_names_all_of_them(capsys: pytest.CaptureFixture[str]) -> None:
+    _, text = said(capsys, "experiment", "--help")
+    assert all(name in text for name in EXPERIMENTS)
+
+
+def test_a_word_of_the_same_stem_is_suggested(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "did you mean 'track'" in said(capsys, "tracking")[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [(("--port", "80801"), "65535"), (("--port", "-1"), "65535"), (("--host", "999.1.1.1"), "999")],
+)
+def test_an_address_that_is_none_is_refused_at_once(
+    options: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = said(capsys, "view", "finger-torsion", "--headless", *options)
+    assert code == 2
+    assert options[0] in text
+    assert named in text
+
+
+def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
+    tmp_path: Path, noise: Path
+) -> None:
+    (tmp_path / "words.txt").write_text("dear diary\n")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "words.txt", tmp_path / "folder", noise):
+        with pytest.raises(RecordingError) as refused:
+            open_view_source(str(path))
+        assert "calibration" not in str(refused.value)
+
+
+@pytest.mark.parametrize("opened", [open_events, open_view_source])
+def test_an_address_on_the_net_keeps_its_slashes(opened: Callable[[str], object]) -> None:
+    address = "https://example.org/a/b.raw"
+    with pytest.raises(RecordingError, match=f"'{address}'.*download it"):
+        opened(address)
+
+
+def test_an_unknown_encoding_says_the_option_and_the_way_out(
+    noise: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = said(capsys, "info", str(noise))
+    assert code == 1
+    assert "--encoding" in text
+    assert "export the recording again" in text
+    foreign = noise.rename(noise.with_suffix(".bin"))
+    assert "convert it with the software of its camera" in said(capsys, "info", str(foreign))[1]
+
+
+def test_an_empty_file_is_said_to_be_empty(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty.raw").write_bytes(b"")
+    code, text = said(capsys, "info", str(tmp_path / "empty.raw"))
+    assert code == 1
+    assert "0 bytes" in text
+
+
+def test_doctor_names_every_extra_and_keeps_each_row_on_a_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
+    extras = tomllib.loads(project.read_text())["project"]["optional-dependencies"]
+    main(["doctor"])
+    lines = capsys.readouterr().out.splitlines()
+    for extra in extras.keys() - {"dev"}:
+        assert any(line.startswith(f"extra [{extra}]") for line in lines)
+    main(["doctor", "--json"])
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    assert len([line for line in lines if line.strip()]) == len(checks) + 2  # title and heads
+
+
+def test_no_zero_in_a_table_is_negative(tmp_path: Path) -> None:
+    none = np.full((1, 2), -1e-9)
+    frame = MarkerFrame(0, none, none, none, np.zeros(1, bool), np.ones(1))
+    writer = create_tracks(tmp_path / "tracks.csv", np.zeros((1, 2)))
+    writer.write(frame)
+    writer.close({})
+    assert "-0.0000" not in (tmp_path / "tracks.csv").read_text()
+
+
+def test_the_demo_leaves_nothing_unless_asked() -> None:
+    assert Args().picture is None
