@@ -34,10 +34,12 @@ if TYPE_CHECKING:
     from spikingtac.markers.registry import make_tracker as make_tracker
     from spikingtac.markers.tracker import MarkerTracker as MarkerTracker
     from spikingtac.pipeline.follow import follow as follow
+    from spikingtac.plots.tracks import plot_tracks as plot_tracks
     from spikingtac.sim.scene.catalog import load as load_scene  # noqa: F401 - renamed on purpose
     from spikingtac.sim.scene.render import simulate as simulate
     from spikingtac.sim.scene.source import SceneSource as SceneSource
     from spikingtac.tracks import Tracks as Tracks
+    from spikingtac.tracks.comparison import compare_tracks as compare_tracks
     from spikingtac.types import Contact as Contact
     from spikingtac.types import EventPacket as EventPacket
     from spikingtac.types import LossCounters as LossCounters
@@ -65,6 +67,7 @@ _HOMES = {
     "SequentialMotionDetector": "contact.motion.sequential_detector",
     "SpikingTacError": "errors",
     "Tracks": "tracks",
+    "compare_tracks": "tracks.comparison",
     "calibrate": "markers.calibration.calibrate",
     "create_events": "events.create",
     "follow": "pipeline.follow",
@@ -73,6 +76,7 @@ _HOMES = {
     "make_detector": "contact.registry",
     "make_tracker": "markers.registry",
     "open_events": "events.open",
+    "plot_tracks": "plots.tracks",
     "simulate": "sim.scene.render",
     "windows": "events.windows",
 }

@@ -77,6 +77,11 @@ class Calibration:
         """Return a copy for the given polarity; None keeps this one."""
         return self if polarity is None else dataclasses.replace(self, polarity=polarity)
 
+    def scale(self) -> dict[str, Any]:
+        """Return what tracks need of it: ``grid`` and, where it is known, ``px_per_mm``."""
+        known = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
+        return {"grid": list(self.grid), **known}
+
     def save(self, path: str | Path) -> None:
         """Write ``calibration.json``; optional values that are unknown are left out."""
         document: dict[str, Any] = {

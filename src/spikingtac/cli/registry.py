@@ -19,6 +19,8 @@ VERBS: dict[str, str] = {
     "guard": "watch a camera's stream and stop a moving arm at the first contact",
     "train": "train the denoising network on recordings, without labels",
     "view": "show a recording or a scene in the browser: replay, tune, measure",
+    "plot": "draw tracks: displacement over time, vector field, heat map, strain",
+    "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "experiment": "run one of the paper's experiments again: every method, every case, one report",
     "bench": "measure how fast this machine tracks, beside tuned peers on the same stream",
     "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
@@ -32,7 +34,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {
     "studies": ("train", "experiment", "bench"),
     "system": ("doctor",),
     "twin": ("demo", "simulate"),
-    "viewing": ("view",),
+    "viewing": ("view", "plot", "compare"),
 }
 """Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""
 

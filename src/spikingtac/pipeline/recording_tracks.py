@@ -53,7 +53,7 @@ def track_to_file(
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
-        writer.close(_provenance(source, config))
+        writer.close({**_provenance(source, config), **calibration.scale()})
     except BaseException:
         writer.abandon()
         raise

@@ -12,6 +12,7 @@ from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.tracks import Tracks
 
 PEAK_WINDOW_US = 1_000
 """Window of the peak rate, us: that of contact detection."""
@@ -22,10 +23,10 @@ EVENTS_PER_MEV = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Print the content of an event file or recording folder: format, size, rates, damage."""
+    """Print the content of an event file, recording folder or tracks: size, rates, damage."""
 
     file: tyro.conf.Positional[Path]
-    """Event file or recording folder."""
+    """Event file, recording folder, or tracks.npz."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
@@ -39,7 +40,10 @@ class Args:
 def run(args: Args) -> int:
     """Read the whole file once and print its content."""
     from spikingtac.events.open import open_events
+    from spikingtac.tracks import Tracks, is_tracks_file
 
+    if args.file.is_file() and is_tracks_file(args.file):
+        return _print_tracks(Tracks.load(args.file), args)
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
     found = summary(source)
     if args.json:
@@ -57,6 +61,16 @@ def run(args: Args) -> int:
         emit_table("anomalies", ("kind", "what it means", "times"), rows, words=2)
     elif not found["events"]:
         remark("the file holds no events")
+    return 0
+
+
+def _print_tracks(tracks: Tracks, args: Args) -> int:
+    found = {"format": "tracks", **tracks.summary()}
+    if args.json:
+        emit_json(found)
+    else:
+        rows = [(key, _text(value)) for key, value in found.items()]
+        emit_table(str(args.file), ("", ""), rows, words=2)
     return 0
 
 

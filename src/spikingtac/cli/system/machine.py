@@ -28,6 +28,7 @@ EXTRAS = {
     "robot": ("rtde_receive",),
     "bench": ("cv2", "trackpy", "evt3"),
     "rerun": ("rerun",),
+    "tables": ("pandas",),
 }
 """Extra -> the modules that it brings."""
 _CPU = Path("/sys/devices/system/cpu")

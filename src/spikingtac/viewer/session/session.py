@@ -126,6 +126,7 @@ class Session:
         self._recorder.close(
             {
                 **self._view.provenance,
+                **self._view.calibration.scale(),
                 "config": {"tracking": to_mapping(self._config)},
                 "losses": dict(self._view.source.losses),
                 "simulated": self._view.simulated,

@@ -1,20 +1,19 @@
-"""``tracks.npz`` and its CSV twin: the displacement of every marker over time, on disk."""
+"""Write tracks: ``tracks.npz``, and its CSV twin in long form."""
 
 from __future__ import annotations
 
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Protocol, Self
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import WholeFile, write_text
-from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.array_file import ColumnFile, load_arrays
+from spikingtac.errors import ConfigError
+from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.types import MarkerFrame
 
 FRAMES_PER_CHUNK = 1_024
@@ -37,56 +36,14 @@ CSV_COLUMNS = (
 FIELDS = {"held": "coasted"}
 """Key of a file -> the attribute that holds it, where the two differ."""
 
-
-@dataclass(frozen=True)
-class Tracks:
-    """Marker tracks of one recording.
-
-    Attributes:
-        t_us: ``(n,)`` int64 times, us.
-        detected_px: ``(n, m, 2)`` the truthful estimate, px.
-        position_px: ``(n, m, 2)`` after the hysteresis law, px.
-        displacement_px: ``(n, m, 2)`` position minus reference, px.
-        coasted: ``(n, m)`` True where a position was sustained or predicted.
-        confidence: ``(n, m)`` 0 to 1.
-        reference_px: ``(m, 2)`` rest positions, px.
-        meta: Resolved configuration, input digest, package version, loss counters.
-    """
-
-    t_us: NDArray[np.int64]
-    detected_px: NDArray[np.float32]
-    position_px: NDArray[np.float32]
-    displacement_px: NDArray[np.float32]
-    coasted: NDArray[np.bool_]
-    confidence: NDArray[np.float32]
-    reference_px: NDArray[np.float32]
-    meta: dict[str, Any]
-
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """The former name of :attr:`coasted`, and its key in files."""
-        return self.coasted
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read ``tracks.npz``.
-
-        Raises:
-            RecordingError: The file cannot be read or holds no tracks.
-        """
-        try:
-            values: dict[str, Any] = load_arrays(path, "tracks")
-            meta = json.loads(str(values.pop("meta")))
-            if not isinstance(meta, dict):
-                raise ValueError("meta is no JSON object")
-            _require_shapes(values)
-            fields = {FIELDS.get(name, name): array for name, array in values.items()}
-            return cls(meta=meta, **fields)
-        except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
-            raise RecordingError(
-                f"{str(path)!r} holds no tracks: {error}; "
-                "make them with: spikingtac track RECORDING --calibration calibration.json"
-            ) from error
+COLUMN_TYPES = {
+    "detected_px": np.float32,
+    "position_px": np.float32,
+    "displacement_px": np.float32,
+    "held": np.bool_,
+    "confidence": np.float32,
+}
+"""Key of a file -> the type of its numbers."""
 
 
 class TracksWriter(Protocol):
@@ -154,7 +111,7 @@ class NpzTracksWriter:
             name: np.stack([getattr(frame, FIELDS.get(name, name)) for frame in frames]).astype(
                 dtype
             )
-            for name, dtype in _TYPES.items()
+            for name, dtype in COLUMN_TYPES.items()
         }
         self._file.append({"t_us": np.array([frame.t_us for frame in frames]), **columns})
 
@@ -162,7 +119,7 @@ class NpzTracksWriter:
         shapes = {"held": (0, markers), "confidence": (0, markers)}
         columns = {
             name: np.empty(shapes.get(name, (0, markers, 2)), dtype)
-            for name, dtype in _TYPES.items()
+            for name, dtype in COLUMN_TYPES.items()
         }
         self._file.append({"t_us": np.empty(0, np.int64), **columns})
 
@@ -200,30 +157,3 @@ class CsvTracksWriter:
     def abandon(self) -> None:
         """Give up: leave what was there before."""
         self._target.abandon(self._file)
-
-
-_TYPES = {
-    "detected_px": np.float32,
-    "position_px": np.float32,
-    "displacement_px": np.float32,
-    "held": np.bool_,
-    "confidence": np.float32,
-}
-
-
-def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse arrays that do not belong together.
-
-    Raises:
-        ValueError: A shape or a type does not fit; KeyError where an array is missing.
-    """
-    times, markers = values["t_us"].shape, len(values["reference_px"])
-    if len(times) != 1 or values["t_us"].dtype.kind != "i":
-        raise ValueError("t_us must be one row of whole numbers")
-    if values["reference_px"].shape != (markers, 2):
-        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
-    for name, dtype in _TYPES.items():
-        array = values[name]
-        shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
-        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")

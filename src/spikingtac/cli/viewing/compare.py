@@ -1,0 +1,101 @@
+"""``spikingtac compare``: two tracks, or tracks and a truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.errors import RecordingError
+from spikingtac.plots.theme import ThemeName, WidthName
+from spikingtac.tracks import Tracks
+from spikingtac.tracks.comparison import Comparison, compare_tracks, compare_with_truth
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
+
+    one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
+    """tracks.npz; its times count."""
+    other: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OTHER")]
+    """Other tracks.npz, a truth.npz, or a recording folder that holds one."""
+    plot: Path | None = None
+    """Figure to write (.png, .svg, .pdf): errors over time and by marker."""
+    table: Path | None = None
+    """CSV file to write: errors of each marker."""
+    theme: ThemeName = "light"
+    """Colours of the figure: light for paper, dark for screens."""
+    width: WidthName = "single"
+    """Width of the figure: one column of a paper, or two."""
+    overwrite: bool = False
+    """Replace files that are already there."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Compare, print the figures, and write what was asked for."""
+    from spikingtac.atomic_files import require_free
+
+    for path in (args.plot, args.table):
+        if path is not None:
+            require_free(path, args.overwrite)
+    found = compared(args.one, args.other)
+    summary = found.summary()
+    if args.plot is not None:
+        from spikingtac.plots.comparison import plot_comparison
+        from spikingtac.plots.tracks import save_figure
+
+        save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.plot)
+    if args.table is not None:
+        _write_table(found, args.table)
+    if args.json:
+        emit_json({**summary, "by_marker": found.by_marker()})
+        return 0
+    rows = [(name.replace("_", " "), _text(value)) for name, value in summary.items()]
+    emit_table(f"{args.one} against {args.other}", ("", ""), rows)
+    for path in (args.plot, args.table):
+        if path is not None:
+            remark(f"written: {path}")
+    return 0
+
+
+def compared(one: Path, other: Path) -> Comparison:
+    """Compare the tracks in a file with tracks or a truth.
+
+    Raises:
+        RecordingError: A file cannot be read, or holds neither.
+        ConfigError: The two are of other sensors or other times.
+    """
+    from spikingtac.events.formats.array_file import load_arrays
+    from spikingtac.tracks import is_tracks_file
+
+    tracks = Tracks.load(one)
+    path = other / "truth.npz" if other.is_dir() else other
+    if is_tracks_file(path):
+        return compare_tracks(tracks, Tracks.load(path))
+    truth = load_arrays(path, "ground truth")
+    if not {"marker_t_us", "marker_px"} <= truth.keys():
+        raise RecordingError(
+            f"{str(path)!r} holds neither tracks nor a truth (marker_t_us and marker_px)"
+        )
+    return compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])
+
+
+def _write_table(found: Comparison, path: Path) -> None:
+    from spikingtac.atomic_files import write_text
+
+    lines = ["marker,error_mean_px,error_p95_px"]
+    lines += [
+        f"{row['marker']},{row['error_mean_px']:.4f},{row['error_p95_px']:.4f}"
+        for row in found.by_marker()
+    ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

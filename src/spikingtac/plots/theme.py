@@ -1,0 +1,90 @@
+"""Colours, fonts and widths of the figures of results, for paper and for screens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from spikingtac.errors import named
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ThemeName = Literal["light", "dark"]
+WidthName = Literal["single", "double"]
+
+WIDTHS_IN: dict[WidthName, float] = {"single": 3.5, "double": 7.16}
+"""Widths of one and of two columns of an IEEE paper, inches (IEEE author centre)."""
+DPI = 300
+"""Dots per inch of bitmaps: what publishers ask for."""
+FONT_PT = 8.0
+"""Size of text in a figure of one column, points."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theme:
+    """Colours of a figure.
+
+    Attributes:
+        ground: Behind everything.
+        text: Text, axes and ticks.
+        soft: What is in the background: grids, resting markers, single markers' lines.
+        strong: What the figure is about.
+        second: What it is compared with.
+        sequential: Colour map of magnitudes, perceptually uniform.
+        diverging: Colour map of signed values.
+    """
+
+    ground: str
+    text: str
+    soft: str
+    strong: str
+    second: str
+    sequential: str
+    diverging: str
+
+
+# The two hues are told apart by deuteranopes too (Okabe and Ito, 2008: blue and orange).
+THEMES: dict[ThemeName, Theme] = {
+    "light": Theme(
+        ground="white", text="#1a1a1a", soft="#9aa3aa", strong="#0072b2", second="#d55e00",
+        sequential="viridis", diverging="RdBu_r",
+    ),
+    "dark": Theme(
+        ground="#0b0d0e", text="#dbe0e3", soft="#6d777e", strong="#56b4e9", second="#e69f00",
+        sequential="viridis", diverging="RdBu_r",
+    ),
+}  # fmt: skip
+"""Name -> colours."""
+
+
+def new_figure(theme: str, width: str, height_share: float) -> tuple[Figure, Theme]:
+    """Return an empty figure and its theme.
+
+    Args:
+        theme: A name in :data:`THEMES`.
+        width: A name in :data:`WIDTHS_IN`.
+        height_share: Height over width.
+
+    Raises:
+        ConfigError: A name is unknown.
+    """
+    from matplotlib.figure import Figure
+
+    colors = named({str(name): value for name, value in THEMES.items()}, theme, "theme")
+    wide = named({str(name): value for name, value in WIDTHS_IN.items()}, width, "width")
+    size = wide, wide * height_share
+    return Figure(figsize=size, dpi=DPI, facecolor=colors.ground, layout="constrained"), colors
+
+
+def style_axes(axes: Axes, theme: Theme) -> None:
+    """Give axes the theme's colours and the figure's size of text."""
+    axes.set_facecolor(theme.ground)
+    axes.tick_params(colors=theme.text, labelsize=FONT_PT - 1)
+    for side, spine in axes.spines.items():
+        spine.set_color(theme.text)
+        spine.set_visible(side in ("left", "bottom"))
+    for label in (axes.xaxis.label, axes.yaxis.label, axes.title):
+        label.set_color(theme.text)
+        label.set_fontsize(FONT_PT)

@@ -1,0 +1,193 @@
+"""Figures of tracks: displacement over time, vector field, heat map, strain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.atomic_files import replacing
+from spikingtac.errors import ConfigError, named
+from spikingtac.plots.summary import PICTURE_ENDINGS
+from spikingtac.plots.theme import DPI, FONT_PT, Theme, new_figure, style_axes
+from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.tracks import Tracks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Kind = Literal["course", "field", "map", "strain"]
+US_PER_S = 1_000_000
+MARGIN_PX = 20.0
+"""Free space around the markers of a field, px: about half a pitch of the usual grids."""
+ARROW_SHARE = 0.9
+"""Length of the longest arrow over the distance of neighbouring markers."""
+COURSE_HEIGHT, FIELD_HEIGHT = 0.62, 0.86
+"""Heights of a time course and of a field with its scale, over the width."""
+
+
+def plot_tracks(
+    tracks: Tracks,
+    kind: str = "course",
+    *,
+    at_us: int | None = None,
+    theme: str = "light",
+    width: str = "single",
+) -> Figure:
+    """Draw tracks.
+
+    Args:
+        tracks: What is drawn; in mm where its scale is known, otherwise in px.
+        kind: ``course`` (displacement of every marker over time), ``field`` (arrows), ``map``
+            (length of the displacement) or ``strain`` (growth of area).
+        at_us: Time of a field, map or strain, us; that of the largest displacement unless given.
+        theme: ``light`` or ``dark``.
+        width: ``single`` or ``double`` column.
+
+    Raises:
+        ConfigError: A name is unknown, or there is nothing to draw.
+    """
+    draw = named(_KINDS, kind, "kind of plot")
+    if not len(tracks.t_us):
+        raise ConfigError("these tracks hold no estimate; there is nothing to draw")
+    height = COURSE_HEIGHT if kind == "course" else FIELD_HEIGHT
+    figure, colors = new_figure(theme, width, height)
+    axes = figure.add_subplot()
+    style_axes(axes, colors)
+    draw(axes, tracks, _row(tracks, at_us), colors)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, SVG or PDF; it appears whole or not at all.
+
+    Raises:
+        ConfigError: The ending is none of these, or the folder does not exist.
+    """
+    target = Path(path)
+    if target.suffix not in PICTURE_ENDINGS:
+        valid = ", ".join(PICTURE_ENDINGS)
+        raise ConfigError(f"cannot draw {target.name!r} (valid endings: {valid})")
+    if not target.parent.is_dir():
+        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    with replacing(target) as partial:
+        figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
+
+
+def _row(tracks: Tracks, at_us: int | None) -> int:
+    chosen_us = tracks.summary()["displacement_max_t_us"] if at_us is None else at_us
+    return int(np.abs(tracks.t_us - int(chosen_us)).argmin())
+
+
+def _moved(tracks: Tracks) -> tuple[NDArray[np.floating], str]:
+    """Return the displacements ``(n, m, 2)`` and their unit."""
+    if tracks.px_per_mm is None:
+        return tracks.displacement_px, "px"
+    return tracks.displacement_mm, "mm"
+
+
+def _draw_course(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    moved, unit = _moved(tracks)
+    length = np.hypot(moved[..., 0], moved[..., 1])
+    t_s = (tracks.t_us - tracks.t_us[0]) / US_PER_S
+    axes.plot(t_s, length, color=theme.soft, linewidth=0.3, alpha=0.6)
+    axes.plot(t_s, np.median(length, axis=1), color=theme.second, linewidth=1.0, label="median")
+    axes.plot(t_s, length.max(axis=1), color=theme.strong, linewidth=1.0, label="largest")
+    axes.set(xlabel="time (s)", ylabel=f"displacement ({unit})", xlim=(t_s[0], max(t_s[-1], 1e-6)))
+    axes.legend(fontsize=FONT_PT - 1, frameon=False, labelcolor=theme.text)
+
+
+def _draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    moved, unit = _moved(tracks)
+    rest, length = tracks.reference_px, np.hypot(*moved[row].T)
+    longest_px = float(np.hypot(*tracks.displacement_px[row].T).max())
+    scale = ARROW_SHARE * _pitch_px(rest) / max(longest_px, 1e-9)
+    arrows = axes.quiver(
+        *rest.T, *(tracks.displacement_px[row] * scale).T, length,
+        cmap=theme.sequential, angles="xy", scale_units="xy", scale=1, width=0.006,
+    )  # fmt: skip
+    axes.plot(*rest.T, ".", color=theme.soft, markersize=1.5, zorder=0)
+    _finish_field(axes, tracks, row, theme)
+    _add_scale(axes, arrows, f"displacement ({unit})", theme)
+
+
+def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    moved, unit = _moved(tracks)
+    _draw_values(axes, tracks, np.hypot(*moved[row].T), theme.sequential, (0.0, None))
+    _finish_field(axes, tracks, row, theme)
+    _add_scale(axes, axes.collections[0], f"displacement ({unit})", theme)
+
+
+def _draw_strain(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    operator = GradientOperator(tracks.reference_px.astype(np.float64))
+    growth = operator.of(tracks.displacement_px[row].astype(np.float64)).divergence
+    bound = max(float(np.abs(growth).max()), 1e-9)
+    _draw_values(axes, tracks, growth, theme.diverging, (-bound, bound))
+    _finish_field(axes, tracks, row, theme)
+    _add_scale(axes, axes.collections[0], "growth of area (1)", theme)
+
+
+_KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], None]] = {
+    "course": _draw_course,
+    "field": _draw_field,
+    "map": _draw_map,
+    "strain": _draw_strain,
+}
+
+
+def _draw_values(
+    axes: Axes,
+    tracks: Tracks,
+    values: NDArray[np.floating],
+    colors: str,
+    bounds: tuple[float, float | None],
+) -> None:
+    """Draw a value at each marker as a square of the size of the pitch."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Rectangle
+
+    pitch = _pitch_px(tracks.reference_px)
+    squares = [
+        Rectangle((float(x) - pitch / 2, float(y) - pitch / 2), pitch, pitch)
+        for x, y in tracks.reference_px
+    ]
+    tiles = PatchCollection(squares, cmap=colors, linewidth=0)
+    tiles.set_array(values)
+    tiles.set_clim(*bounds)
+    axes.add_collection(tiles)
+
+
+def _pitch_px(rest: NDArray[np.floating]) -> float:
+    """Return the median distance of the nearest neighbour, px."""
+    if len(rest) < 2:
+        return MARGIN_PX
+    apart = np.hypot(*np.moveaxis(rest[:, np.newaxis] - rest, 2, 0))
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(apart.min(axis=1)))
+
+
+def _finish_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    (left, top), (right, bottom) = tracks.reference_px.min(axis=0), tracks.reference_px.max(axis=0)
+    margin = max(MARGIN_PX, 0.6 * _pitch_px(tracks.reference_px))
+    axes.set(
+        xlim=(left - margin, right + margin),
+        ylim=(bottom + margin, top - margin),
+        xlabel="x (px)",
+        ylabel="y (px)",
+        aspect="equal",
+    )
+    t_s = (tracks.t_us[row] - tracks.t_us[0]) / US_PER_S
+    axes.set_title(f"t = {t_s:.3f} s", color=theme.text, fontsize=FONT_PT)
+
+
+def _add_scale(axes: Axes, drawn: object, label: str, theme: Theme) -> None:
+    figure = axes.get_figure()
+    assert figure is not None
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.9)  # type: ignore[arg-type]
+    bar.set_label(label, color=theme.text, fontsize=FONT_PT)
+    bar.ax.tick_params(colors=theme.text, labelsize=FONT_PT - 1)
+    bar.outline.set_visible(False)  # type: ignore[operator]

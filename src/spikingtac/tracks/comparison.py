@@ -1,0 +1,114 @@
+"""Two tracks of the same markers, or tracks and a truth: how far they are apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.tracks.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The distances of the same markers at the same times.
+
+    Attributes:
+        t_us: ``(n,)`` times of the first tracks within the span of both, us.
+        error_px: ``(n, m)`` distance of each marker, px.
+        coasted: ``(n, m)`` True where the first tracks predicted a position.
+        px_per_mm: Scale, or None where it is not known.
+    """
+
+    t_us: NDArray[np.int64]
+    error_px: NDArray[np.float64]
+    coasted: NDArray[np.bool_]
+    px_per_mm: float | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures over all markers and times.
+
+        Returns:
+            ``markers``, ``estimates``, ``error_mean_px``, ``error_p50_px``, ``error_p95_px``,
+            ``error_max_px``, ``error_seen_mean_px`` (without coasted markers), ``worst_marker``
+            (of the largest mean) and ``error_mean_mm``; None where unknown.
+        """
+        p50_px, p95_px = np.percentile(self.error_px, (50, 95))
+        mean_px = float(self.error_px.mean())
+        seen = self.error_px[~self.coasted]
+        return {
+            "markers": self.error_px.shape[1],
+            "estimates": len(self.t_us),
+            "error_mean_px": mean_px,
+            "error_p50_px": float(p50_px),
+            "error_p95_px": float(p95_px),
+            "error_max_px": float(self.error_px.max()),
+            "error_seen_mean_px": float(seen.mean()) if len(seen) else None,
+            "worst_marker": int(self.error_px.mean(axis=0).argmax()),
+            "error_mean_mm": mean_px / self.px_per_mm if self.px_per_mm else None,
+        }
+
+    def by_marker(self) -> list[dict[str, Any]]:
+        """Return ``marker``, ``error_mean_px`` and ``error_p95_px`` for each marker."""
+        means, high = self.error_px.mean(axis=0), np.percentile(self.error_px, 95, axis=0)
+        return [
+            {"marker": marker, "error_mean_px": float(mean), "error_p95_px": float(p95)}
+            for marker, (mean, p95) in enumerate(zip(means, high, strict=True))
+        ]
+
+
+def compare_tracks(one: Tracks, other: Tracks) -> Comparison:
+    """Compare the given positions of two tracks at the times of the first.
+
+    Those of the other are interpolated linearly between its times.
+
+    Raises:
+        ConfigError: They have other numbers of markers, or no time in common.
+    """
+    return _compared(one, one.position_px, other.t_us, other.position_px)
+
+
+def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any]) -> Comparison:
+    """Compare the detected positions of tracks, before any output law, with a ground truth.
+
+    Args:
+        one: The tracks.
+        t_us: ``(k,)`` times of the positions, increasing, us.
+        position_px: ``(k, m, 2)`` the positions, px.
+
+    Raises:
+        ConfigError: They have other numbers of markers, or no time in common.
+    """
+    return _compared(one, one.detected_px, t_us, position_px)
+
+
+def _compared(
+    one: Tracks, own_px: NDArray[Any], t_us: NDArray[Any], position_px: NDArray[Any]
+) -> Comparison:
+    markers = own_px.shape[1]
+    if position_px.shape[1] != markers:
+        raise ConfigError(
+            f"the one has {markers} markers, the other {position_px.shape[1]}; compare tracks of "
+            "the same sensor"
+        )
+    common = (one.t_us >= t_us[0]) & (one.t_us <= t_us[-1]) if len(t_us) else np.zeros(0, bool)
+    if not common.any():
+        raise ConfigError("the two have no time in common; compare tracks of the same recording")
+    at_us = one.t_us[common]
+    late = np.searchsorted(t_us, at_us).clip(1, max(len(t_us) - 1, 1))
+    if len(t_us) == 1:
+        expected = np.broadcast_to(position_px[0], (len(at_us), markers, 2))
+    else:
+        share = (at_us - t_us[late - 1]) / (t_us[late] - t_us[late - 1])
+        before, after = position_px[late - 1].astype(float), position_px[late].astype(float)
+        expected = before + share[:, np.newaxis, np.newaxis] * (after - before)
+    apart = own_px[common] - expected
+    return Comparison(
+        t_us=at_us,
+        error_px=np.hypot(apart[..., 0], apart[..., 1]),
+        coasted=one.coasted[common],
+        px_per_mm=one.px_per_mm,
+    )

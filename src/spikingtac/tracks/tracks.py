@@ -1,0 +1,221 @@
+"""The displacement of every marker over time: tracks of a recording, in memory."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.tracks.files import COLUMN_TYPES, FIELDS, create_tracks
+from spikingtac.types import MarkerFrame
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+US_PER_S = 1_000_000
+
+
+@dataclass(frozen=True, repr=False)
+class Tracks:
+    """Marker tracks of one recording.
+
+    Attributes:
+        t_us: ``(n,)`` int64 times, us.
+        detected_px: ``(n, m, 2)`` the truthful estimate, px.
+        position_px: ``(n, m, 2)`` after the hysteresis law, px.
+        displacement_px: ``(n, m, 2)`` position minus reference, px.
+        coasted: ``(n, m)`` True where a position was sustained or predicted.
+        confidence: ``(n, m)`` 0 to 1.
+        reference_px: ``(m, 2)`` rest positions, px.
+        meta: Resolved configuration, input digest, package version, loss counters; where they are
+            known also ``px_per_mm``, the scale, and ``grid``, the rows and columns of the markers.
+    """
+
+    t_us: NDArray[np.int64]
+    detected_px: NDArray[np.float32]
+    position_px: NDArray[np.float32]
+    displacement_px: NDArray[np.float32]
+    coasted: NDArray[np.bool_]
+    confidence: NDArray[np.float32]
+    reference_px: NDArray[np.float32]
+    meta: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """Return one line for people."""
+        found = self.summary()
+        return (
+            f"<Tracks: {found['markers']} markers, {found['estimates']} estimates in "
+            f"{found['duration_s']:.3f} s, largest displacement "
+            f"{found['displacement_max_px']:.2f} px, {found['held_share']:.1%} coasted>"
+        )
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """The former name of :attr:`coasted`, and its key in files."""
+        return self.coasted
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read ``tracks.npz``.
+
+        Raises:
+            RecordingError: The file cannot be read or holds no tracks.
+        """
+        try:
+            values: dict[str, Any] = load_arrays(path, "tracks")
+            meta = json.loads(str(values.pop("meta")))
+            if not isinstance(meta, dict):
+                raise ValueError("meta is no JSON object")
+            _require_shapes(values)
+            fields = {FIELDS.get(name, name): array for name, array in values.items()}
+            return cls(meta=meta, **fields)
+        except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise RecordingError(
+                f"{str(path)!r} holds no tracks: {error}; "
+                "make them with: spikingtac track RECORDING --calibration calibration.json"
+            ) from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`.
+
+        Raises:
+            ConfigError: The ending is neither ``.npz`` nor ``.csv``, or there is no such folder.
+        """
+        writer = create_tracks(path, self.reference_px.astype(np.float64))
+        try:
+            for frame in self.frames():
+                writer.write(frame)
+            writer.close(self.meta)
+        except BaseException:
+            writer.abandon()
+            raise
+
+    def frames(self) -> Iterator[MarkerFrame]:
+        """Yield the estimates one by one."""
+        for number, t_us in enumerate(self.t_us.tolist()):
+            yield MarkerFrame(
+                t_us=t_us,
+                detected_px=self.detected_px[number],
+                position_px=self.position_px[number],
+                displacement_px=self.displacement_px[number],
+                coasted=self.coasted[number],
+                confidence=self.confidence[number],
+            )
+
+    @property
+    def px_per_mm(self) -> float | None:
+        """The scale, or None where the calibration knew no pitch."""
+        scale = self.meta.get("px_per_mm")
+        return float(scale) if isinstance(scale, int | float) and scale > 0 else None
+
+    @property
+    def displacement_mm(self) -> NDArray[np.float64]:
+        """``(n, m, 2)`` displacement on the skin, mm.
+
+        Raises:
+            ConfigError: The scale is not known.
+        """
+        if self.px_per_mm is None:
+            raise ConfigError(
+                "these tracks know no scale; calibrate with --pitch-mm, the distance of "
+                "neighbouring markers on the skin, and track again"
+            )
+        return self.displacement_px.astype(np.float64) / self.px_per_mm
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the tracks.
+
+        Returns:
+            ``markers``, ``estimates``, ``t_first_us``, ``t_last_us``, ``duration_s``, ``rate_hz``
+            (the median), ``displacement_max_px`` with its ``displacement_max_marker`` and
+            ``displacement_max_t_us``, ``displacement_max_mm``, ``held_share``, ``never_observed``
+            (markers that were coasted throughout) and ``px_per_mm``; None where unknown.
+        """
+        estimates, markers = self.coasted.shape
+        figures: dict[str, Any] = {"markers": markers, "estimates": estimates}
+        moved_px = np.hypot(*np.moveaxis(self.displacement_px, 2, 0))
+        empty = moved_px.size == 0
+        at, marker = (0, 0) if empty else np.unravel_index(moved_px.argmax(), moved_px.shape)
+        largest_px = 0.0 if empty else float(moved_px[at, marker])
+        steps_us = np.diff(self.t_us)
+        seen = ~self.coasted
+        return figures | {
+            "t_first_us": int(self.t_us[0]) if estimates else None,
+            "t_last_us": int(self.t_us[-1]) if estimates else None,
+            "duration_s": float(steps_us.sum() / US_PER_S),
+            "rate_hz": float(US_PER_S / np.median(steps_us)) if len(steps_us) else None,
+            "displacement_max_px": largest_px,
+            "displacement_max_marker": None if empty else int(marker),
+            "displacement_max_t_us": None if empty else int(self.t_us[at]),
+            "displacement_max_mm": largest_px / self.px_per_mm if self.px_per_mm else None,
+            "held_share": 0.0 if empty else float(self.coasted.mean()),
+            "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
+            "px_per_mm": self.px_per_mm,
+        }
+
+    def to_pandas(self) -> DataFrame:
+        """Return the tracks as a table in long form: one row for each time and marker.
+
+        Its columns are those of the CSV file, and ``displacement_x_mm`` and ``displacement_y_mm``
+        where the scale is known.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingExtraError(
+                "tables need pandas; install it with: pip install 'spikingtac[tables]'"
+            ) from error
+        estimates, markers = self.coasted.shape
+        columns: dict[str, NDArray[Any]] = {
+            "t_us": np.repeat(self.t_us, markers),
+            "marker": np.tile(np.arange(markers), estimates),
+        }
+        vectors: dict[str, NDArray[Any]] = {
+            "detected_{}_px": self.detected_px,
+            "position_{}_px": self.position_px,
+            "displacement_{}_px": self.displacement_px,
+        }
+        if self.px_per_mm is not None:
+            vectors["displacement_{}_mm"] = self.displacement_mm
+        for name, vector in vectors.items():
+            for axis, letter in enumerate("xy"):
+                columns[name.format(letter)] = vector[:, :, axis].ravel()
+        columns |= {"held": self.coasted.ravel(), "confidence": self.confidence.ravel()}
+        return pandas.DataFrame(columns)
+
+
+def is_tracks_file(path: str | Path) -> bool:
+    """Return whether a file is an archive that holds displacements over time."""
+    if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return {"t_us.npy", "displacement_px.npy"} <= set(archive.namelist())
+
+
+def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit; KeyError where an array is missing.
+    """
+    times, markers = values["t_us"].shape, len(values["reference_px"])
+    if len(times) != 1 or values["t_us"].dtype.kind != "i":
+        raise ValueError("t_us must be one row of whole numbers")
+    if values["reference_px"].shape != (markers, 2):
+        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
+    for name, dtype in COLUMN_TYPES.items():
+        array = values[name]
+        shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
