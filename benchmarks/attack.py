@@ -98,9 +98,9 @@ def _batch(kind: str, first: int, last: int, found: dict[str, Any]) -> int:
             line = lines.readline() if ready else ""
             if not line:
                 break
-            told = json.loads(line)
-            reached, begun = told["mutant"] + 1, time.monotonic()
-            _count(told, found)
+            record = json.loads(line)
+            reached, begun = record["mutant"] + 1, time.monotonic()
+            _count(record, found)
     if child.poll() is None and time.monotonic() - begun >= TIME_LIMIT_S:
         child.kill()
     code = child.wait()
@@ -110,13 +110,13 @@ def _batch(kind: str, first: int, last: int, found: dict[str, Any]) -> int:
     return reached
 
 
-def _count(told: dict[str, Any], found: dict[str, Any]) -> None:
-    found["slowest_s"] = max(found["slowest_s"], told.get("seconds", 0.0))
-    found["peak_mb"] = max(found["peak_mb"], told.get("grown_mb", 0.0))
-    if told["outcome"] in ("read", "refused"):
-        found[told["outcome"]] += 1
-    if told["outcome"] not in ("read", "refused") or told.get("grown_mb", 0) > MEMORY_LIMIT_MB:
-        found["failures"].append(told)
+def _count(record: dict[str, Any], found: dict[str, Any]) -> None:
+    found["slowest_s"] = max(found["slowest_s"], record.get("seconds", 0.0))
+    found["peak_mb"] = max(found["peak_mb"], record.get("grown_mb", 0.0))
+    if record["outcome"] in ("read", "refused"):
+        found[record["outcome"]] += 1
+    if record["outcome"] not in ("read", "refused") or record.get("grown_mb", 0) > MEMORY_LIMIT_MB:
+        found["failures"].append(record)
 
 
 def work(kind: str, first: int, last: int) -> int:
@@ -133,9 +133,9 @@ def work(kind: str, first: int, last: int) -> int:
         for mutant in range(first, last):
             path.write_bytes(mutated(data, np.random.default_rng(mutant)))
             begun = time.monotonic()
-            told: dict[str, Any] = {"mutant": mutant, "outcome": _outcome(path)}
-            told |= {"seconds": time.monotonic() - begun, "grown_mb": _peak_mb() - idle_mb}
-            print(json.dumps(told), flush=True)
+            record: dict[str, Any] = {"mutant": mutant, "outcome": _outcome(path)}
+            record |= {"seconds": time.monotonic() - begun, "grown_mb": _peak_mb() - idle_mb}
+            print(json.dumps(record), flush=True)
     return 0
 
 

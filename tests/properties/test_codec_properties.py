@@ -1,6 +1,6 @@
 """Codecs on generated input: round trips, and survival of anything that a disk can hold.
 
-SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (300 unless given).
+SPIKINGTAC_EXAMPLES=10000 sets the number of examples of each property (100 unless given).
 """
 
 import itertools
@@ -17,7 +17,7 @@ from spikingtac.errors import RecordingError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 
-EXAMPLES = int(os.environ.get("SPIKINGTAC_EXAMPLES", "300"))
+EXAMPLES = int(os.environ.get("SPIKINGTAC_EXAMPLES", "100"))
 SIZE = (320, 240)
 ENCODINGS = ("evt2", "evt21", "evt3")
 many = settings(

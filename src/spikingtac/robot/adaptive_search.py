@@ -112,7 +112,7 @@ class AdaptiveSearch:
         Raises:
             SearchError: No wall was found, there is no room, or the contacts make no circle; the
                 arm is at rest.
-            DeviceError: Arm or sensor failed; the arm was told to stop.
+            DeviceError: Arm or sensor failed; the arm was commanded to stop.
         """
         start = np.asarray(start_mm, np.float64)
         for _ in range(SEARCHES - 1):

@@ -1,6 +1,7 @@
 """Move until contact, then stop; one loop for the twin and the hardware (Section V-B).
 
-The loop pulls windows. On the twin a pull lets time pass; on hardware it waits for the camera.
+The loop takes one window after another. On the twin this lets simulated time pass; on hardware it
+waits for the camera.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ W_contra = TypeVar("W_contra", contravariant=True)
 
 
 class Detector(Protocol[W_contra]):
-    """What decides on contact; the detectors of :mod:`spikingtac.contact` fit."""
+    """Decides on contact; every detector of :mod:`spikingtac.contact` is one."""
 
     def update(self, window: W_contra) -> Contact | None:
         """Take the next window and return a contact, once it is found."""
@@ -35,10 +36,11 @@ class ApproachConfig:
 
     Attributes:
         speed_mm_s: Speed of the tool, mm/s.
-        cruise_tolerance: The detector listens once the reported speed is within this share of the
-            asked one: the probe's own inertia moves the markers while the arm accelerates.
-        settle_windows: Windows to wait after that, until the probe has rung down.
-        patience_windows: Most windows after which the arm must have come to rest.
+        cruise_tolerance: The detector is used once the reported speed deviates from the commanded
+            one by at most this fraction: while the arm accelerates, the probe's own inertia moves
+            the markers.
+        settle_windows: Windows to wait after that, until the probe's vibration has decayed.
+        patience_windows: Number of windows within which the arm must have come to rest.
     """
 
     speed_mm_s: float = 80.0
@@ -54,10 +56,10 @@ class Approach:
     Attributes:
         contact: The decision, or None where the target was reached without one.
         collision_mm: ``(3,)`` X_collision as the controller reported it at the decision, mm.
-        true_collision_mm: ``(3,)`` the same without staleness and noise; None on hardware.
+        true_collision_mm: ``(3,)`` the same without reporting delay and noise; None on hardware.
         stop_mm: ``(3,)`` X_stop, as reported at rest, mm.
         true_stop_mm: ``(3,)`` the same without noise; None on hardware.
-        windows: Number of windows that were pulled.
+        windows: Number of windows that were taken.
         direction: ``(3,)`` unit vector of the motion.
     """
 
@@ -90,8 +92,8 @@ class Approacher(Generic[W]):
 
     Args:
         arm: The arm, at rest.
-        windows: Regular windows of its sensor or sensors; one iterator, pulled by this object.
-        detector: Told of each window while the arm cruises.
+        windows: Regular windows of its sensor or sensors; this object alone takes them.
+        detector: Is given each window while the arm moves at constant speed.
         config: How to approach.
         watchdog: Checked with every window; a trip ends the approach with a DeviceError.
     """
@@ -116,7 +118,7 @@ class Approacher(Generic[W]):
 
         Raises:
             DeviceError: The watchdog tripped, the stream ended, the arm stopped by itself, or it
-                did not come to rest; the arm was told to stop before.
+                did not come to rest; the arm was commanded to stop first.
         """
         self._pulled = 0
         way = np.asarray(target_mm, np.float64) - self._arm.pose().position_mm
@@ -135,7 +137,7 @@ class Approacher(Generic[W]):
         return Approach(contact, read, true, stop, true_stop, self._pulled, direction)
 
     def wait(self, windows: int) -> None:
-        """Let time pass with the arm at rest, nobody listening.
+        """Let time pass with the arm at rest; the detector is not used.
 
         Raises:
             DeviceError: As :meth:`approach`.
@@ -169,7 +171,7 @@ class Approacher(Generic[W]):
                 self._require_health()
                 return
             self._pull()
-        raise DeviceError("the arm did not come to rest; see to it before anything else")
+        raise DeviceError("the arm did not come to rest; check it before anything else")
 
     def _pull(self) -> W:
         window = next(self._windows, None)
@@ -193,5 +195,7 @@ def _true_position(arm: Arm) -> FloatArray | None:
 
 def _along(found_mm: FloatArray | None, real_mm: FloatArray, direction: FloatArray) -> float:
     if found_mm is None:
-        raise ValueError("there is no such position: no contact was found, or this is no twin")
+        raise ValueError(
+            "there is no such position: no contact was found, or the arm is not simulated"
+        )
     return float((found_mm - real_mm) @ direction)

@@ -1,4 +1,4 @@
-"""The arm, as a protocol: the digital twin and the real UR speak the same words.
+"""The protocol of an arm: the digital twin and the real UR have the same methods.
 
 Lengths are mm, speeds mm/s, in the robot's base frame; positions are those of the tool centre
 point, which stands at the tip of the probe at rest.

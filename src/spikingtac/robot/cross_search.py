@@ -46,7 +46,7 @@ def cross_search(
 
     Raises:
         SearchError: No wall was found, or there is no room; the arm is at rest.
-        DeviceError: Arm or sensor failed; the arm was told to stop.
+        DeviceError: Arm or sensor failed; the arm was commanded to stop.
     """
     start = np.asarray(start_mm, np.float64)
     first = [prober.touch(start, EAST), prober.touch(start, WEST)]

@@ -113,7 +113,7 @@ class Prober(Protocol):
 
         Raises:
             SearchError: No wall was detected within the limits; the arm is at rest.
-            DeviceError: Arm or sensor failed; the arm was told to stop.
+            DeviceError: Arm or sensor failed; the arm was commanded to stop.
         """
         ...
 

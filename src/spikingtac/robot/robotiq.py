@@ -1,7 +1,7 @@
 """A Robotiq gripper through its URCap's ASCII socket (port 63352).
 
-The socket speaks in variables: ``SET POS 255`` is answered ``ack``, ``GET POS`` is answered
-``POS 255``. Positions, speeds and forces are 0 to 255; 0 is open.
+The protocol sets and reads variables: the answer to ``SET POS 255`` is ``ack``, that to ``GET POS``
+is ``POS 255``. Positions, speeds and forces are 0 to 255; 0 is open.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FULL_SCALE = 255
 ACTIVE = 3
 """Value of ``STA`` once the activation has ended."""
 FAULTS_THAT_STOP = 8
-"""``FLT`` from here on is a major fault; below are warnings (Robotiq 2F manual, fault status)."""
+"""From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual, fault status)."""
 
 
 class Grip(enum.IntEnum):

@@ -1,8 +1,8 @@
 """A real UR arm through ur_rtde (the extra ``[robot]``); see :class:`~spikingtac.robot.arm.Arm`.
 
-Not a safety function. The driver adds to ur_rtde what an unattended loop needs: a pose that is too
-old is an error instead of a value, a lost controller is reported instead of waited for, and the
-controller stops by itself when this computer falls silent (URScript's watchdog, action "stop").
+Not a safety function. The driver adds to ur_rtde what an unattended loop needs: reading a pose
+that is too old raises an error, a lost connection is reported at once, and the controller stops by
+itself when this computer sends nothing (URScript's watchdog, action "stop").
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class URArm:
         return ArmState.MOVING if pending else ArmState.IDLE
 
     def reconnect(self) -> None:
-        """Let go of the controller and connect anew, after a loss.
+        """Close the connection and open it again, after a loss.
 
         Raises:
             DeviceError: The controller does not answer.

@@ -16,7 +16,7 @@ from spikingtac.errors import DeviceError
 
 
 class Health(enum.Enum):
-    """What the watchdog thinks of the stream."""
+    """State of the stream, as the watchdog judges it."""
 
     OK = "ok"
     STALE = "stale"
@@ -29,8 +29,8 @@ class Health(enum.Enum):
 class WatchdogConfig:
     """When the stream counts as lost.
 
-    A heartbeat says that the camera's transport is alive; it is apart from the rate of events,
-    since silence is a valid signal of a still sensor.
+    A heartbeat says that the camera's transport is alive. It does not depend on the rate of events,
+    since a sensor at rest sends none.
 
     Attributes:
         stale_s: Longest time without a heartbeat, s (ours: ten windows of 1 ms).
@@ -46,7 +46,7 @@ class WatchdogConfig:
 
 
 class Watchdog:
-    """Trips once and stays tripped until :meth:`reset`; disarmed and unproven at first.
+    """Trips once and stays tripped until :meth:`reset`; at first it is disarmed and not tested.
 
     Args:
         config: When to trip.
@@ -96,13 +96,13 @@ class Watchdog:
         self._trip(Health.DISCONNECTED, reason)
 
     def time_jump(self, reason: str) -> None:
-        """Report that the sensor's clock leapt; trips while armed, since its silence is no data."""
+        """Report that the sensor's clock leapt; trips while armed."""
         with self._lock:
             if self.armed:
                 self._trip(Health.TIME_JUMP, reason)
 
     def check(self) -> Health:
-        """Look at the clock, trip if due, and return the health; to be called at least per window.
+        """Read the clock, trip if it is time, and return the health; call it in every window.
 
         A disarmed watchdog does not trip, but a tripped one stays so.
         """
@@ -115,7 +115,7 @@ class Watchdog:
             return self.health
 
     def require_ok(self) -> None:
-        """Check, and refuse to go on after a trip.
+        """Check, and raise after a trip.
 
         Raises:
             DeviceError: It has tripped, now or before.
@@ -124,10 +124,10 @@ class Watchdog:
             raise DeviceError(f"the watchdog stopped the arm: {self.health.value}, {self.reason}")
 
     def self_test(self) -> None:
-        """Prove that a fault trips and that the arm can be told to stop; needed before arming.
+        """Test that a fault trips it and that the arm obeys a stop; needed before arming.
 
         Raises:
-            DeviceError: The watchdog is tripped or armed, or the arm did not take the stop.
+            DeviceError: The watchdog is tripped or armed, or the arm did not obey the stop.
         """
         with self._lock:
             if self.armed or self.health is not Health.OK:
@@ -142,7 +142,7 @@ class Watchdog:
         self._proven = True
 
     def arm(self) -> None:
-        """Start to watch.
+        """Start watching.
 
         Raises:
             DeviceError: It is tripped, or :meth:`self_test` was not passed since the last reset.
@@ -157,11 +157,11 @@ class Watchdog:
         self.armed = True
 
     def disarm(self) -> None:
-        """Stop to watch; a trip stays."""
+        """Stop watching; a trip stays."""
         self.armed = False
 
     def reset(self) -> None:
-        """Forget a trip, on purpose; the self-test has to be passed again."""
+        """Clear a trip; the self-test has to be passed again."""
         self._clear()
         self._proven = False
 
@@ -203,7 +203,7 @@ class WatchdogThread:
 
     Args:
         watchdog: What to check.
-        period_s: Time between checks, s; the arm is told to stop within ``stale_s + period_s``.
+        period_s: Time between checks, s; the arm stops within ``stale_s + period_s``.
     """
 
     def __init__(self, watchdog: Watchdog, period_s: float = 0.002) -> None:

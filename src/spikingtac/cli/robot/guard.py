@@ -61,7 +61,7 @@ def run(args: Args) -> int:
 
     Raises:
         ConfigError: An argument is not valid; nothing was connected.
-        DeviceError: The stream or the arm failed; the arm was told to stop.
+        DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
     from spikingtac.events.formats.evt.raw_stream import is_stream
 
@@ -85,7 +85,7 @@ def run(args: Args) -> int:
     if args.json:
         emit_json(summary)
     else:
-        remark(f"contact at {summary['contact']['t_us']} us, the arm was told to stop")
+        remark(f"contact at {summary['contact']['t_us']} us, the arm was commanded to stop")
     return 0
 
 

@@ -53,7 +53,7 @@ def on_arm(args: ProbeArgs) -> ProbedHole:
 
     Raises:
         SearchError: There is no wall, no room, or no circle; the arm is at rest.
-        DeviceError: Arm, gripper or sensor failed; the arm was told to stop.
+        DeviceError: Arm, gripper or sensor failed; the arm was commanded to stop.
     """
     assert args.calibration is not None
     calibration = Calibration.load(args.calibration)

@@ -42,11 +42,11 @@ FAST_US = 100
 """Period of ``fast``: 10 kHz."""
 
 TURNS, QUICK_TURNS = 20, 6
-"""Whole turns of the skin in the stream: about 3.5 s, 1 s."""
+"""Full circles of the skin's motion in the stream: about 3.5 s, 1 s."""
 
 PACED_S, QUICK_PACED_S = 30.0, 5.0
 SLOW_EVERY = {"trackpy": 10}
-"""Peers that estimate at every n-th window only, so that the bench ends; times are per estimate."""
+"""Slow peers estimate at every n-th window only, to bound the duration; times are per estimate."""
 
 DEFINITIONS = {
     "step_p50_us": "median of absorb + estimate, free running, one core",
@@ -173,8 +173,8 @@ def _camera_rows(
 def _paced(name: str, camera: str, options: RunOptions) -> dict[str, float]:
     turns = QUICK_TURNS if options.quick else TURNS
     duration_s = QUICK_PACED_S if options.quick else PACED_S
-    told = (options.seed, turns, duration_s)
-    latency_us = in_own_process(paced_process, name, camera, told, options.output)
+    arguments = (options.seed, turns, duration_s)
+    latency_us = in_own_process(paced_process, name, camera, arguments, options.output)
     return {
         "paced_1khz_p99_us": float(np.percentile(latency_us, 99)),
         "paced_1khz_missed": float((latency_us > PACE_US).mean()),
@@ -196,9 +196,8 @@ def _row(method: str, case: str, metric: str, value: float, count: int) -> Row:
 
 
 def _findings(rows: list[Row]) -> list[str]:
-    return [
-        told for method in OWN for camera in CAMERAS if (told := _finding(rows, method, camera))
-    ]
+    findings = (_finding(rows, method, camera) for method in OWN for camera in CAMERAS)
+    return [finding for finding in findings if finding]
 
 
 def _finding(rows: list[Row], method: str, camera: str) -> str:

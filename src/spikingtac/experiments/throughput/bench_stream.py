@@ -1,4 +1,4 @@
-"""The stream of the throughput bench: the whole skin shaken in a circle until 2 Mev/s come out."""
+"""The stream of the throughput bench: the skin moves on a circle, fast enough for 2 Mev/s."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ CIRCLE_MM = 0.33
 """Radius of the circle, mm: about 5 px."""
 
 FIRST_GUESS_HZ = 4.0
-"""Turns per second of the first try; the rate of events grows with it."""
+"""Circles per second of the first trial; the rate of events grows with it."""
 
 IMAGE_US = 1_000
 """Time between two images; the camera moves the markers linearly in between."""
 
 TRY_US = 500_000
-"""Length of a try."""
+"""Length of a trial."""
 
 TRIES = 2
-"""Noise and dead time keep the rate from growing in proportion: one leaves it 5 % short."""
+"""Noise and dead time make the rate less than proportional: after one trial it is 5 % low."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
     Args:
         camera: ``typical`` or ``noisy``.
         seed: Of the camera's noise.
-        turns: How often the skin goes round.
+        turns: Number of full circles.
     """
     trial = _trial(camera, seed)
     turns_hz = FIRST_GUESS_HZ
@@ -71,12 +71,12 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
 
 
 def kept_stream(camera: str, seed: int, turns: int, folder: Path) -> BenchStream:
-    """Return the stream of :func:`bench_stream` from a folder; make and keep it where it is not.
+    """Return the stream of :func:`bench_stream` from a folder; make and store it if it is missing.
 
     Args:
         camera: ``typical`` or ``noisy``.
         seed: Of the camera's noise.
-        turns: How often the skin goes round.
+        turns: Number of full circles.
         folder: The bench's.
     """
     code = code_digest(

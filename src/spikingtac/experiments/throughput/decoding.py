@@ -16,11 +16,11 @@ from spikingtac.types import EventPacket
 
 ENCODINGS = ("evt2", "evt21", "evt3")
 REPEATS = 5
-"""Runs of each measurement; the fastest counts, the others measure what else the machine did."""
+"""Runs of each measurement; the fastest counts, since other load only makes a run slower."""
 
 WINDOW_US = 1_000
 PACKET_US = 10_000
-"""Length of the packets that are counted and painted."""
+"""Length of the packets of the count and map measurement."""
 
 
 def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:
@@ -38,14 +38,14 @@ def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:
         with create_events(path, events.size, encoding=encoding) as writer:
             writer.write(events)
         taken_s[encoding] = fastest_s(lambda path=path: [len(part) for part in open_events(path)])
-        told = f"{encoding.upper()} file on disk to checked event packets"
-        yield _row(f"decode_{encoding}_mev_s", millions / taken_s[encoding], "Mev/s", told)
+        definition = f"{encoding.upper()} file on disk to checked event packets"
+        yield _row(f"decode_{encoding}_mev_s", millions / taken_s[encoding], "Mev/s", definition)
     library_s = _library_s(folder / "streams" / "evt3.raw")
     if library_s is not None:
-        told = "decode_evt3_mev_s over that of the evt3 package, the same file"
-        yield _row("decode_vs_evt3_library", library_s / taken_s["evt3"], "times", told)
-    told = "events to 1 ms counts and the map, bounds and order of time checked"
-    yield _row("counts_and_map_mev_s", millions / _count_s(events), "Mev/s", told)
+        definition = "decode_evt3_mev_s over that of the evt3 package, the same file"
+        yield _row("decode_vs_evt3_library", library_s / taken_s["evt3"], "times", definition)
+    definition = "events to 1 ms counts and the map, bounds and order of time checked"
+    yield _row("counts_and_map_mev_s", millions / _count_s(events), "Mev/s", definition)
 
 
 def fastest_s(action: Callable[[], object]) -> float:

@@ -1,4 +1,4 @@
-"""Time steps of a tracker, free running or paced; the only clocks of the experiments."""
+"""Time steps of a tracker, free running or paced."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PACE_US = 1_000
 """Period of the paced run: 1 kHz."""
 
 WARM_UP_SHARE = 0.1
-"""Share of the steps that is run first, untimed: kernels compile, caches fill."""
+"""Fraction of the steps that runs first and is not timed: kernels compile, caches fill."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,9 @@ def paced_run(
 ) -> NDArray[np.float64]:
     """Return the latency of each step, us, from when its window is complete to its output.
 
-    The windows are repeated without end; they hold whole turns of the motion. The waits are spent
-    spinning: a process that sleeps is woken late, on a virtual machine by up to a ms (measured:
-    0.2 to 1.2 % of the steps missed, 0.01 to 0.04 % without sleep), which tells of the machine.
+    The windows are repeated without end; they hold whole turns of the motion. It waits in a busy
+    loop: a process that sleeps wakes late, on a virtual machine by up to 1 ms (measured: 0.2 to
+    1.2 % of the steps missed, 0.01 to 0.04 % without sleep), which would measure the machine.
 
     Args:
         build: Makes the tracker.
