@@ -65,7 +65,7 @@ class ContactProcess:
         """Return the latest state without waiting; empty before the first.
 
         ``phase`` is ``ready`` (the self-test has passed, the guard watches), ``tripped`` (the arm
-        was commanded to stop, the loop may hang still), ``ended`` or ``failed``; ``reason`` says why.
+        was commanded to stop, the loop may hang), ``ended`` or ``failed``; ``reason`` says why.
         The rest are the fields of :class:`GuardReport`, and ``at_s`` on the monotonic clock.
         """
         found = self._ring.latest(self._seen)

@@ -20,7 +20,7 @@ FULL_SCALE = 255
 ACTIVE = 3
 """Value of ``STA`` once the activation has ended."""
 FAULTS_THAT_STOP = 8
-"""From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual, fault status)."""
+"""From this value on ``FLT`` is a major fault, below a warning (Robotiq 2F manual)."""
 
 
 class Grip(enum.IntEnum):
