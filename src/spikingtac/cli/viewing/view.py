@@ -24,7 +24,8 @@ class Args:
     """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
     --list)."""
     calibration: Path | None = None
-    """calibration.json of this sensor; a folder's own unless given."""
+    """calibration.json of this sensor; a folder's own unless given. Without one the
+    events of a recording are shown, with rate, noise and hot pixels."""
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -69,7 +70,7 @@ def run(args: Args) -> int:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
     else:
-        summary = show_source(arguments, args, repeat=False)
+        summary = show_source(arguments | {"events_only": True}, args, repeat=False)
     report(args.source, summary, as_json=args.json)
     return 0
 

@@ -23,10 +23,20 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
+from spikingtac.viewer.session.events_only import (
+    NothingToTune,
+    NoTracker,
+    advice,
+    no_markers,
+)
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
+
+
+class NoCalibrationError(CalibrationError):
+    """No calibration was named, and none lies beside the recording."""
 
 
 def open_view_source(
@@ -37,6 +47,7 @@ def open_view_source(
     rate_hz: float | None = None,
     seed: int = 0,
     camera: str | None = None,
+    events_only: bool = False,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
 
@@ -47,6 +58,7 @@ def open_view_source(
         rate_hz: Estimates per second; the preset's unless given.
         seed: Of a scene.
         camera: Camera preset of a scene.
+        events_only: Open a recording without a calibration too, and follow no marker in it.
 
     Raises:
         RecordingError: The recording cannot be read.
@@ -65,7 +77,7 @@ def open_view_source(
             f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
         )
     else:
-        view = _open_recording(path, calibration)
+        view = _open_recording(path, calibration, events_only)
     if calibration is not None:
         view = replace(view, calibration=Calibration.load(calibration))
     if tuple(view.calibration.size) != tuple(view.source.size):
@@ -74,10 +86,11 @@ def open_view_source(
         )
     settings = load_config(preset).with_tracking(rate_hz=rate_hz)
     config, contact = settings.tracking, settings.contact
+    known = len(view.calibration.reference_px) > 0
     return replace(
         view,
-        config=config,
-        make_tracker=partial(_tracker, view.calibration),
+        config=config if known else NothingToTune(),
+        make_tracker=partial(_tracker, view.calibration) if known else _no_tracker,
         make_detector=partial(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
@@ -99,14 +112,24 @@ def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
     return make_tracker(config, calibration)
 
 
-def _open_recording(path: Path, calibration: str | None) -> ViewSource:
+def _no_tracker(_: Any) -> NoTracker:
+    return NoTracker()
+
+
+def _open_recording(path: Path, calibration: str | None, events_only: bool) -> ViewSource:
     from spikingtac.events.open import open_events
 
     source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
     truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
     manifest = _manifest(folder) if path.is_dir() else {}
-    chosen = Calibration.load(calibration) if calibration else _calibration_beside(folder, manifest)
+    try:
+        chosen = Calibration.load(calibration) if calibration else _beside(folder, manifest)
+        notice = ""
+    except NoCalibrationError:
+        if not events_only:
+            raise
+        chosen, notice = no_markers(source.size), advice(path.name)
     return ViewSource(
         label=path.resolve().name,
         source=source,
@@ -115,6 +138,7 @@ def _open_recording(path: Path, calibration: str | None) -> ViewSource:
         make_tracker=_unchosen,
         truth=_truth(truth_path),
         simulated=manifest.get("source") == "twin",
+        notice=notice,
         provenance={"input": path.name},
     )
 
@@ -208,12 +232,12 @@ def _manifest(folder: Path) -> dict[str, Any]:
     return document if isinstance(document, dict) else {}
 
 
-def _calibration_beside(folder: Path, manifest: dict[str, Any]) -> Calibration:
+def _beside(folder: Path, manifest: dict[str, Any]) -> Calibration:
     if (folder / CALIBRATION_NAME).exists():
         return Calibration.load(folder / CALIBRATION_NAME)
     if "grid" in manifest and (folder / TRUTH_NAME).exists():
         return _calibration_from_truth(folder / TRUTH_NAME, manifest)
-    raise CalibrationError(
+    raise NoCalibrationError(
         f"there is no {CALIBRATION_NAME} beside the recording; name one with --calibration, or "
         "make it with: spikingtac calibrate RECORDING -o calibration.json"
     )

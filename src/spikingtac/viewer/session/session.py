@@ -86,7 +86,7 @@ class Session:
         self._playhead_us = float(store.t_start_us)
         self._timer = LoopTimer(period_s=1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
-        self._notice, self._retuned = "", False
+        self._notice, self._retuned = view.notice, False
         self._greeted_s = 0.0
         self.failure: Exception | None = None
         self._health = None if view.ends else StreamHealth(lambda: store.waited_s)
@@ -154,7 +154,9 @@ class Session:
 
     def _take(self, frame: MarkerFrame) -> None:
         """Take every estimate; the pages see some of them."""
-        self._largest_px = max(self._largest_px, float(np.hypot(*frame.displacement_px.T).max()))
+        self._largest_px = max(
+            self._largest_px, float(np.hypot(*frame.displacement_px.T).max(initial=0))
+        )
         self._recorder.take(frame)
 
     def _tracker(self) -> MarkerTracker:

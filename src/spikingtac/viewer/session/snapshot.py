@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.live.playback import Playback
 from spikingtac.types import MarkerFrame
+from spikingtac.viewer.session.events_only import quality_of
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.session.tuning import in_use
@@ -54,6 +55,7 @@ def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any
         "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
+        "quality": None if len(calibration.reference_px) else quality_of(store),
     }
 
 
@@ -94,7 +96,7 @@ def images(
 
 
 def _markers(view: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[Any]]:
-    if frame is None:
+    if frame is None or not len(frame.position_px):
         return {}
     arrays: dict[str, NDArray[Any]] = {
         "detected_px": frame.detected_px.astype(np.float32),

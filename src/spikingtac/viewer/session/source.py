@@ -44,6 +44,7 @@ class ViewSource:
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
         prepare: Compiles what the source will need soon, while it still compiles what it needs now.
+        notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
     """
 
@@ -58,6 +59,7 @@ class ViewSource:
     simulated: bool = False
     ends: bool = True
     prepare: Callable[[], None] = field(default=lambda: None)
+    notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 

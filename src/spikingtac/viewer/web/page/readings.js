@@ -1,7 +1,7 @@
 // The table of figures, and what a screen reader is told.
 const ORDER = [
   ["largest", "largest displacement"], ["error", "error against truth"], ["held", "markers"],
-  ["rate", "event rate"], ["estimates", "estimates"], ["step", "step p50, p99"], ["pace", "pace"],
+  ["rate", "event rate"], ["on", "ON share"], ["noise", "noise per pixel"], ["hot", "hot pixels"], ["estimates", "estimates"], ["step", "step p50, p99"], ["pace", "pace"],
   ["draw", "stamp to draw p50, p99"], ["fps", "drawn"],
   ["late", "frames late"], ["watchdog", "watchdog"], ["damage", "damaged or lost"],
 ];

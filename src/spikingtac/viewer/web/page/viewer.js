@@ -53,6 +53,7 @@ function greet(document_) {
   else refreshControls($("controls"), hello.controls);
   $("tuning").hidden = hello.controls.length === 0;
   $("truth-option").hidden = !hello.truth;
+  for (const id of ["trace", "discs", "scale"]) $(id).closest("figure, label").hidden = hello.reference_px.length === 0;
 }
 
 function receive(buffer) {
@@ -130,7 +131,11 @@ function showReadings(meta, arrays) {
   readings.show("error", field?.error == null ? null : `${field.error.toFixed(3)} px`);
   readings.show("held", field && markersText(field), field?.sustained > 0);
   readings.show("rate", eventRate(meta.events_per_s));
-  readings.show("estimates", `${hello.rate_hz} per s`);
+  const quality = hello.quality;
+  readings.show("on", quality && (quality.on_fraction === null ? "no events" : `${(100 * quality.on_fraction).toFixed(1)} %`));
+  readings.show("noise", quality && `${quality.noise_hz.toPrecision(2)} events/s`);
+  readings.show("hot", quality && String(quality.hot_pixels), quality?.hot_pixels > 0);
+  readings.show("estimates", quality ? null : `${hello.rate_hz} per s`);
   readings.show("step", `${meta.step_p50_us.toFixed(0)}, ${meta.step_p99_us.toFixed(0)} µs`);
   readings.show("pace", `× ${meta.pace.toFixed(2)}`, meta.playing && meta.pace < 0.9 * meta.speed);
   readings.show("draw", `${at(0.5).toFixed(0)}, ${at(0.99).toFixed(0)} ms`);

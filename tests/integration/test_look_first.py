@@ -1,0 +1,86 @@
+"""A recording without a calibration is shown: its events, its figures, and what to do next."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.errors import CalibrationError
+from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.session.session import Session
+from spikingtac.viewer.session.warm_up import warm_up
+from spikingtac.viewer.session.wire import decode
+from stand_ins.viewer import record_circling
+
+
+class Kept:
+    """A publisher that keeps its last message."""
+
+    message = b""
+
+    def publish(self, message: bytes) -> bool:
+        self.message = bytes(message)
+        return True
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = record_circling(tmp_path_factory.mktemp("unknown"))
+    (folder / "calibration.json").unlink()
+    return folder / "events.raw"
+
+
+def test_its_events_are_shown_with_figures_and_advice(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = open_view_source(str(recording), events_only=True)
+    warm_up(view)
+    frames, greetings = Kept(), Kept()
+    session = Session(view, frames, greetings)
+    monkeypatch.setattr(session._timer, "wait", lambda: None)
+    for _ in range(20):
+        session.step()
+    hello = json.loads(greetings.message)
+    meta, arrays = decode(frames.message)
+    assert hello["reference_px"] == []
+    assert hello["controls"] == []
+    quality = hello["quality"]
+    assert quality["rate_hz"] > 1_000
+    assert 0.3 < quality["on_fraction"] < 0.7
+    assert quality["hot_pixels"] >= 0
+    assert "position_px" not in arrays
+    assert np.count_nonzero(arrays["activity"]) > 10
+    assert arrays["counts"].sum() > 0
+    assert "spikingtac calibrate events.raw" in meta["notice"]
+    assert meta["displacement_max_px"] == 0.0
+    session.close()
+
+
+def test_only_the_page_shows_events_alone(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(CalibrationError, match="spikingtac calibrate"):
+        open_view_source(str(recording))
+    assert main(["view", str(recording), "--export", str(tmp_path / "x.gif")]) == 1
+    assert "spikingtac calibrate" in capsys.readouterr().err
+
+
+def test_a_damaged_calibration_is_not_passed_over(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "events.raw").write_bytes(recording.read_bytes())
+    (tmp_path / "calibration.json").write_text("{")
+    with pytest.raises(CalibrationError):
+        open_view_source(str(tmp_path), events_only=True)
+
+
+def test_the_verb_serves_it_and_ends_well(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "--headless", "--seconds", "0.3", "--port", "0", "--json"
+    assert main(["view", str(recording), *words]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["played_s"] > 0
+    assert summary["displacement_max_px"] == 0.0
