@@ -10,6 +10,7 @@ import pytest
 
 from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
+from spikingtac.viewer.session.events_only import open_view_or_events
 from spikingtac.viewer.session.opening import open_view_source
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.warm_up import warm_up
@@ -37,7 +38,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_its_events_are_shown_with_figures_and_advice(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    view = open_view_source(str(recording), events_only=True)
+    view = open_view_or_events(str(recording))
     warm_up(view)
     frames, greetings = Kept(), Kept()
     session = Session(view, frames, greetings)
@@ -73,7 +74,7 @@ def test_a_damaged_calibration_is_not_passed_over(recording: Path, tmp_path: Pat
     (tmp_path / "events.raw").write_bytes(recording.read_bytes())
     (tmp_path / "calibration.json").write_text("{")
     with pytest.raises(CalibrationError):
-        open_view_source(str(tmp_path), events_only=True)
+        open_view_or_events(str(tmp_path))
 
 
 def test_the_verb_serves_it_and_ends_well(

@@ -8,7 +8,7 @@ import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.session.events_only import open_view_or_events
 from stand_ins.browser import browser
 from stand_ins.serving import served
 from stand_ins.viewer import record_circling
@@ -24,7 +24,7 @@ def test_events_figures_and_advice_are_on_the_page(width: int, height: int, tmp_
     (folder / "calibration.json").unlink()
     source = str(folder / "events.raw")
     with (
-        served(open_view_source, source=source, events_only=True) as port,
+        served(open_view_or_events, source=source) as port,
         browser(tmp_path / "profile", width, height) as page,
     ):
         page.get(f"http://127.0.0.1:{port}/")

@@ -70,7 +70,7 @@ def run(args: Args) -> int:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
     else:
-        summary = show_source(arguments | {"events_only": True}, args, repeat=False)
+        summary = show_source(arguments, args, repeat=False)
     report(args.source, summary, as_json=args.json)
     return 0
 
@@ -101,7 +101,7 @@ def show_source(
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
     from spikingtac.live.factory import Factory
-    from spikingtac.viewer.session.opening import open_view_source
+    from spikingtac.viewer.session.events_only import open_view_or_events
     from spikingtac.viewer.web.show import PageOptions, show
 
     check_seconds(args.seconds)
@@ -114,7 +114,7 @@ def show_source(
         picture=args.picture,
         tracks=tracks,
     )
-    open_view = Factory(function=open_view_source, arguments=arguments)
+    open_view = Factory(function=open_view_or_events, arguments=arguments)
     return show(open_view, options, remark)
 
 

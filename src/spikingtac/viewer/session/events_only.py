@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.events.quality import judge_events
-from spikingtac.live.event_store import EventStore
+from spikingtac.config import load_config
+from spikingtac.contact.self_calibrating import SelfCalibratingDetector
+from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket, MarkerFrame
-
-LONGEST_US = 20_000_000
-"""Stretch of a recording that is judged, us: its first 20 s, so that a long one opens at once."""
+from spikingtac.viewer.session.opening import NoCalibrationError, open_view_source
+from spikingtac.viewer.session.source import ViewSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,39 @@ class NoTracker:
         """Do nothing: there is no past."""
 
 
+def open_view_or_events(source: str, **options: Any) -> ViewSource:
+    """Open a view; where a recording has no calibration, one that shows its events alone.
+
+    Args:
+        source: See :func:`~spikingtac.viewer.session.opening.open_view_source`.
+        **options: The same.
+
+    Raises:
+        SpikingTacError: As there, but for a missing calibration.
+    """
+    try:
+        return open_view_source(source, **options)
+    except NoCalibrationError:
+        events = open_events(source)
+    contact = load_config(options.get("preset", "default")).contact
+    return ViewSource(
+        label=Path(source).resolve().name,
+        source=events,
+        calibration=no_markers(events.size),
+        config=NothingToTune(),
+        make_tracker=_no_tracker,
+        make_detector=partial(
+            SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
+        ),
+        notice=advice(Path(source).name),
+        provenance={"input": Path(source).name},
+    )
+
+
+def _no_tracker(_: Any) -> NoTracker:
+    return NoTracker()
+
+
 def no_markers(size: tuple[int, int]) -> Calibration:
     """Return a calibration of no marker for a sensor ``(width, height)``, px."""
     return Calibration(reference_px=np.empty((0, 2)), radius_px=np.empty(0), grid=(0, 0), size=size)
@@ -55,15 +90,3 @@ def advice(recording: str) -> str:
         f"spikingtac calibrate {recording} -o calibration.json, and view again with "
         "--calibration calibration.json"
     )
-
-
-def quality_of(store: EventStore) -> dict[str, Any]:
-    """Return the figures of a recording's events, for the page."""
-    end_us = min(store.t_end_us, store.t_start_us + LONGEST_US)
-    found = judge_events(store.between(store.t_start_us, end_us))
-    return {
-        "rate_hz": round(found.rate_hz, 1),
-        "on_fraction": None if found.on_fraction is None else round(found.on_fraction, 4),
-        "noise_hz": round(found.noise_hz, 4),
-        "hot_pixels": len(found.hot_px),
-    }

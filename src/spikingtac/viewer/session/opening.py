@@ -23,12 +23,6 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
-from spikingtac.viewer.session.events_only import (
-    NothingToTune,
-    NoTracker,
-    advice,
-    no_markers,
-)
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
@@ -47,7 +41,6 @@ def open_view_source(
     rate_hz: float | None = None,
     seed: int = 0,
     camera: str | None = None,
-    events_only: bool = False,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
 
@@ -58,11 +51,11 @@ def open_view_source(
         rate_hz: Estimates per second; the preset's unless given.
         seed: Of a scene.
         camera: Camera preset of a scene.
-        events_only: Open a recording without a calibration too, and follow no marker in it.
 
     Raises:
         RecordingError: The recording cannot be read.
-        CalibrationError: There is no calibration for it, or it does not fit.
+        NoCalibrationError: There is no calibration for it.
+        CalibrationError: The calibration does not fit.
         ConfigError: There is neither such a path nor such a scene, or a recording was given a
             camera.
     """
@@ -77,7 +70,7 @@ def open_view_source(
             f"{source!r} is a recording, and --camera belongs to a scene; leave it out"
         )
     else:
-        view = _open_recording(path, calibration, events_only)
+        view = _open_recording(path, calibration)
     if calibration is not None:
         view = replace(view, calibration=Calibration.load(calibration))
     if tuple(view.calibration.size) != tuple(view.source.size):
@@ -86,11 +79,10 @@ def open_view_source(
         )
     settings = load_config(preset).with_tracking(rate_hz=rate_hz)
     config, contact = settings.tracking, settings.contact
-    known = len(view.calibration.reference_px) > 0
     return replace(
         view,
-        config=config if known else NothingToTune(),
-        make_tracker=partial(_tracker, view.calibration) if known else _no_tracker,
+        config=config,
+        make_tracker=partial(_tracker, view.calibration),
         make_detector=partial(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
@@ -112,24 +104,14 @@ def _tracker(calibration: Calibration, config: TrackingConfig) -> MarkerTracker:
     return make_tracker(config, calibration)
 
 
-def _no_tracker(_: Any) -> NoTracker:
-    return NoTracker()
-
-
-def _open_recording(path: Path, calibration: str | None, events_only: bool) -> ViewSource:
+def _open_recording(path: Path, calibration: str | None) -> ViewSource:
     from spikingtac.events.open import open_events
 
     source = open_events(path)  # first: a file that is no recording needs no calibration
     folder = path if path.is_dir() else path.parent
     truth_path = folder / TRUTH_NAME if path.is_dir() else path.with_suffix(".truth.npz")
     manifest = _manifest(folder) if path.is_dir() else {}
-    try:
-        chosen = Calibration.load(calibration) if calibration else _beside(folder, manifest)
-        notice = ""
-    except NoCalibrationError:
-        if not events_only:
-            raise
-        chosen, notice = no_markers(source.size), advice(path.name)
+    chosen = Calibration.load(calibration) if calibration else _beside(folder, manifest)
     return ViewSource(
         label=path.resolve().name,
         source=source,
@@ -138,7 +120,6 @@ def _open_recording(path: Path, calibration: str | None, events_only: bool) -> V
         make_tracker=_unchosen,
         truth=_truth(truth_path),
         simulated=manifest.get("source") == "twin",
-        notice=notice,
         provenance={"input": path.name},
     )
 

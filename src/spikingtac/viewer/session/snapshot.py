@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.contact.window import WINDOW_US
+from spikingtac.events.quality import judge_events
 from spikingtac.live.playback import Playback
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.session.events_only import quality_of
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.session.tuning import in_use
@@ -24,6 +24,8 @@ SHOWN_CONTACTS = 200
 """Contacts listed for the timeline, the latest ones."""
 HALF_SECOND_US = 500_000
 """Stretch over which the event rate is averaged."""
+JUDGED_US = 20_000_000
+"""Stretch of a recording that is judged, us: its first 20 s, so that a long one opens at once."""
 FULL = 255
 """Confidence 1 as a byte."""
 
@@ -55,7 +57,7 @@ def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any
         "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
-        "quality": None if len(calibration.reference_px) else quality_of(store),
+        "quality": None if len(calibration.reference_px) else _quality(playback),
     }
 
 
@@ -125,6 +127,19 @@ def _overview(playback: Playback) -> dict[str, Any]:
         "t_start_us": store.t_start_us,
         "t_end_us": store.t_end_us,
         "counts": counts.tolist(),
+    }
+
+
+def _quality(playback: Playback) -> dict[str, Any]:
+    """Return the figures of a recording's events, for the page."""
+    store = playback.store
+    end_us = min(store.t_end_us, store.t_start_us + JUDGED_US)
+    found = judge_events(store.between(store.t_start_us, end_us))
+    return {
+        "rate_hz": round(found.rate_hz, 1),
+        "on_fraction": None if found.on_fraction is None else round(found.on_fraction, 4),
+        "noise_hz": round(found.noise_hz, 4),
+        "hot_pixels": len(found.hot_px),
     }
 
 
