@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.registry import VERBS, module_of
+from stand_ins.tracks import circling_tracks
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
@@ -27,9 +28,10 @@ def blocks() -> Iterator[tuple[str, str]]:
 
 @pytest.fixture
 def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the calibration that the examples name."""
+    """A folder with the calibration, the recording and the tracks that the examples name."""
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.sim.scene.catalog import load
+    from spikingtac.sim.scene.render import simulate
     from spikingtac.sim.scene.source import SceneSource
 
     scene = load("finger-torsion")
@@ -40,6 +42,9 @@ def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         grid=scene.skin.grid,
         size=scene.size,
     ).save(tmp_path / "left_finger.json")
+    simulate(scene, tmp_path / "twist", seed=1, duration_s=1.0)
+    for name in ("tracks.npz", "other.npz"):
+        circling_tracks(estimates=20).save(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -51,6 +56,17 @@ def test_code_runs(code: str, beside: Path) -> None:
 
 def test_the_readme_example_is_among_them() -> None:
     assert any(name.startswith("README.md") for name, _ in blocks())
+
+
+def test_the_readme_makes_every_file_before_it_is_used() -> None:
+    text = (PROJECT / "README.md").read_text(encoding="utf-8")
+    shell = text[text.index("## From the command line") :].split("```")[1]
+    made = set(re.findall(r"-o (\S+)", shell))
+    python = text[text.index("## In twenty lines") :].split("```")[1]
+    used = set(re.findall(r'(?:load|open_events)\("([^"]+)"\)', python)) - {"default"}
+    assert used
+    assert used <= made
+    assert text.index("## From the command line") < text.index("## In twenty lines")
 
 
 def test_links_lead_somewhere() -> None:
