@@ -187,27 +187,73 @@ def count_swings_kernel(
 ) -> None:
     """Sum ON events and number of rises, OFF events and number of falls.
 
-    ``out`` is ``(m, 4)`` by marker and ``(pixels, 4)`` by pixel; ``drawn`` is an empty image.
+    ``out`` is ``(m, 4)`` by marker and ``(pixels, 4)`` by pixel; ``drawn`` is an empty image. Only
+    pixels in which something happens are visited: those that a disc touches, and those that have
+    not settled on the ground since.
     """
     index, places = course
     pixels = drawn.size
     flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
     whose = owner.ravel()
     touched = np.empty(pixels, np.int64)
-    counts = np.zeros((pixels, 2), np.int32)
-    visits = np.zeros((pixels, 4), np.int32)
+    counts, visits = np.zeros((pixels, 2), np.int32), np.zeros((pixels, 4), np.int32)
+    active, is_active, many = np.arange(pixels), np.ones(pixels, np.bool_), pixels
+    counted_at = np.full(pixels, -1, np.int64)
     at = index[0]
     for sample in range(len(index)):
         for i in range(at, index[sample]):
+            _renew_kernel(code[i] >> 1, sample, is_active, counted_at, counts)
             counts[code[i] >> 1, code[i] & 1] += 1
         at = index[sample]
         drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
-        for q in range(pixels):
-            now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
-            visit_kernel(q, now, whose[q], (counts, visits), out)
+        for i in range(drawn_pixels):
+            q = touched[i]
+            if not is_active[q]:
+                _renew_kernel(q, sample, is_active, counted_at, counts)
+                is_active[q] = True
+                active[many] = q
+                many += 1
+        many = _visit_active_kernel(active[:many], is_active, (flat, whose), (counts, visits), out)
         for i in range(drawn_pixels):
             flat[touched[i]] = 0.0
             whose[touched[i]] = -1
+
+
+@njit(cache=True)
+def _renew_kernel(
+    q: int,
+    sample: int,
+    is_active: NDArray[np.bool_],
+    counted_at: NDArray[np.int64],
+    counts: NDArray[np.int32],
+) -> None:
+    """Begin to count a pixel on the ground anew at each sample: such events are noise."""
+    if not is_active[q] and counted_at[q] != sample:
+        counts[q] = 0
+        counted_at[q] = sample
+
+
+@njit(cache=True)
+def _visit_active_kernel(
+    active: NDArray[np.int64],
+    is_active: NDArray[np.bool_],
+    image: tuple[NDArray[np.float32], NDArray[np.int32]],
+    state: tuple[NDArray[np.int32], NDArray[np.int32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> int:
+    """Visit the active pixels, drop those that rest on the ground, and return how many are left."""
+    flat, whose = image
+    left = 0
+    for i in range(len(active)):
+        q = active[i]
+        now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
+        visit_kernel(q, now, whose[q], state, out)
+        if now == 1 and state[1][q, 1] == 0:
+            is_active[q] = False
+        else:
+            active[left] = q
+            left += 1
+    return left
 
 
 @njit(cache=True)
