@@ -23,8 +23,11 @@ from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, serve
 
-OPENING_S = 120.0
-"""Longest wait for the view; compiling all kernels takes up to half of it."""
+OPENING_S = 1_800.0
+"""Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some
+minutes of a slow or busy machine (ours: it was not done after 120 s beside four other programs)."""
+STILL_STARTING_S = 15.0
+"""How often the user reads that the first start goes on, s."""
 LAST_PORT = 65_535
 """Largest port number of TCP (RFC 793: 16 bits)."""
 WAIT_S = 0.02
@@ -98,7 +101,8 @@ def show(
 def _served(
     session: SessionProcess, options: PageOptions, report: Callable[[str], None]
 ) -> _SessionMonitor:
-    gate, monitor = Gate.for_host(options.host), _SessionMonitor(session, options.seconds)
+    gate = Gate.for_host(options.host)
+    monitor = _SessionMonitor(session, options.seconds, report)
 
     def ready(port: int) -> None:
         for line in addresses(options.host, port, gate.token):
@@ -117,11 +121,15 @@ def _served(
 class _SessionMonitor:
     """Follows a session beside the server: keeps its record and decides when to end."""
 
-    def __init__(self, session: SessionProcess, seconds: float | None) -> None:
+    def __init__(
+        self, session: SessionProcess, seconds: float | None, report: Callable[[str], None]
+    ) -> None:
+        self._report = report
         self.record = Record()
         self._session, self._seconds = session, seconds or float("inf")
         self._hello: dict[str, Any] | None = None
-        self._until_s = time.monotonic() + OPENING_S
+        self._begun_s = self._reported_s = time.monotonic()
+        self._until_s = self._begun_s + OPENING_S
 
     def await_view(self) -> None:
         """Wait until the view is open, so that no page is served without one."""
@@ -159,7 +167,14 @@ class _SessionMonitor:
         return True
 
     def _expect_life(self) -> None:
-        if self._session.alive and time.monotonic() < self._until_s:
+        now_s = time.monotonic()
+        if self._session.alive and now_s < self._until_s:
+            if now_s - self._reported_s > STILL_STARTING_S:
+                self._reported_s = now_s
+                self._report(
+                    "getting ready: the first start compiles kernels "
+                    f"({now_s - self._begun_s:.0f} s so far)"
+                )
             return
         _raise_failure(self._session)
         raise DeviceError(
