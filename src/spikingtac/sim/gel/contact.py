@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
+from spikingtac.sim.gel.contact_patch import ContactPatch
 from spikingtac.sim.gel.friction import shear_kernel
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.grid_cells import (
@@ -111,6 +112,12 @@ class GelContact:
     def cells(self) -> NDArray[np.int64]:
         """Flat indices of the cells outside of which no traction acts."""
         return self._influence.cells
+
+    @property
+    def patch(self) -> ContactPatch:
+        """Which cells touch, and which of these stick."""
+        touching = self.traction[2] > 0.0
+        return ContactPatch.of(touching, touching & ~self._slipping.reshape(touching.shape))
 
     def press(
         self,
