@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
 from spikingtac.touch.touches.detector import TouchConfig, TouchDetector
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.types import MarkerFrame
@@ -49,7 +50,7 @@ def watch(
 
 
 def touches(frames: Iterator[MarkerFrame], config: TouchConfig | None = None) -> list[Touch]:
-    detector = TouchDetector(REFERENCE, config)
+    detector = TouchDetector(REFERENCE, config or TouchConfig(unseen=NOTHING_UNSEEN))
     found = [touch for frame in frames if (touch := detector.update(frame))]
     last = detector.finish()
     return [*found, last] if last else found

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field.lost_markers import LostMarkers
+from spikingtac.touch.touches.backlash import Backlash, UnseenMotion
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.patch import deformed_patch
 from spikingtac.touch.touches.touch import Touch
@@ -50,6 +52,7 @@ class TouchConfig:
         start_us: Time from the first frame on that is rest, us (ours).
         start_strength: Strength against the calibrated rest up to which that holds (ours: 0.02; a
             real gel rested at 0.009 from where it was calibrated).
+        unseen: What the camera does not see of the beginning of a motion.
     """
 
     least_displacement_px: float = 0.2
@@ -62,10 +65,11 @@ class TouchConfig:
     resting_us: int = 2_000_000
     start_us: int = 100_000
     start_strength: float = 0.02
+    unseen: UnseenMotion = field(default_factory=UnseenMotion)
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
+            if name != "unseen" and not getattr(self, name) > 0:
                 raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
         if not self.end_share < 1:
             raise ValueError(f"end_share is {self.end_share}, it must be below 1")
@@ -115,7 +119,9 @@ class TouchDetector:
         self._config = config or TouchConfig()
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
-        self._memory = OnsetMemory()
+        self._lost = LostMarkers(self._reference)
+        self._memory = OnsetMemory(self._config.unseen)
+        self._backlash = Backlash(len(self._reference))
         self.reset()
 
     def reset(self) -> None:
@@ -127,6 +133,8 @@ class TouchDetector:
         self._last_us: int | None = None
         self._release: _Release | None = None
         self._memory.clear()
+        self._backlash.reset()
+        self._lost.reset()
 
     @property
     def touching(self) -> bool:
@@ -135,7 +143,7 @@ class TouchDetector:
 
     @property
     def begin_us(self) -> int | None:
-        """When the open touch began, us; None while nothing touches."""
+        """When the open touch began, us, ever better known; None while nothing touches."""
         return None if self._open is None else self._open.begin_us
 
     @property
@@ -145,19 +153,22 @@ class TouchDetector:
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
-        moved = frame.detected_px - self._reference
+        moved = self._repaired(frame.detected_px - self._reference)
+        string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
+            better_us = self._memory.refine(frame.t_us, moved, string)
+            self._open.begin_us = self._open.begin_us if better_us is None else better_us
             return self._follow(self._open, frame.t_us, moved)
         self._settle(frame.t_us, moved)
-        self._memory.add(frame.t_us, moved)
+        self._memory.add(frame.t_us, moved, string)
         strength = float(self._gradient.of(moved - self._zero).strength)
         if strength > self.threshold:
-            self._open = _Open(self._memory.begin_us(moved - self._zero))
+            self._open = _Open(self._memory.notice(moved - self._zero))
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
@@ -169,6 +180,16 @@ class TouchDetector:
         touch = self._told(self._open, None)
         self._open = None
         return touch
+
+    def _repaired(self, moved: Field) -> Field:
+        """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
+        before = self._lost.lost
+        repaired = self._lost.repaired(moved)
+        changed = before != self._lost.lost
+        if self._open is None and changed.any():
+            self._zero = np.where(changed[:, None], repaired, self._zero)
+            self._memory.clear()
+        return repaired
 
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
