@@ -104,7 +104,7 @@ def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["{", "[]", '{"schema": 9}', '{"schema": 1, "unit": "mm"}'], ids=repr
+    "text", ["{", "[]", '{"schema": 9}', '{"schema": 2, "unit": "mm"}'], ids=repr
 )
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "force.json"

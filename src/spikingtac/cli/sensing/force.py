@@ -129,7 +129,7 @@ def _print_fit(model: ForceModel, args: Args) -> None:
         [
             (
                 name,
-                " and ".join(part.family for part in law.parts),
+                law.name,
                 "{:g} to {:g}".format(*about["range"][name]),
                 f"{about['r2_between_series'][name]:.3f}",
             )

@@ -12,7 +12,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.force.laws import ComponentLaw
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
-from spikingtac.touch.force.shape import amplitude
+from spikingtac.touch.force.shape import FieldBasis, FieldFeatures, amplitude
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
@@ -75,7 +75,7 @@ class ForceModel:
         unit: Unit of the displacements, ``"mm"`` or ``"px"``.
         reference: ``(m, d)`` markers of the series that were learned, in ``unit``.
         rms: Root mean square of the training displacements, in ``unit``.
-        modes: ``(m d, k)`` modes of the field.
+        basis: What fields are described by.
         laws: One law per component.
         intervals: One interval per component.
         novelty: What distance to the learned fields is.
@@ -86,7 +86,7 @@ class ForceModel:
     unit: str
     reference: Field
     rms: float
-    modes: Field
+    basis: FieldBasis
     laws: tuple[ComponentLaw, ...]
     intervals: tuple[Interval, ...]
     novelty: Novelty
@@ -126,8 +126,9 @@ class ForceModel:
         return RestZero(self.zero, self.zero.radius_share, self.reference.size)
 
     def _evaluate(self, fields: Field) -> tuple[Field, Field, Field]:
-        values = np.column_stack([law(fields, self.modes) for law in self.laws])
-        distance = self.novelty(fields, self.modes)
+        features = FieldFeatures(fields, self.basis)
+        values = np.column_stack([law(features) for law in self.laws])
+        distance = self.novelty(fields, self.basis.modes)
         widths = [
             interval.half_width(values[:, index], distance)
             for index, interval in enumerate(self.intervals)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+
+from spikingtac.touch.force.neighbourhood import choose_centers, coordinates, likeness
 
 Field = NDArray[np.float64]
 
@@ -15,6 +19,11 @@ normal force of data/force)."""
 SMALL_SHARE = 0.16
 """Amplitude that is added to a field's before it is normalised for finding modes, as a share of
 the rms: fields at rest are noise and have no shape (ours: 0.1 mm of 0.6 mm)."""
+
+
+SHAPE_FLOOR = 0.35
+"""Length of a marker's displacement below which a field has little shape, over the training rms
+(ours: 0.3 mm of 0.85 mm on data/force)."""
 
 
 def amplitude(displacement: Field, floor: float) -> Field:
@@ -45,3 +54,51 @@ def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Fie
     first, second = np.triu_indices(leading)
     products = shape[:, first] * shape[:, second]
     return size, np.hstack([shape, products, shape[:, leading:] ** 2])
+
+
+@dataclass(frozen=True, slots=True)
+class FieldBasis:
+    """What fields are described by.
+
+    Attributes:
+        modes: ``(size, k)`` modes.
+        centers: ``(c, k + 1)`` remembered fields.
+        dimensions: Coordinates of a marker, 2 or 3.
+    """
+
+    modes: Field
+    centers: Field
+    dimensions: int
+
+    @classmethod
+    def learn(cls, displacement: Field, dimensions: int) -> FieldBasis:
+        """Learn from training fields ``(n, size)`` in units of their rms."""
+        modes = shape_modes(displacement)
+        size, shape = shape_features(displacement, modes, SHAPE_FLOOR * np.sqrt(dimensions))
+        places = coordinates(size, shape[:, : modes.shape[1]])
+        return cls(modes, choose_centers(places), dimensions)
+
+
+class FieldFeatures:
+    """The features of some fields, each computed once however many laws ask for it."""
+
+    def __init__(self, displacement: Field, basis: FieldBasis) -> None:
+        """Take fields ``(n, size)`` in units of the training rms."""
+        self.displacement, self.basis = displacement, basis
+        self._shapes: dict[float, tuple[Field, Field]] = {}
+        self._likeness: Field | None = None
+
+    def shape(self, floor: float) -> tuple[Field, Field]:
+        """Return :func:`shape_features` with the amplitude rounded at a marker's length."""
+        if floor not in self._shapes:
+            root = float(np.sqrt(self.basis.dimensions))
+            self._shapes[floor] = shape_features(self.displacement, self.basis.modes, floor * root)
+        return self._shapes[floor]
+
+    def likeness(self) -> Field:
+        """Return the likeness ``(n, c)`` to the remembered fields."""
+        if self._likeness is None:
+            size, shape = self.shape(SHAPE_FLOOR)
+            places = coordinates(size, shape[:, : self.basis.modes.shape[1]])
+            self._likeness = likeness(places, self.basis.centers)
+        return self._likeness
