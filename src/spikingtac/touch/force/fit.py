@@ -28,10 +28,10 @@ Field = NDArray[np.float64]
 
 LATERAL = (
     LawChoice(("squares",)),
-    LawChoice(("squares", "squares", "kernel")),
+    LawChoice(("squares", "squares", "squares", "kernel")),
     LawChoice(("shape", "squares", "linear", "kernel")),
 )
-NORMAL = (LawChoice(("normal",)), LawChoice(("normal",), corrected=True))
+NORMAL = (LawChoice(("normal",), corrected=True),)
 CHOICES = dict.fromkeys(COMPONENTS, LATERAL) | {"fz": NORMAL}
 """Component -> the formulas, or means of some, that may describe it (ours: means of unlike formulas
 err less than any of them on data/force)."""
