@@ -29,6 +29,8 @@ class Args:
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
+    force: Path | None = None
+    """force.json: show force, patch and vibration; make one with: spikingtac force fit."""
     seed: int = 0
     """Seed of a scene."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
@@ -63,6 +65,7 @@ def run(args: Args) -> int:
         "rate_hz": args.rate_hz,
         "seed": args.seed,
         "camera": args.camera,
+        "force": str(args.force) if args.force else None,
     }
     if args.export is not None:
         if args.picture is not None:

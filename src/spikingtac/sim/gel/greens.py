@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spikingtac.arrays import FloatArray
 from spikingtac.touch.elastic.layer_response import layer_response
 
+
 @dataclass(frozen=True, kw_only=True)
 class GridConfig:
     """The square, periodic grid on which tractions and displacements live.

@@ -26,9 +26,9 @@ CENTER_SHARE = 0.8
 """Share of the marker field on which contacts are centred."""
 PROFILE_POWERS = (0.5, 0.5, 0.2, 1.0)
 """Powers of one less the radius squared: Hertz twice, a flatter and a more pointed pressure."""
-LARGEST_DRAG_MM = 1.5
+LARGEST_DRAG_MM = 1.8
 """Largest displacement of a stuck patch, mm (ours: beyond it every patch slides)."""
-LARGEST_TWIST_RAD = 0.5
+LARGEST_TWIST_RAD = 1.2
 """Largest turn of a stuck patch, rad."""
 LARGEST_KEPT = 0.5
 """Largest share of the spreading under pressure that a stuck patch keeps (ours)."""
@@ -104,7 +104,7 @@ def _sources(places: Field) -> Field:
 def _contact(
     patches: _Patches, rng: np.random.Generator, config: SyntheticContactConfig, number: int
 ) -> Field:
-    """Return the forces ``(c, 3)`` of one contact: pressed, then dragged and twisted while stuck."""
+    """Return the forces ``(c, 3)`` of a contact that is pressed, then dragged and twisted."""
     sources = patches.sources
     if rng.random() < config.rest_share:
         return np.zeros((len(sources), 3))
@@ -113,8 +113,7 @@ def _contact(
     center = sources[rng.integers(len(sources))] * CENTER_SHARE
     turn = rng.uniform(0.0, np.pi)
     away = sources - center
-    cosine, sine = np.cos(turn), np.sin(turn)
-    along = away @ np.array([[cosine, -sine], [sine, cosine]])
+    along = away @ _rotation(turn)
     inside = np.maximum(1.0 - ((along / np.maximum(axes, SOURCE_PITCH_MM)) ** 2).sum(axis=1), 0.0)
     profile = inside ** rng.choice(PROFILE_POWERS)
     mean = config.largest_pressure_mpa * rng.uniform(0.02, 1.0)
@@ -122,10 +121,15 @@ def _contact(
     heading, drag = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 1.0) ** 2 * LARGEST_DRAG_MM
     twist = rng.uniform(-1.0, 1.0) * LARGEST_TWIST_RAD * (rng.random() < 0.5)
     moved = drag * np.array([np.cos(heading), np.sin(heading)])
-    moved = moved + twist * np.column_stack([-away[:, 1], away[:, 0]])
+    moved = moved + away @ (_rotation(twist) - np.eye(2)).T
     kept = rng.uniform(0.0, LARGEST_KEPT)
     shear = patches.stuck_shear(pressing, moved, kept, config.friction)
     return np.column_stack([shear, pressing])
+
+
+def _rotation(angle_rad: float) -> Field:
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 class _Patches:

@@ -37,6 +37,9 @@ CHOICES = dict.fromkeys(COMPONENTS, LATERAL) | {"fz": NORMAL}
 err less than any of them on data/force)."""
 PARTS = 5
 """Parts into which a single series is cut, in time, so that each is predicted from the rest."""
+FRAMES_PER_SERIES = 3_000
+"""Frames of a series that are learned from, evenly chosen: those of a fast tracker are all alike,
+and memory is bounded."""
 LEAST_FRAMES = 200
 """Fewer labelled frames make no model."""
 COVERAGE = 0.9
@@ -121,7 +124,8 @@ def _check(series: Sequence[WrenchSeries], depth: bool) -> None:
 def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig) -> _Taught:
     flat = series.displacement.reshape(len(series.t_us), -1) / rms
     rest = RestZero(zero, zero.radius_share, flat.shape[1])
-    return _Taught(rest.subtract_all(flat), series.wrench)
+    every = -(-len(flat) // FRAMES_PER_SERIES)
+    return _Taught(rest.subtract_all(flat)[::every], series.wrench[::every])
 
 
 def _groups(taught: list[_Taught]) -> list[_Taught]:

@@ -122,6 +122,20 @@ class ForceModel:
         """Return a stream of wrenches that starts at the calibrated rest."""
         return ForceEstimator(self)
 
+    def require_image(self, markers: int) -> None:
+        """Refuse to be used on a tracker's frames of that many markers, px in the image.
+
+        Raises:
+            ConfigError: The model was learned on another sensor, in another unit or with depth.
+        """
+        if (len(self.reference), self.reference.shape[1], self.unit) == (markers, 2, "px"):
+            return
+        raise ConfigError(
+            f"the force model is of {len(self.reference)} markers in {self.reference.shape[1]} "
+            f"coordinates in {self.unit}, the tracker gives {markers} in 2 in px; "
+            "fit one on tracks: spikingtac force fit tracks.npz --wrench FORCES -o force.json"
+        )
+
     def _rest(self) -> RestZero:
         return RestZero(self.zero, self.zero.radius_share, self.reference.size)
 

@@ -21,7 +21,7 @@ from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.field.lost_markers import LostMarkers
 from spikingtac.touch.touches.backlash import Backlash, UnseenMotion
 from spikingtac.touch.touches.onset import OnsetMemory
-from spikingtac.touch.touches.patch import deformed_patch
+from spikingtac.touch.touches.patch import Patch, deformed_patch
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.types import MarkerFrame
 
@@ -140,6 +140,13 @@ class TouchDetector:
     def touching(self) -> bool:
         """True while a touch is open."""
         return self._open is not None
+
+    @property
+    def patch(self) -> Patch | None:
+        """Where the open touch is, at its peak so far; None while nothing touches."""
+        if self._open is None or self._open.peak_local is None:
+            return None
+        return deformed_patch(self._reference, self._open.peak_local)
 
     @property
     def begin_us(self) -> int | None:

@@ -23,6 +23,7 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
+from spikingtac.viewer.session.felt import FeltLayer
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
@@ -37,6 +38,7 @@ def open_view_source(
     rate_hz: float | None = None,
     seed: int = 0,
     camera: str | None = None,
+    force: str | None = None,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
 
@@ -47,6 +49,7 @@ def open_view_source(
         rate_hz: Estimates per second; the preset's unless given.
         seed: Of a scene.
         camera: Camera preset of a scene.
+        force: Path of a force model, to show what is felt.
 
     Raises:
         RecordingError: The recording cannot be read.
@@ -82,7 +85,14 @@ def open_view_source(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
         rate_hz=config.rate_hz,
+        felt=None if force is None else _felt(force, view.calibration, config.rate_hz),
     )
+
+
+def _felt(path: str, calibration: Calibration, rate_hz: float) -> FeltLayer:
+    from spikingtac.touch.force.files.model_file import load_force
+
+    return FeltLayer(calibration.reference_px, rate_hz, load_force(path))
 
 
 def _refuse_missing_file(path: Path) -> None:

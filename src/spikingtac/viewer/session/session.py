@@ -234,6 +234,11 @@ class Session:
             self._greetings.publish(json.dumps(document).encode())
             self._greeted_s = now_s
 
+    def _take(self, frame: MarkerFrame) -> None:
+        self._recorder.take(frame)
+        if self._view.felt is not None:
+            self._view.felt.take(frame)
+
     def _snapshot(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         scalars, arrays = moving(self._view, self.playback)
         scalars["losses"] = dict(self._view.source.losses)

@@ -13,6 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.viewer.session.felt import FeltLayer
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""
@@ -45,6 +46,7 @@ class ViewSource:
         ends: True where the source ends by itself, so that its length is known at once.
         prepare: Compiles what the source will need soon, while it still compiles what it needs now.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
+        felt: Tells force, patch and vibration where a force model was given, or None.
     """
 
     label: str
@@ -59,6 +61,7 @@ class ViewSource:
     ends: bool = True
     prepare: Callable[[], None] = field(default=lambda: None)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    felt: FeltLayer | None = None
 
 
 class SampledTruth:
