@@ -36,7 +36,7 @@ def test_the_closed_form_is_the_fourier_solution(direction: int) -> None:
 
 
 def test_a_constant_force_held_for_a_minute_drifts_by_less_than_three_percent() -> None:
-    memory, found = CreepMemory(GEL), []
+    memory, found, crept = CreepMemory(GEL), [], 0.0
     times_s = np.arange(0.0, 60.0, 0.02)
     for t_s in times_s:
         kept = sum(

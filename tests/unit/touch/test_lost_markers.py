@@ -48,7 +48,7 @@ def test_a_lost_marker_is_believed_again_only_when_it_is_well_back() -> None:
 
 
 def test_the_string_lies_along_the_last_motion() -> None:
-    backlash = Backlash(1)
+    backlash, string = Backlash(1), np.zeros((1, 2))
     for place in np.linspace(0.0, 2.0, 21):
         string = backlash.update(np.array([[place, 0.0]]))
     np.testing.assert_allclose(string, [[STRING_PX, 0.0]])

@@ -156,6 +156,8 @@ class Session:
         """Take every estimate; the pages see some of them."""
         self._largest_px = max(self._largest_px, float(np.hypot(*frame.displacement_px.T).max()))
         self._recorder.take(frame)
+        if self._view.felt is not None:
+            self._view.felt.take(frame)
 
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)
@@ -233,11 +235,6 @@ class Session:
             document = greeting(self._view, self.playback, self._config)
             self._greetings.publish(json.dumps(document).encode())
             self._greeted_s = now_s
-
-    def _take(self, frame: MarkerFrame) -> None:
-        self._recorder.take(frame)
-        if self._view.felt is not None:
-            self._view.felt.take(frame)
 
     def _snapshot(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         scalars, arrays = moving(self._view, self.playback)
