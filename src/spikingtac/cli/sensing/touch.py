@@ -14,8 +14,8 @@ from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.touches.detector import TouchConfig
     from spikingtac.touch.touches.touch import Touch
+    from spikingtac.touch.touches.touch_config import TouchConfig
     from spikingtac.types import MarkerFrame
 
 
@@ -98,7 +98,7 @@ def _config(watched: _Watched) -> TouchConfig:
     import numpy as np
 
     from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
-    from spikingtac.touch.touches.detector import TouchConfig
+    from spikingtac.touch.touches.touch_config import TouchConfig
 
     if watched.unit == "px":
         return TouchConfig()

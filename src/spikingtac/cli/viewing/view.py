@@ -65,8 +65,9 @@ def run(args: Args) -> int:
         "rate_hz": args.rate_hz,
         "seed": args.seed,
         "camera": args.camera,
-        "force": str(args.force) if args.force else None,
     }
+    if args.force is not None:
+        arguments["force"] = str(args.force)
     if args.export is not None:
         if args.picture is not None:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
@@ -92,6 +93,8 @@ def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
     from spikingtac.viewer.session.opening import open_view_source
 
     assert args.export is not None
+    if args.force is not None:
+        raise ConfigError("--export shows no forces; give it or --force, not both")
     check_target(args.export, overwrite=args.overwrite)
     with progress(f"exporting to {args.export.name}"):
         written = export(open_view_source(**arguments), args.export, seconds=args.seconds)
@@ -103,7 +106,7 @@ def show_source(
 ) -> dict[str, Any]:
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
     from spikingtac.live.factory import Factory
-    from spikingtac.viewer.session.opening import open_view_source
+    from spikingtac.viewer.session.opening import open_felt_source, open_view_source
     from spikingtac.viewer.web.show import PageOptions, show
 
     check_seconds(args.seconds)
@@ -116,7 +119,8 @@ def show_source(
         picture=args.picture,
         tracks=tracks,
     )
-    open_view = Factory(function=open_view_source, arguments=arguments)
+    opener = open_felt_source if "force" in arguments else open_view_source
+    open_view = Factory(function=opener, arguments=arguments)
     return show(open_view, options, remark)
 
 

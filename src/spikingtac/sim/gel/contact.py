@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
-from spikingtac.sim.gel.contact_patch import ContactPatch
 from spikingtac.sim.gel.friction import shear_kernel
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.grid_cells import (
@@ -25,6 +24,7 @@ from spikingtac.sim.gel.grid_cells import (
 from spikingtac.sim.gel.indenters import Indenter, SoftLayer
 from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
 from spikingtac.sim.gel.normal_contact import pressure_kernel
+from spikingtac.sim.optics.contact_patch import ContactPatch
 from spikingtac.types import Pose
 
 KPA_PER_MPA = 1e3

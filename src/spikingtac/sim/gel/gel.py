@@ -12,12 +12,12 @@ import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, GelContact
-from spikingtac.sim.gel.contact_patch import ContactPatch
 from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.indenters import Indenter
 from spikingtac.sim.gel.inertia import InertiaConfig, Ringing, shear_resonance_hz
 from spikingtac.sim.gel.interpolation import MarkerInterpolation
+from spikingtac.sim.optics.contact_patch import ContactPatch
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.types import Pose
 

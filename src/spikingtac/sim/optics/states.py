@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.gel.contact_patch import NO_PATCH, ContactPatch
+from spikingtac.sim.optics.contact_patch import NO_PATCH, ContactPatch
 
 
 @dataclass(frozen=True, slots=True)

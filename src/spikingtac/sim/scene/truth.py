@@ -29,7 +29,7 @@ class TruthChunk:
         force_n: ``(k, 3)`` force of the indenter on the skin, N.
         torque_n_mm: ``(k, 3)`` its moment about the optical axis and the skin at rest, N mm.
         touching_cells: ``(k, ceil(n² / 8))`` the cells of the skin that are touched, one bit each
-            (:class:`~spikingtac.sim.gel.contact_patch.ContactPatch`).
+            (:class:`~spikingtac.sim.optics.contact_patch.ContactPatch`).
         sticking_cells: ``(k, ceil(n² / 8))`` those that are touched and do not slip.
         pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
         in_contact: ``(k,)`` True where any pressure acts.

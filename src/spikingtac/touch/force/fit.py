@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.elastic.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import LawChoice, fit_component
-from spikingtac.touch.force.model import ForceModel, Interval, field_rms
+from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.novelty import learn_novelty
 from spikingtac.touch.force.r_squared import r_squared
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
@@ -63,6 +64,7 @@ def fit_force(
     *,
     depth: bool = False,
     zero: RestZeroConfig | None = None,
+    creep: CreepConfig | None = None,
 ) -> ForceModel:
     """Learn a force model from labelled series of one sensor.
 
@@ -70,15 +72,16 @@ def fit_force(
         series: Displacements with wrenches, in order of time, each with its own zero.
         depth: Use the third coordinate where the series have it.
         zero: How the rest is followed.
+        creep: How the skin creeps; not at all unless given.
 
     Raises:
         ConfigError: There is too little to learn from, or the series do not fit each other.
     """
-    zero = zero or RestZeroConfig()
+    zero, creep = zero or RestZeroConfig(), creep or CreepConfig()
     kept = [one if depth else one.in_image() for one in series]
     _check(kept, depth)
     rms = field_rms(np.concatenate([one.displacement for one in kept]))
-    groups = _groups([_taught(one, rms, zero) for one in kept])
+    groups = _groups([_taught(one, rms, zero, creep) for one in kept])
     fields = np.concatenate([group.fields for group in groups])
     wrench = np.concatenate([group.wrench for group in groups])
     dimensions = kept[0].reference.shape[1]
@@ -97,6 +100,7 @@ def fit_force(
         intervals=tuple(choice.interval for choice in chosen),
         novelty=learn_novelty(fields, features.basis.modes),
         zero=zero,
+        creep=creep,
         about=_about(kept, wrench, [choice.r2 for choice in chosen]),
     )
 
@@ -121,11 +125,12 @@ def _check(series: Sequence[WrenchSeries], depth: bool) -> None:
         raise ConfigError(f"{frames} frames are too few for a model, at least {LEAST_FRAMES}")
 
 
-def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig) -> _Taught:
+def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig, creep: CreepConfig) -> _Taught:
     flat = series.displacement.reshape(len(series.t_us), -1) / rms
     rest = RestZero(zero, zero.radius_share, flat.shape[1])
+    fields = fields_from_rest(series.t_us, flat, CreepMemory(creep), rest)
     every = -(-len(flat) // FRAMES_PER_SERIES)
-    return _Taught(rest.subtract_all(flat)[::every], series.wrench[::every])
+    return _Taught(fields[::every], series.wrench[::every])
 
 
 def _groups(taught: list[_Taught]) -> list[_Taught]:

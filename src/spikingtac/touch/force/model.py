@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.elastic.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import ComponentLaw
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
@@ -80,6 +81,7 @@ class ForceModel:
         intervals: One interval per component.
         novelty: What distance to the learned fields is.
         zero: How the rest is followed.
+        creep: How the skin creeps under a constant force.
         about: Where the model came from: files, frames, ranges, errors between series.
     """
 
@@ -91,6 +93,7 @@ class ForceModel:
     intervals: tuple[Interval, ...]
     novelty: Novelty
     zero: RestZeroConfig
+    creep: CreepConfig = field(default_factory=CreepConfig)
     about: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -106,7 +109,8 @@ class ForceModel:
         """
         self._check(series)
         flat = series.displacement[:, :, : self.reference.shape[1]].reshape(len(series.t_us), -1)
-        return self._rest().subtract_all(flat / self.rms)
+        rest, creep = self._rest(), CreepMemory(self.creep)
+        return fields_from_rest(series.t_us, flat / self.rms, creep, rest)
 
     def estimate(self, series: WrenchSeries) -> tuple[Field, Field, Field]:
         """Return values ``(n, c)``, half-widths ``(n, c)`` and distances ``(n,)`` of a series.
@@ -183,12 +187,23 @@ class ForceEstimator:
     def reset(self) -> None:
         """Return to the calibrated rest."""
         self._rest = self._model._rest()
+        self._creep = CreepMemory(self._model.creep)
 
     def update(self, t_us: int, displacement: Field) -> Wrench:
         """Take in displacements ``(m, d)`` in the model's unit and return the wrench."""
-        away = self._rest.subtract(displacement.ravel() / self._model.rms)
+        elastic = self._creep.elastic(t_us, displacement.ravel() / self._model.rms)
+        away = self._rest.subtract(elastic)
         values, widths, distance = self._model._evaluate(away[None])
         return Wrench(t_us, values[0], widths[0], float(distance[0]))
+
+
+def fields_from_rest(
+    t_us: NDArray[np.int64], fields: Field, creep: CreepMemory, rest: RestZero
+) -> Field:
+    """Return fields ``(n, size)`` without creep and from the zero of their time."""
+    rows = zip(t_us.tolist(), fields, strict=True)
+    elastic = [creep.elastic(time_us, row) for time_us, row in rows]
+    return rest.subtract_all(np.array(elastic).reshape(fields.shape))
 
 
 def field_rms(fields: Field) -> float:

@@ -30,7 +30,7 @@ class UnseenMotion:
     """
 
     later_px: float = 0.1
-    reversed_px: float = 0.2
+    reversed_px: float = 0.25
 
     def __post_init__(self) -> None:
         if self.later_px < 0 or self.reversed_px < 0:

@@ -32,7 +32,7 @@ FIRST_SHARE, LAST_SHARE = 0.2, 1.5
 err more on the ten scenes)."""
 LATER_US = 80_000
 """Time after the touch is noticed within which the rise is fitted, us (ours)."""
-GROWTH_POWER = 1.9
+GROWTH_POWER = 1.85
 """Power of time with which a press is taken to set in (a sphere at constant speed has 1.5 by Hertz;
 1.5 to 1.9 in the truth of the ten scenes; ours)."""
 LEAST_ROWS = 3

@@ -38,7 +38,6 @@ def open_view_source(
     rate_hz: float | None = None,
     seed: int = 0,
     camera: str | None = None,
-    force: str | None = None,
 ) -> ViewSource:
     """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
 
@@ -49,7 +48,6 @@ def open_view_source(
         rate_hz: Estimates per second; the preset's unless given.
         seed: Of a scene.
         camera: Camera preset of a scene.
-        force: Path of a force model, to show what is felt.
 
     Raises:
         RecordingError: The recording cannot be read.
@@ -85,14 +83,21 @@ def open_view_source(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
         rate_hz=config.rate_hz,
-        felt=None if force is None else _felt(force, view.calibration, config.rate_hz),
     )
 
 
-def _felt(path: str, calibration: Calibration, rate_hz: float) -> FeltLayer:
+def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
+    """Open a source and show what is felt: :func:`open_view_source` with a force model's path.
+
+    Raises:
+        ConfigError: The force model cannot be read, or is of another sensor; and as there.
+    """
     from spikingtac.touch.force.files.model_file import load_force
 
-    return FeltLayer(calibration.reference_px, rate_hz, load_force(path))
+    model = load_force(force)
+    view = open_view_source(**arguments)
+    felt = FeltLayer(view.calibration.reference_px, view.rate_hz, model)
+    return replace(view, felt=felt)
 
 
 def _refuse_missing_file(path: Path) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.contact_patch import ContactPatch
 from spikingtac.sim.gel.gel import Gel
+from spikingtac.sim.optics.contact_patch import ContactPatch
 from spikingtac.sim.scene.motions import rotation_about
 from stand_ins.gels import (
     DT_S,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
+from spikingtac.touch.elastic.creep_memory import CreepConfig
 from spikingtac.touch.force.laws import FAMILIES, ComponentLaw, ForceLaw
 from spikingtac.touch.force.model import ForceModel, Interval
 from spikingtac.touch.force.novelty import Novelty
@@ -36,6 +37,7 @@ def save_force(model: ForceModel, path: str | Path) -> None:
         "components": list(model.components),
         "about": model.about,
         "zero": to_mapping(model.zero),
+        "creep": to_mapping(model.creep),
         "rms": model.rms,
         "intervals": [to_mapping(interval) for interval in model.intervals],
         "novelty": {"deviation": _plain(model.novelty.deviation), "edge": model.novelty.edge},
@@ -86,6 +88,7 @@ def _model(document: dict[str, Any]) -> ForceModel:
             _array(document["novelty"]["deviation"]), float(document["novelty"]["edge"])
         ),
         zero=RestZeroConfig(**document["zero"]),
+        creep=CreepConfig(**{name: tuple(row) for name, row in document["creep"].items()}),
         about=dict(document["about"]),
     )
 
