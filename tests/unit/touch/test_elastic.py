@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
-from spikingtac.touch.elastic.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
 from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 
 SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
 GEL = CreepConfig(fractions=(0.05, 0.05, 0.12), times_s=(0.02, 0.3, 8.0))

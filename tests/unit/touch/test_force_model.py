@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.touch.elastic.creep_memory import CreepConfig
+from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.files.model_file import load_force, save_force
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel

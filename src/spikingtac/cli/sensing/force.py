@@ -80,7 +80,7 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.elastic.creep_memory import CreepConfig
+    from spikingtac.touch.force.creep_memory import CreepConfig
     from spikingtac.touch.force.files.model_file import save_force
     from spikingtac.touch.force.fit import fit_force
 

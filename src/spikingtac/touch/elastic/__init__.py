@@ -1,1 +1,1 @@
-"""The skin as an elastic layer: how it moves under forces, and how it creeps."""
+"""The skin as an elastic layer: how it moves under forces."""

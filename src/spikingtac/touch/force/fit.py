@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic.creep_memory import CreepConfig, CreepMemory
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.novelty import learn_novelty

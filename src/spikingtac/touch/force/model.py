@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic.creep_memory import CreepConfig, CreepMemory
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import ComponentLaw
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
-from spikingtac.touch.elastic.creep_memory import CreepConfig
+from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.laws import FAMILIES, ComponentLaw, ForceLaw
 from spikingtac.touch.force.model import ForceModel, Interval
 from spikingtac.touch.force.novelty import Novelty
