@@ -7,7 +7,7 @@ import pytest
 
 from spikingtac.touch.force.files.series_file import load_series
 from spikingtac.touch.force.fit import fit_force
-from spikingtac.touch.force.r_squared import r_squared
+from spikingtac.touch.force.score import r_squared
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
 POOLED = (0.955, 0.95, 0.85)

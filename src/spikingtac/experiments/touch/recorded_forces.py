@@ -12,7 +12,7 @@ from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.touch.baselines import MeanDisplacement
 from spikingtac.touch.force.files.series_file import load_series
 from spikingtac.touch.force.fit import fit_force
-from spikingtac.touch.force.r_squared import r_squared
+from spikingtac.touch.force.score import r_squared
 from spikingtac.touch.force.wrench_series import WrenchSeries
 
 Field = NDArray[np.float64]

@@ -22,6 +22,8 @@ SPREAD_FACTOR = 4.0
 a dragged punch on the ten scenes)."""
 
 
+EVERY = 5
+"""Frames between two looks: a lost marker stays lost for long, and the look costs most of it."""
 FOUND_SHARE = 0.5
 """Share of the deviation that makes a marker lost below which it is believed again (ours: without
 it markers flicker between the two)."""
@@ -41,22 +43,31 @@ class LostMarkers:
         self._near = np.argsort(away, axis=1, kind="stable")[:, :near].T.copy()
         np.fill_diagonal(away, np.inf)
         self.lost = np.zeros(len(reference), np.bool_)
+        self._frame = 0
         self._least = LEAST_PITCH_SHARE * float(np.median(away.min(axis=1)))
 
     def repaired(self, displacement: Field) -> Field:
         """Return displacements ``(m, 2)`` of which the lost ones are replaced."""
+        if self._frame % EVERY == 0:
+            self._look(displacement)
+        self._frame += 1
+        if not self.lost.any():
+            return displacement
+        out = displacement.copy()
+        out[self.lost] = _median(displacement[self._near[:, self.lost]])
+        return out
+
+    def _look(self, displacement: Field) -> None:
         near = displacement[self._near]
         median = _median(near)
         spread = _median(np.abs(near - median))
         off = (np.abs(displacement - median) / (SPREAD_FACTOR * spread + self._least)).max(axis=1)
         self.lost = off > np.where(self.lost, FOUND_SHARE, 1.0)
-        if not self.lost.any():
-            return displacement
-        return np.where(self.lost[:, None], median, displacement)
 
     def reset(self) -> None:
         """Believe every marker again."""
-        self.lost[:] = False
+        self.lost = np.zeros_like(self.lost)
+        self._frame = 0
 
 
 def _median(values: Field) -> Field:

@@ -20,8 +20,8 @@ from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.novelty import learn_novelty
-from spikingtac.touch.force.r_squared import r_squared
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
+from spikingtac.touch.force.score import r_squared
 from spikingtac.touch.force.shape import FieldBasis, FieldFeatures
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 

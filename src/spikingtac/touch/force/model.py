@@ -14,6 +14,7 @@ from spikingtac.touch.force.laws import ComponentLaw
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.shape import FieldBasis, FieldFeatures, amplitude
+from spikingtac.touch.force.stacked_laws import StackedLaws
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
@@ -95,6 +96,10 @@ class ForceModel:
     zero: RestZeroConfig
     creep: CreepConfig = field(default_factory=CreepConfig)
     about: dict[str, Any] = field(default_factory=dict)
+    _stacked: StackedLaws = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_stacked", StackedLaws(self.laws, self.basis))
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -145,7 +150,7 @@ class ForceModel:
 
     def _evaluate(self, fields: Field) -> tuple[Field, Field, Field]:
         features = FieldFeatures(fields, self.basis)
-        values = np.column_stack([law(features) for law in self.laws])
+        values = self._stacked(features)
         distance = self.novelty(fields, self.basis.modes)
         widths = [
             interval.half_width(values[:, index], distance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,17 @@ def shape_modes(displacement: Field) -> Field:
     return vectors[:, ::-1][:, : min(MODES, displacement.shape[1])]
 
 
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.triu_indices(count)
+
+
+def shape_width(modes: int) -> int:
+    """Return the number of shape features of so many modes."""
+    leading = min(PRODUCT_MODES, modes)
+    return modes + leading * (leading + 1) // 2 + modes - leading
+
+
 def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Field, Field]:
     """Return amplitude ``(n,)`` and shape features ``(n, f)`` of fields ``(n, size)``.
 
@@ -51,7 +63,7 @@ def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Fie
     size = amplitude(displacement, floor)
     shape = displacement @ modes / (size[:, None] * np.sqrt(len(modes)))
     leading = min(PRODUCT_MODES, modes.shape[1])
-    first, second = np.triu_indices(leading)
+    first, second = _pairs(leading)
     products = shape[:, first] * shape[:, second]
     return size, np.hstack([shape, products, shape[:, leading:] ** 2])
 
