@@ -64,10 +64,6 @@ class Interval:
     floor: float
     share: float
 
-    def half_width(self, estimate: Field, distance: Field) -> Field:
-        """Return the half-widths ``(n,)`` of estimates ``(n,)``."""
-        return (self.floor + self.share * np.abs(estimate)) * np.maximum(distance, 1.0)
-
 
 @dataclass(frozen=True, kw_only=True)
 class ForceModel:
@@ -97,9 +93,13 @@ class ForceModel:
     creep: CreepConfig = field(default_factory=CreepConfig)
     about: dict[str, Any] = field(default_factory=dict)
     _stacked: StackedLaws = field(init=False, repr=False, compare=False)
+    _widths: tuple[Field, Field] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_stacked", StackedLaws(self.laws, self.basis))
+        floors = np.array([interval.floor for interval in self.intervals])
+        shares = np.array([interval.share for interval in self.intervals])
+        object.__setattr__(self, "_widths", (floors, shares))
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -152,11 +152,9 @@ class ForceModel:
         features = FieldFeatures(fields, self.basis)
         values = self._stacked(features)
         distance = self.novelty(fields, self.basis.modes)
-        widths = [
-            interval.half_width(values[:, index], distance)
-            for index, interval in enumerate(self.intervals)
-        ]
-        return values, np.column_stack(widths), distance
+        floors, shares = self._widths
+        widths = (floors + shares * np.abs(values)) * np.maximum(distance, 1.0)[:, None]
+        return values, widths, distance
 
     def _check(self, series: WrenchSeries) -> None:
         markers, depth = self.reference.shape

@@ -34,15 +34,25 @@ def choose_centers(places: Field) -> Field:
     return places[rows]
 
 
-def likeness(places: Field, centers: Field) -> Field:
-    """Return the height of each bump ``(n, c)`` at places ``(n, k + 1)``."""
-    squares = (places**2).sum(axis=1)[:, None] + (centers**2).sum(axis=1)
-    away = np.maximum(squares - 2.0 * places @ centers.T, 0.0)
-    return np.exp(-away / (2.0 * WIDTH**2))
+def likeness(places: Field, centers: Field, center_squares: Field) -> Field:
+    """Return the height of each bump ``(n, c)`` at places ``(n, k + 1)``.
+
+    Args:
+        places: Where fields lie.
+        centers: ``(c, k + 1)`` remembered places.
+        center_squares: ``(c,)`` their squared lengths.
+    """
+    away = places @ centers.T
+    away *= -2.0
+    away += center_squares
+    away += (places * places).sum(axis=1)[:, None]
+    np.maximum(away, 0.0, out=away)
+    away *= -0.5 / WIDTH**2
+    return np.exp(away, out=away)
 
 
 def whitening(centers: Field) -> Field:
     """Return ``(c, r)``: bumps times it are features of which equal penalties are a prior."""
-    values, vectors = np.linalg.eigh(likeness(centers, centers))
+    values, vectors = np.linalg.eigh(likeness(centers, centers, (centers**2).sum(axis=1)))
     kept = values > SMALLEST_EIGENVALUE
     return vectors[:, kept] / np.sqrt(values[kept])

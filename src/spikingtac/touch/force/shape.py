@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Fie
     return size, np.hstack([shape, products, shape[:, leading:] ** 2])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FieldBasis:
     """What fields are described by.
 
@@ -81,6 +81,11 @@ class FieldBasis:
     modes: Field
     centers: Field
     dimensions: int
+
+    @cached_property
+    def center_squares(self) -> Field:
+        """``(c,)`` squared length of each remembered place."""
+        return (self.centers**2).sum(axis=1)
 
     @classmethod
     def learn(cls, displacement: Field, dimensions: int) -> FieldBasis:
@@ -103,14 +108,25 @@ class FieldFeatures:
     def shape(self, floor: float) -> tuple[Field, Field]:
         """Return :func:`shape_features` with the amplitude rounded at a marker's length."""
         if floor not in self._shapes:
-            root = float(np.sqrt(self.basis.dimensions))
-            self._shapes[floor] = shape_features(self.displacement, self.basis.modes, floor * root)
+            self._shapes[floor] = self._shape(floor * float(np.sqrt(self.basis.dimensions)))
         return self._shapes[floor]
+
+    def _shape(self, floor: float) -> tuple[Field, Field]:
+        """Return the features, from those of another floor where there are some."""
+        if not self._shapes:
+            return shape_features(self.displacement, self.basis.modes, floor)
+        other, features = next(iter(self._shapes.values()))
+        size = amplitude(self.displacement, floor)
+        ratio = (other / size)[:, None]
+        scaled = features * ratio**2
+        along = self.basis.modes.shape[1]
+        scaled[:, :along] = features[:, :along] * ratio
+        return size, scaled
 
     def likeness(self) -> Field:
         """Return the likeness ``(n, c)`` to the remembered fields."""
         if self._likeness is None:
             size, shape = self.shape(SHAPE_FLOOR)
             places = coordinates(size, shape[:, : self.basis.modes.shape[1]])
-            self._likeness = likeness(places, self.basis.centers)
+            self._likeness = likeness(places, self.basis.centers, self.basis.center_squares)
         return self._likeness

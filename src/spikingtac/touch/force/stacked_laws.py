@@ -41,13 +41,15 @@ class StackedLaws:
             if law.correction is not None:
                 self._add(index, 1.0, law.correction)
 
+        self._squared = bool(self._squares.any())
+
     def __call__(self, fields: FieldFeatures) -> Field:
         """Return the components ``(n, c)`` of fields."""
         moved = fields.displacement
         size, shape = fields.shape(SHAPE_FLOOR)
         bent = shape @ self._shape + fields.likeness() @ self._like
         out = size[:, None] * bent + moved @ self._linear + self._offset
-        if self._squares.any():
+        if self._squared:
             out += (moved * moved) @ self._squares
         for index, share, law in self._normal:
             out[:, index] += share * law(fields)
