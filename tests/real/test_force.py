@@ -1,4 +1,4 @@
-"""Forces of a real gel, each series predicted from the other two (docs/how-to/measure-touch-and-force.md)."""
+"""Forces of a real gel, each series from the other two: the table of the how-to on forces."""
 
 from pathlib import Path
 
