@@ -29,8 +29,7 @@ PUBLISHED = (
     "0.985 for Fx, Fy, Fz. That series is not among those here.",
     "Published, their hardware: Evetac (Funk and others, arXiv 2312.01236) senses vibrations up to "
     "498 Hz and reconstructs shear forces at 1,000 Hz.",
-    "GelEvent and 9DTact print figures for other quantities on sensors without markers; none is "
-    "compared here.",
+    "GelEvent and 9DTact: their printed figures were not at hand, so none stands here.",
 )
 """What others print, in sentences: their sensors, loads and labels differ from those here."""
 
