@@ -109,6 +109,16 @@ def test_the_truth_starts_and_ends_at_rest(scene, folder):
     assert (truth["force_n"][touched, 2] > 0).all()
     assert (truth["force_n"][~touched] == 0).all()
     assert len(truth["pose_mm"]) == len(truth["contact_t_us"]) == len(touched)
+    cells = len(truth["cell_axis_mm"]) ** 2
+    patch = np.unpackbits(truth["touching_cells"], axis=1)
+    stuck = np.unpackbits(truth["sticking_cells"], axis=1)
+    assert patch.shape == stuck.shape == (len(touched), cells)
+    np.testing.assert_array_equal(patch.any(axis=1), touched)
+    assert not (stuck & ~patch).any()
+    assert stuck.any()
+    assert truth["torque_n_mm"].shape == (len(touched), 3)
+    assert np.abs(truth["torque_n_mm"][touched]).max() > 0
+    assert truth["reference_mm"].shape == truth["reference_px"].shape
 
 
 def test_events_of_a_clean_camera_lie_on_the_edges_of_the_true_markers(scene):

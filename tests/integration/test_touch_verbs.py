@@ -72,3 +72,35 @@ def test_a_missing_model_says_how_to_make_one(
     source = str(arrays(tmp_path / "a.npz", 1))
     assert main(["force", "check", source, "--force", str(tmp_path / "none.json")]) == 2
     assert "force fit" in capsys.readouterr().err
+
+
+def test_a_skin_of_known_stiffness_needs_no_labels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from spikingtac.touch.elastic import synthetic_contacts
+
+    few = synthetic_contacts.SyntheticContactConfig(frames=120, series=2)
+    monkeypatch.setattr(synthetic_contacts, "SyntheticContactConfig", lambda: few)
+    places = 37.0 * REFERENCE[:, :2] / 1.5 + 40.0
+    document = {
+        "schema": 1,
+        "size": [320, 320],
+        "grid": [5, 6],
+        "reference_px": places.tolist(),
+        "radius_px": [7.0] * 30,
+    }
+    bare, scaled = tmp_path / "bare.json", tmp_path / "scaled.json"
+    bare.write_text(json.dumps(document))
+    scaled.write_text(json.dumps({**document, "px_per_mm": 15.4}))
+    model = str(tmp_path / "force.json")
+    words = ["force", "fit", "--shear-modulus-kpa", "30", "-o", model]
+    assert main(words) == 2
+    assert "--calibration" in capsys.readouterr().err
+    assert main([*words, "--calibration", str(bare)]) == 2
+    assert "--pitch-mm" in capsys.readouterr().err
+    creep = ["--creep-fractions", "0.1", "--creep-times-s", "8"]
+    assert main([*words, "--calibration", str(scaled), *creep, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unit"] == "px"
+    assert json.loads(Path(model).read_text())["creep"]["times_s"] == [8.0]
+    assert main([*words, "--overwrite", str(arrays(tmp_path / "a.npz", 1))]) == 2
+    assert "stands for files" in capsys.readouterr().err

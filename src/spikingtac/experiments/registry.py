@@ -35,6 +35,7 @@ EXPERIMENTS: dict[str, Study] = {
         "spikingtac.experiments.collision.experiment", "stopping at contact, section V-B"
     ),
     "holes": Study("spikingtac.experiments.holes.experiment", "holes by touch, section V-C"),
+    "touch": Study("spikingtac.experiments.touch.experiment", "forces, wrenches, touches"),
     "real": Study("spikingtac.experiments.real_gels.experiment", "recordings of real gels"),
 }
 """Name -> experiment, for ``spikingtac experiment``."""

@@ -8,16 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
+from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import create_tracks
+from spikingtac.tracks.files import NpzTracksWriter
 from spikingtac.types import MarkerFrame
 
 
@@ -27,6 +30,7 @@ def track_to_file(
     config: TrackingConfig,
     calibration: Calibration,
     advance: Callable[[float], None] = lambda share: None,
+    force: ForceModel | None = None,
 ) -> dict[str, Any]:
     """Track a recording at constant memory and write the tracks.
 
@@ -36,19 +40,25 @@ def track_to_file(
         config: How markers are followed.
         calibration: The sensor's calibration.
         advance: Told the share that is done, 0 to 1.
+        force: Tells the wrench of every frame, too (``.npz`` only).
 
     Returns:
         A summary: counts, largest displacement, markers never observed, anomalies.
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
+        ConfigError: The force model is of another sensor, or the output is no ``.npz``.
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
+    estimator = _estimator(force, Path(output), len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     try:
         for frame in follow(source, tracker, config.rate_hz):
+            if estimator is not None and isinstance(writer, NpzTracksWriter):
+                moved = frame.detected_px - calibration.reference_px
+                writer.measure(_columns(estimator.update(frame.t_us, moved)))
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -62,6 +72,23 @@ def track_to_file(
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
         "output": str(output),
+    }
+
+
+def _estimator(force: ForceModel | None, output: Path, markers: int) -> ForceEstimator | None:
+    if force is None:
+        return None
+    if output.suffix != ".npz":
+        raise ConfigError(f"forces are written to .npz, not to {output.name!r}")
+    force.require_image(markers)
+    return force.estimator()
+
+
+def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+    return {
+        "wrench_estimate": wrench.values,
+        "wrench_half_width": wrench.half_width,
+        "wrench_distance": np.array(wrench.distance),
     }
 
 

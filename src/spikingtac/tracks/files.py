@@ -85,6 +85,7 @@ class NpzTracksWriter:
         self._file = ColumnFile(path)
         self._file.set("reference_px", reference_px.astype(np.float32))
         self._frames: list[MarkerFrame] = []
+        self._measured: list[Mapping[str, NDArray[np.float64]]] = []
         self._flush_empty(len(reference_px))
 
     def write(self, frame: MarkerFrame) -> None:
@@ -92,6 +93,10 @@ class NpzTracksWriter:
         self._frames.append(frame)
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
+
+    def measure(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
+        """Add what was measured in the next frame: the same names with every frame, or never."""
+        self._measured.append(columns)
 
     def close(self, meta: Mapping[str, Any]) -> None:
         """Complete the file with what is known at the end."""
@@ -113,6 +118,9 @@ class NpzTracksWriter:
             )
             for name, dtype in COLUMN_TYPES.items()
         }
+        measured, self._measured = self._measured, []
+        for name in measured[0] if measured else ():
+            columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
         self._file.append({"t_us": np.array([frame.t_us for frame in frames]), **columns})
 
     def _flush_empty(self, markers: int) -> None:

@@ -37,6 +37,10 @@ class Tracks:
         reference_px: ``(m, 2)`` rest positions, px.
         meta: Resolved configuration, input digest, package version, loss counters; where they are
             known also ``px_per_mm``, the scale, and ``grid``, the rows and columns of the markers.
+        wrench_estimate: ``(n, c)`` estimated forces in N, then moments in Nm; None where no force
+            model was given.
+        wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
+        wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
     """
 
     t_us: NDArray[np.int64]
@@ -47,6 +51,9 @@ class Tracks:
     confidence: NDArray[np.float32]
     reference_px: NDArray[np.float32]
     meta: dict[str, Any]
+    wrench_estimate: NDArray[np.float32] | None = None
+    wrench_half_width: NDArray[np.float32] | None = None
+    wrench_distance: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         """Return one line for people."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.files.model_file import load_force, save_force
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
@@ -103,8 +104,20 @@ def test_a_model_survives_its_file(model: ForceModel, tmp_path: Path) -> None:
         np.testing.assert_allclose(theirs, ours, atol=1e-4)
 
 
+def test_creep_is_taken_off_in_the_stream_as_in_the_batch() -> None:
+    creep = CreepConfig(fractions=(0.2,), times_s=(1.0,))
+    crept = fit_force([series(31), series(32)], creep=creep)
+    one = series(33)
+    values, _, _ = crept.estimate(one)
+    estimator = crept.estimator()
+    for index in range(40):
+        wrench = estimator.update(int(one.t_us[index]), one.displacement[index])
+        np.testing.assert_allclose(wrench.values, values[index], atol=1e-9)
+    assert np.abs(crept.fields(one) - fit_force([series(31)]).fields(one)).max() > 0.01
+
+
 @pytest.mark.parametrize(
-    "text", ["{", "[]", '{"schema": 9}', '{"schema": 1, "unit": "mm"}'], ids=repr
+    "text", ["{", "[]", '{"schema": 9}', '{"schema": 2, "unit": "mm"}'], ids=repr
 )
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "force.json"

@@ -1,12 +1,15 @@
 """Touches from synthetic marker frames whose begin and end are known."""
 
+import dataclasses
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
-from spikingtac.touch.touches.detector import TouchConfig, TouchDetector
+from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
+from spikingtac.touch.touches.detector import TouchDetector
 from spikingtac.touch.touches.touch import Touch
+from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_PX = 37.0
@@ -49,7 +52,7 @@ def watch(
 
 
 def touches(frames: Iterator[MarkerFrame], config: TouchConfig | None = None) -> list[Touch]:
-    detector = TouchDetector(REFERENCE, config)
+    detector = TouchDetector(REFERENCE, config or TouchConfig(unseen=NOTHING_UNSEEN))
     found = [touch for frame in frames if (touch := detector.update(frame))]
     last = detector.finish()
     return [*found, last] if last else found
@@ -130,3 +133,26 @@ def test_a_firmer_touch_of_a_wider_body_has_a_larger_area() -> None:
 def test_settings_out_of_range_are_refused(change: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(change))):
         TouchConfig(**change)  # type: ignore[arg-type]
+
+
+def test_a_skin_that_keeps_a_ghost_of_the_press_is_released_where_it_stands_still() -> None:
+    def ghost(t: float) -> float:
+        left = 4 * pulse(t, 0.8, 2.0)
+        return max(left, 1.04) if t > 1.5 else left
+
+    found = touches(watch(ghost, 4.0))
+    assert len(found) == 1
+    assert found[0].end_us is not None
+    assert (found[0].end_us - 7_000_000) / 1e6 == pytest.approx(1.9, abs=0.1)
+
+
+def test_markers_that_are_lost_in_the_release_do_not_hold_the_touch() -> None:
+    def stuck(frame: MarkerFrame) -> MarkerFrame:
+        place = frame.detected_px.copy()
+        if frame.t_us > 7_000_000 + 1_900_000:
+            place[[20, 28, 36]] = (REFERENCE + press(4.0))[[20, 28, 36]] + (6.0, 0.0)
+        return dataclasses.replace(frame, detected_px=place)
+
+    found = touches(stuck(f) for f in watch(lambda t: 4 * pulse(t, 0.8, 2.0), 4.0))
+    assert len(found) == 1
+    assert found[0].end_us is not None

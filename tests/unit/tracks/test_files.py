@@ -9,6 +9,7 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.tracks import CSV_COLUMNS, FRAMES_PER_CHUNK, Tracks, create_tracks
+from spikingtac.tracks.files import NpzTracksWriter
 from spikingtac.types import MarkerFrame
 
 REFERENCE_PX = np.array([[10.0, 20.0], [30.0, 40.0]])
@@ -49,6 +50,27 @@ def test_npz_keeps_every_frame(tmp_path: Path, count: int) -> None:
         assert array.shape[:2] == (count, 2)
     np.testing.assert_allclose(tracks.displacement_px, tracks.position_px - REFERENCE_PX, atol=1e-4)
     assert tracks.meta == {"losses": {"gap": 2}}
+
+
+def test_what_was_measured_lies_beside_the_frames(tmp_path: Path) -> None:
+    writer = NpzTracksWriter(tmp_path / "t.npz", REFERENCE_PX)
+    for k in range(FRAMES_PER_CHUNK + 5):
+        wrench = np.array([k, 0.0, -1.0])
+        writer.measure(
+            {
+                "wrench_estimate": wrench,
+                "wrench_half_width": 0.1 * np.abs(wrench),
+                "wrench_distance": np.array(0.5),
+            }
+        )
+        writer.write(frame(1_000 * k))
+    writer.close({})
+    tracks = Tracks.load(tmp_path / "t.npz")
+    assert tracks.wrench_estimate is not None
+    assert tracks.wrench_distance is not None
+    np.testing.assert_array_equal(tracks.wrench_estimate[:, 0], np.arange(FRAMES_PER_CHUNK + 5))
+    assert tracks.wrench_distance.shape == (FRAMES_PER_CHUNK + 5,)
+    assert Tracks.load(written(tmp_path / "bare.npz", 2)).wrench_estimate is None
 
 
 def test_equal_frames_give_equal_bytes(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ class Args:
 
     fit: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
     check: spikingtac force check contacts_3.npz --force force.json
+    without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.json
 
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
@@ -30,7 +31,7 @@ class Args:
 
     action: Annotated[tyro.conf.Positional[Literal["fit", "check"]], tyro.conf.arg(metavar="DO")]
     """fit makes a model, check compares a model with the wrenches of a file."""
-    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")]
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")] = ()
     """Series of one sensor."""
     wrench: tuple[Path, ...] = ()
     """Forces of each file where it holds none: truth.npz or the folder of a simulation, or the CSV
@@ -39,6 +40,16 @@ class Args:
     """check: the model."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("force.json")
     """fit: the file to write."""
+    shear_modulus_kpa: float | None = None
+    """fit without files: the skin's shear modulus, kPa; contacts are drawn from its equations."""
+    thickness_mm: float = 3.0
+    """fit without files: the skin's thickness, mm."""
+    calibration: Path | None = None
+    """fit without files: calibration.json with a scale (made with --pitch-mm)."""
+    creep_fractions: tuple[float, ...] = ()
+    """fit: retarded compliances of the skin over its instant one."""
+    creep_times_s: tuple[float, ...] = ()
+    """fit: their times, s; the creep of an old force is taken off with them."""
     depth: bool = False
     """fit: use the third coordinate of the displacements too."""
     overwrite: bool = False
@@ -49,7 +60,9 @@ class Args:
 
 def run(args: Args) -> int:
     """Fit or check, and say how well the forces are known."""
-    if not args.files:
+    if args.shear_modulus_kpa is not None and (args.files or args.action == "check"):
+        raise ConfigError("--shear-modulus-kpa stands for files; give it or files, and only to fit")
+    if not args.files and args.shear_modulus_kpa is None:
         raise ConfigError("no file was given; give files with displacements and wrenches")
     if args.wrench and len(args.wrench) != len(args.files):
         raise ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
@@ -67,6 +80,7 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
+    from spikingtac.touch.force.creep_memory import CreepConfig
     from spikingtac.touch.force.files.model_file import save_force
     from spikingtac.touch.force.fit import fit_force
 
@@ -74,8 +88,10 @@ def _fit(args: Args) -> int:
         raise ConfigError(
             f"{str(args.output)!r} exists; choose another name, or give --overwrite to replace it"
         )
+    creep = CreepConfig(fractions=args.creep_fractions, times_s=args.creep_times_s)
     with progress("learning forces"):
-        model = fit_force(_series(args), depth=args.depth)
+        series = _series(args) if args.files else _drawn(args)
+        model = fit_force(series, depth=args.depth, creep=creep)
     save_force(model, args.output)
     summary = {"output": str(args.output), "unit": model.unit} | model.about
     if args.json:
@@ -83,6 +99,25 @@ def _fit(args: Args) -> int:
         return 0
     _print_fit(model, args)
     return 0
+
+
+def _drawn(args: Args) -> list[WrenchSeries]:
+    """Return contacts on a skin of known stiffness."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.touch.elastic.surface_response import SkinConfig
+    from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
+
+    assert args.shear_modulus_kpa is not None  # run() has asked for it
+    if args.calibration is None:
+        raise ConfigError("a skin without files needs --calibration: where its markers rest")
+    calibration = Calibration.load(args.calibration)
+    if calibration.px_per_mm is None:
+        raise ConfigError(
+            f"{str(args.calibration)!r} knows no scale; make one with: "
+            "spikingtac calibrate RECORDING -o calibration.json --pitch-mm 2.4"
+        )
+    skin = SkinConfig(shear_modulus_kpa=args.shear_modulus_kpa, thickness_mm=args.thickness_mm)
+    return synthetic_series(skin, calibration.reference_px, calibration.px_per_mm)
 
 
 def _check(args: Args) -> int:
@@ -129,7 +164,7 @@ def _print_fit(model: ForceModel, args: Args) -> None:
         [
             (
                 name,
-                " and ".join(part.family for part in law.parts),
+                law.name,
                 "{:g} to {:g}".format(*about["range"][name]),
                 f"{about['r2_between_series'][name]:.3f}",
             )

@@ -32,6 +32,8 @@ class Args:
     """Law of the output position; the calibration's or the preset's unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
+    force: Path | None = None
+    """force.json: tell the wrench of every frame, too; make one with: spikingtac force fit."""
     overwrite: bool = False
     """Replace a file that is already there."""
     strict: bool = False
@@ -53,10 +55,20 @@ def run(args: Args) -> int:
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
     )
+    force = None
+    if args.force is not None:
+        from spikingtac.touch.force.files.model_file import load_force
+
+        force = load_force(args.force)
     source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
     with progress(f"tracking {args.recording.name}") as advance:
         summary = track_to_file(
-            source, args.output, config.tracking, calibration.with_polarity(args.polarity), advance
+            source,
+            args.output,
+            config.tracking,
+            calibration.with_polarity(args.polarity),
+            advance,
+            force,
         )
     if args.json:
         emit_json(summary)

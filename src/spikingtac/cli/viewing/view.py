@@ -30,6 +30,8 @@ class Args:
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
+    force: Path | None = None
+    """force.json: show force, patch and vibration; make one with: spikingtac force fit."""
     seed: int = 0
     """Seed of a scene."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
@@ -65,6 +67,8 @@ def run(args: Args) -> int:
         "seed": args.seed,
         "camera": args.camera,
     }
+    if args.force is not None:
+        arguments["force"] = str(args.force)
     if args.export is not None:
         if args.picture is not None:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
@@ -90,6 +94,8 @@ def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
     from spikingtac.viewer.session.opening import open_view_source
 
     assert args.export is not None
+    if args.force is not None:
+        raise ConfigError("--export shows no forces; give it or --force, not both")
     check_target(args.export, overwrite=args.overwrite)
     with progress(f"exporting to {args.export.name}"):
         written = export(open_view_source(**arguments), args.export, seconds=args.seconds)
@@ -102,6 +108,7 @@ def show_source(
     """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
     from spikingtac.live.factory import Factory
     from spikingtac.viewer.session.events_only import open_view_or_events
+    from spikingtac.viewer.session.opening import open_felt_source
     from spikingtac.viewer.web.show import PageOptions, show
 
     check_seconds(args.seconds)
@@ -114,7 +121,8 @@ def show_source(
         picture=args.picture,
         tracks=tracks,
     )
-    open_view = Factory(function=open_view_or_events, arguments=arguments)
+    opener = open_felt_source if "force" in arguments else open_view_or_events
+    open_view = Factory(function=opener, arguments=arguments)
     return show(open_view, options, remark)
 
 

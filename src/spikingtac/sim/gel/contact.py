@@ -24,6 +24,7 @@ from spikingtac.sim.gel.grid_cells import (
 from spikingtac.sim.gel.indenters import Indenter, SoftLayer
 from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
 from spikingtac.sim.gel.normal_contact import pressure_kernel
+from spikingtac.sim.optics.contact_patch import ContactPatch
 from spikingtac.types import Pose
 
 KPA_PER_MPA = 1e3
@@ -111,6 +112,12 @@ class GelContact:
     def cells(self) -> NDArray[np.int64]:
         """Flat indices of the cells outside of which no traction acts."""
         return self._influence.cells
+
+    @property
+    def patch(self) -> ContactPatch:
+        """Which cells touch, and which of these stick."""
+        touching = self.traction[2] > 0.0
+        return ContactPatch.of(touching, touching & ~self._slipping.reshape(touching.shape))
 
     def press(
         self,

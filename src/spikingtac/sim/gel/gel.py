@@ -17,6 +17,7 @@ from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.indenters import Indenter
 from spikingtac.sim.gel.inertia import InertiaConfig, Ringing, shear_resonance_hz
 from spikingtac.sim.gel.interpolation import MarkerInterpolation
+from spikingtac.sim.optics.contact_patch import ContactPatch
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.types import Pose
 
@@ -110,6 +111,11 @@ class Gel:
         return bool(self._contact.traction[2].any())
 
     @property
+    def patch(self) -> ContactPatch:
+        """Which cells of the skin are touched, and which of these stick."""
+        return self._contact.patch
+
+    @property
     def resting(self) -> bool:
         """True while nothing touches and the stored creep is negligible."""
         return self._resting
@@ -174,6 +180,7 @@ class Gel:
             torque_n_mm=torque,
             pose_mm=np.full(3, np.nan) if pose is None else pose.position_mm.copy(),
             in_contact=self.in_contact,
+            patch=self.patch,
         )
 
     def _load(self) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.sim.optics.contact_patch import NO_PATCH, ContactPatch
+
 
 @dataclass(frozen=True, slots=True)
 class SkinState:
@@ -23,6 +25,7 @@ class SkinState:
         torque_n_mm: ``(3,)`` its moment about the origin of the frame, N mm.
         pose_mm: ``(3,)`` reference point of the indenter, mm.
         in_contact: True where any pressure acts.
+        patch: Which cells of the skin are touched; empty where the model has no cells.
     """
 
     t_us: int
@@ -32,6 +35,7 @@ class SkinState:
     torque_n_mm: NDArray[np.float64]
     pose_mm: NDArray[np.float64]
     in_contact: bool
+    patch: ContactPatch = NO_PATCH
 
 
 @dataclass(frozen=True, slots=True)

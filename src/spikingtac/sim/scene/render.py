@@ -60,6 +60,8 @@ def simulate(
         RecordingWriter(partial, source.size) as writer,
     ):
         writer.set_truth("reference_px", source.reference_px.astype(np.float32))
+        writer.set_truth("reference_mm", source.reference_mm.astype(np.float32))
+        writer.set_truth("cell_axis_mm", source.cell_axis_mm.astype(np.float32))
         writer.set_truth("radius_px", source.radius_px.astype(np.float32))
         for step in source.steps():
             writer.write(step.packet)

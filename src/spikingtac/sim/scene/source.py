@@ -67,6 +67,8 @@ class SceneSource:
         size: ``(width, height)`` of the sensor, px.
         losses: Number of events that the readout has lost, by kind.
         t_end_us: End of the stream, us, or None.
+        reference_mm: ``(m, 2)`` nominal places of the markers at rest, mm.
+        cell_axis_mm: ``(n,)`` centres of the skin's cells along x and along y, mm.
         reference_px: ``(m, 2)`` markers at rest, px.
         radius_px: ``(m,)`` radii on the image at rest, px.
 
@@ -89,6 +91,8 @@ class SceneSource:
         camera = scene.camera.resolve(scene.size)
         self._camera = EventCamera(camera, seed, serial=scene.skin.serial)
         rest = self._optics.project(scene.skin.at_rest())
+        self.reference_mm: NDArray[np.float64] = scene.skin.rest_mm()
+        self.cell_axis_mm: NDArray[np.float64] = scene.gel.grid.axis_mm
         self.reference_px: NDArray[np.float64] = rest.center_px
         self.radius_px: NDArray[np.float64] = image_radius_px(rest)
         self._steps = self._run()
@@ -140,7 +144,7 @@ class SceneSource:
 
     def frames(self) -> Iterator[tuple[SkinState, MarkerImage]]:
         """Yield skin and image at each step of the gel, from time zero, without the camera."""
-        state = self.scene.skin.at_rest()
+        state = replace(self.scene.skin.at_rest(), patch=self._gel.patch)
         yield state, self._optics.project(state)
         for number in itertools.count():
             if number == self._count:

@@ -1,4 +1,4 @@
-"""Ground truth of a simulation beside the events: markers, force and pose, in chunks."""
+"""Ground truth of a simulation beside the events: markers, wrench, patch and pose, in chunks."""
 
 from __future__ import annotations
 
@@ -27,6 +27,10 @@ class TruthChunk:
         marker_px: ``(n, m, 2)`` optical centres of the undamaged discs, px.
         contact_t_us: ``(k,)`` times of the rows below, one for each step of the gel, us.
         force_n: ``(k, 3)`` force of the indenter on the skin, N.
+        torque_n_mm: ``(k, 3)`` its moment about the optical axis and the skin at rest, N mm.
+        touching_cells: ``(k, ceil(n² / 8))`` the cells of the skin that are touched, one bit each
+            (:class:`~spikingtac.sim.optics.contact_patch.ContactPatch`).
+        sticking_cells: ``(k, ceil(n² / 8))`` those that are touched and do not slip.
         pose_mm: ``(k, 3)`` the indenter's reference point, mm (x right, y down, z depth).
         in_contact: ``(k,)`` True where any pressure acts.
     """
@@ -35,6 +39,9 @@ class TruthChunk:
     marker_px: NDArray[np.float32]
     contact_t_us: NDArray[np.int64]
     force_n: NDArray[np.float64]
+    torque_n_mm: NDArray[np.float64]
+    touching_cells: NDArray[np.uint8]
+    sticking_cells: NDArray[np.uint8]
     pose_mm: NDArray[np.float64]
     in_contact: NDArray[np.bool_]
 
@@ -49,6 +56,9 @@ class TruthChunk:
             marker_px=(now.center_px + fraction * moved).astype(np.float32),
             contact_t_us=np.array([now.t_us], np.int64),
             force_n=np.array(state.force_n, np.float64)[None],
+            torque_n_mm=np.array(state.torque_n_mm, np.float64)[None],
+            touching_cells=state.patch.touching[None],
+            sticking_cells=state.patch.sticking[None],
             pose_mm=np.array(state.pose_mm, np.float64)[None],
             in_contact=np.array([state.in_contact]),
         )

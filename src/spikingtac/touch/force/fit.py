@@ -16,24 +16,31 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.force.laws import Family, fit_component
-from spikingtac.touch.force.model import ForceModel, Interval, field_rms
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
+from spikingtac.touch.force.laws import LawChoice, fit_component
+from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.novelty import learn_novelty
-from spikingtac.touch.force.r_squared import r_squared
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
-from spikingtac.touch.force.shape import shape_modes
+from spikingtac.touch.force.score import r_squared
+from spikingtac.touch.force.shape import FieldBasis, FieldFeatures
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
 
-Choice = tuple[Family, ...]
-
-LATERAL: tuple[Choice, ...] = (("shape",), ("squares",), ("shape", "squares"))
-NORMAL: tuple[Choice, ...] = (("normal",),)
+LATERAL = (
+    LawChoice(("squares",)),
+    LawChoice(("squares", "squares", "squares", "kernel")),
+    LawChoice(("shape", "squares", "linear", "kernel")),
+)
+NORMAL = (LawChoice(("normal",), corrected=True),)
 CHOICES = dict.fromkeys(COMPONENTS, LATERAL) | {"fz": NORMAL}
-"""Component -> the formulas, or means of two, that may describe it."""
+"""Component -> the formulas, or means of some, that may describe it (ours: means of unlike formulas
+err less than any of them on data/force)."""
 PARTS = 5
 """Parts into which a single series is cut, in time, so that each is predicted from the rest."""
+FRAMES_PER_SERIES = 3_000
+"""Frames of a series that are learned from, evenly chosen: those of a fast tracker are all alike,
+and memory is bounded."""
 LEAST_FRAMES = 200
 """Fewer labelled frames make no model."""
 COVERAGE = 0.9
@@ -57,6 +64,7 @@ def fit_force(
     *,
     depth: bool = False,
     zero: RestZeroConfig | None = None,
+    creep: CreepConfig | None = None,
 ) -> ForceModel:
     """Learn a force model from labelled series of one sensor.
 
@@ -64,32 +72,35 @@ def fit_force(
         series: Displacements with wrenches, in order of time, each with its own zero.
         depth: Use the third coordinate where the series have it.
         zero: How the rest is followed.
+        creep: How the skin creeps; not at all unless given.
 
     Raises:
         ConfigError: There is too little to learn from, or the series do not fit each other.
     """
-    zero = zero or RestZeroConfig()
+    zero, creep = zero or RestZeroConfig(), creep or CreepConfig()
     kept = [one if depth else one.in_image() for one in series]
     _check(kept, depth)
     rms = field_rms(np.concatenate([one.displacement for one in kept]))
-    groups = _groups([_taught(one, rms, zero) for one in kept])
+    groups = _groups([_taught(one, rms, zero, creep) for one in kept])
     fields = np.concatenate([group.fields for group in groups])
     wrench = np.concatenate([group.wrench for group in groups])
-    modes = shape_modes(fields)
     dimensions = kept[0].reference.shape[1]
-    chosen = [_choose(groups, index, dimensions) for index in range(wrench.shape[1])]
+    features = FieldFeatures(fields, FieldBasis.learn(fields, dimensions))
+    folds = _folds(groups, dimensions)
+    chosen = [_choose(folds, index) for index in range(wrench.shape[1])]
     return ForceModel(
         unit=kept[0].unit,
         reference=np.mean([one.reference for one in kept], axis=0),
         rms=rms,
-        modes=modes,
+        basis=features.basis,
         laws=tuple(
-            fit_component(choice.families, fields, modes, wrench[:, index], dimensions)
+            fit_component(choice.law, features, wrench[:, index])
             for index, choice in enumerate(chosen)
         ),
         intervals=tuple(choice.interval for choice in chosen),
-        novelty=learn_novelty(fields, modes),
+        novelty=learn_novelty(fields, features.basis.modes),
         zero=zero,
+        creep=creep,
         about=_about(kept, wrench, [choice.r2 for choice in chosen]),
     )
 
@@ -114,10 +125,12 @@ def _check(series: Sequence[WrenchSeries], depth: bool) -> None:
         raise ConfigError(f"{frames} frames are too few for a model, at least {LEAST_FRAMES}")
 
 
-def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig) -> _Taught:
+def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig, creep: CreepConfig) -> _Taught:
     flat = series.displacement.reshape(len(series.t_us), -1) / rms
     rest = RestZero(zero, zero.radius_share, flat.shape[1])
-    return _Taught(rest.subtract_all(flat), series.wrench)
+    fields = fields_from_rest(series.t_us, flat, CreepMemory(creep), rest)
+    every = -(-len(flat) // FRAMES_PER_SERIES)
+    return _Taught(fields[::every], series.wrench[::every])
 
 
 def _groups(taught: list[_Taught]) -> list[_Taught]:
@@ -133,34 +146,58 @@ def _groups(taught: list[_Taught]) -> list[_Taught]:
 
 
 @dataclass(frozen=True, slots=True)
+class _Fold:
+    """One group, and the others, from which it is predicted."""
+
+    taught: FieldFeatures
+    taught_wrench: Field
+    left_out: FieldFeatures
+    truth: Field
+
+
+def _folds(groups: list[_Taught], dimensions: int) -> list[_Fold]:
+    folds = []
+    for left_out in groups:
+        rest = [group for group in groups if group is not left_out]
+        fields = np.concatenate([group.fields for group in rest])
+        basis = FieldBasis.learn(fields, dimensions)
+        folds.append(
+            _Fold(
+                FieldFeatures(fields, basis),
+                np.concatenate([group.wrench for group in rest]),
+                FieldFeatures(left_out.fields, basis),
+                left_out.wrench,
+            )
+        )
+    return folds
+
+
+@dataclass(frozen=True, slots=True)
 class _Chosen:
     """The best law of a component, its interval and its R2 between the groups."""
 
-    families: Choice
+    law: LawChoice
     interval: Interval
     r2: float
 
 
-def _choose(groups: list[_Taught], index: int, dimensions: int) -> _Chosen:
-    truth = np.concatenate([group.wrench[:, index] for group in groups])
+def _choose(folds: list[_Fold], index: int) -> _Chosen:
+    truth = np.concatenate([fold.truth[:, index] for fold in folds])
     choices = CHOICES[COMPONENTS[index]]
-    between = {choice: _between(groups, index, choice, dimensions) for choice in choices}
+    between = {choice: _between(folds, index, choice) for choice in choices}
     best = max(choices, key=lambda choice: r_squared(truth, between[choice]))
     interval = _interval(between[best], truth - between[best])
     return _Chosen(best, interval, r_squared(truth, between[best]))
 
 
-def _between(groups: list[_Taught], index: int, choice: Choice, dimensions: int) -> Field:
+def _between(folds: list[_Fold], index: int, choice: LawChoice) -> Field:
     """Return each group's component as predicted from the other groups."""
-    out = []
-    for left_out in groups:
-        rest = [group for group in groups if group is not left_out]
-        fields = np.concatenate([group.fields for group in rest])
-        force = np.concatenate([group.wrench[:, index] for group in rest])
-        modes = shape_modes(fields)
-        law = fit_component(choice, fields, modes, force, dimensions)
-        out.append(law(left_out.fields, modes))
-    return np.concatenate(out)
+    return np.concatenate(
+        [
+            fit_component(choice, fold.taught, fold.taught_wrench[:, index])(fold.left_out)
+            for fold in folds
+        ]
+    )
 
 
 def _interval(estimate: Field, error: Field) -> Interval:

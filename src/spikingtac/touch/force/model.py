@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import ComponentLaw
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
-from spikingtac.touch.force.shape import amplitude
+from spikingtac.touch.force.shape import FieldBasis, FieldFeatures, amplitude
+from spikingtac.touch.force.stacked_laws import StackedLaws
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]
@@ -62,10 +64,6 @@ class Interval:
     floor: float
     share: float
 
-    def half_width(self, estimate: Field, distance: Field) -> Field:
-        """Return the half-widths ``(n,)`` of estimates ``(n,)``."""
-        return (self.floor + self.share * np.abs(estimate)) * np.maximum(distance, 1.0)
-
 
 @dataclass(frozen=True, kw_only=True)
 class ForceModel:
@@ -75,23 +73,33 @@ class ForceModel:
         unit: Unit of the displacements, ``"mm"`` or ``"px"``.
         reference: ``(m, d)`` markers of the series that were learned, in ``unit``.
         rms: Root mean square of the training displacements, in ``unit``.
-        modes: ``(m d, k)`` modes of the field.
+        basis: What fields are described by.
         laws: One law per component.
         intervals: One interval per component.
         novelty: What distance to the learned fields is.
         zero: How the rest is followed.
+        creep: How the skin creeps under a constant force.
         about: Where the model came from: files, frames, ranges, errors between series.
     """
 
     unit: str
     reference: Field
     rms: float
-    modes: Field
+    basis: FieldBasis
     laws: tuple[ComponentLaw, ...]
     intervals: tuple[Interval, ...]
     novelty: Novelty
     zero: RestZeroConfig
+    creep: CreepConfig = field(default_factory=CreepConfig)
     about: dict[str, Any] = field(default_factory=dict)
+    _stacked: StackedLaws = field(init=False, repr=False, compare=False)
+    _widths: tuple[Field, Field] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_stacked", StackedLaws(self.laws, self.basis))
+        floors = np.array([interval.floor for interval in self.intervals])
+        shares = np.array([interval.share for interval in self.intervals])
+        object.__setattr__(self, "_widths", (floors, shares))
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -106,7 +114,8 @@ class ForceModel:
         """
         self._check(series)
         flat = series.displacement[:, :, : self.reference.shape[1]].reshape(len(series.t_us), -1)
-        return self._rest().subtract_all(flat / self.rms)
+        rest, creep = self._rest(), CreepMemory(self.creep)
+        return fields_from_rest(series.t_us, flat / self.rms, creep, rest)
 
     def estimate(self, series: WrenchSeries) -> tuple[Field, Field, Field]:
         """Return values ``(n, c)``, half-widths ``(n, c)`` and distances ``(n,)`` of a series.
@@ -122,17 +131,30 @@ class ForceModel:
         """Return a stream of wrenches that starts at the calibrated rest."""
         return ForceEstimator(self)
 
+    def require_image(self, markers: int) -> None:
+        """Refuse to be used on a tracker's frames of that many markers, px in the image.
+
+        Raises:
+            ConfigError: The model was learned on another sensor, in another unit or with depth.
+        """
+        if (len(self.reference), self.reference.shape[1], self.unit) == (markers, 2, "px"):
+            return
+        raise ConfigError(
+            f"the force model is of {len(self.reference)} markers in {self.reference.shape[1]} "
+            f"coordinates in {self.unit}, the tracker gives {markers} in 2 in px; "
+            "fit one on tracks: spikingtac force fit tracks.npz --wrench FORCES -o force.json"
+        )
+
     def _rest(self) -> RestZero:
         return RestZero(self.zero, self.zero.radius_share, self.reference.size)
 
     def _evaluate(self, fields: Field) -> tuple[Field, Field, Field]:
-        values = np.column_stack([law(fields, self.modes) for law in self.laws])
-        distance = self.novelty(fields, self.modes)
-        widths = [
-            interval.half_width(values[:, index], distance)
-            for index, interval in enumerate(self.intervals)
-        ]
-        return values, np.column_stack(widths), distance
+        features = FieldFeatures(fields, self.basis)
+        values = self._stacked(features)
+        distance = self.novelty(fields, self.basis.modes)
+        floors, shares = self._widths
+        widths = (floors + shares * np.abs(values)) * np.maximum(distance, 1.0)[:, None]
+        return values, widths, distance
 
     def _check(self, series: WrenchSeries) -> None:
         markers, depth = self.reference.shape
@@ -168,12 +190,23 @@ class ForceEstimator:
     def reset(self) -> None:
         """Return to the calibrated rest."""
         self._rest = self._model._rest()
+        self._creep = CreepMemory(self._model.creep)
 
     def update(self, t_us: int, displacement: Field) -> Wrench:
         """Take in displacements ``(m, d)`` in the model's unit and return the wrench."""
-        away = self._rest.subtract(displacement.ravel() / self._model.rms)
+        elastic = self._creep.elastic(t_us, displacement.ravel() / self._model.rms)
+        away = self._rest.subtract(elastic)
         values, widths, distance = self._model._evaluate(away[None])
         return Wrench(t_us, values[0], widths[0], float(distance[0]))
+
+
+def fields_from_rest(
+    t_us: NDArray[np.int64], fields: Field, creep: CreepMemory, rest: RestZero
+) -> Field:
+    """Return fields ``(n, size)`` without creep and from the zero of their time."""
+    rows = zip(t_us.tolist(), fields, strict=True)
+    elastic = [creep.elastic(time_us, row) for time_us, row in rows]
+    return rest.subtract_all(np.array(elastic).reshape(fields.shape))
 
 
 def field_rms(fields: Field) -> float:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.touch.force.r_squared import r_squared
 from spikingtac.touch.force.wrench_series import WrenchSeries
+
+Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,3 +59,9 @@ def score_force(model: ForceModel, series: WrenchSeries) -> list[ForceScore]:
             )
         )
     return rows
+
+
+def r_squared(truth: Field, estimate: Field) -> float:
+    """Return 1 - (squared errors) / (squared deviations from the mean); 0 for constant truth."""
+    spread = float(((truth - truth.mean()) ** 2).sum())
+    return 1.0 - float(((truth - estimate) ** 2).sum()) / spread if spread > 0.0 else 0.0

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache, cached_property
+
 import numpy as np
 from numpy.typing import NDArray
+
+from spikingtac.touch.force.neighbourhood import choose_centers, coordinates, likeness
 
 Field = NDArray[np.float64]
 
@@ -15,6 +20,11 @@ normal force of data/force)."""
 SMALL_SHARE = 0.16
 """Amplitude that is added to a field's before it is normalised for finding modes, as a share of
 the rms: fields at rest are noise and have no shape (ours: 0.1 mm of 0.6 mm)."""
+
+
+SHAPE_FLOOR = 0.35
+"""Length of a marker's displacement below which a field has little shape, over the training rms
+(ours: 0.3 mm of 0.85 mm on data/force)."""
 
 
 def amplitude(displacement: Field, floor: float) -> Field:
@@ -33,6 +43,17 @@ def shape_modes(displacement: Field) -> Field:
     return vectors[:, ::-1][:, : min(MODES, displacement.shape[1])]
 
 
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.triu_indices(count)
+
+
+def shape_width(modes: int) -> int:
+    """Return the number of shape features of so many modes."""
+    leading = min(PRODUCT_MODES, modes)
+    return modes + leading * (leading + 1) // 2 + modes - leading
+
+
 def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Field, Field]:
     """Return amplitude ``(n,)`` and shape features ``(n, f)`` of fields ``(n, size)``.
 
@@ -42,6 +63,70 @@ def shape_features(displacement: Field, modes: Field, floor: float) -> tuple[Fie
     size = amplitude(displacement, floor)
     shape = displacement @ modes / (size[:, None] * np.sqrt(len(modes)))
     leading = min(PRODUCT_MODES, modes.shape[1])
-    first, second = np.triu_indices(leading)
+    first, second = _pairs(leading)
     products = shape[:, first] * shape[:, second]
     return size, np.hstack([shape, products, shape[:, leading:] ** 2])
+
+
+@dataclass(frozen=True)
+class FieldBasis:
+    """What fields are described by.
+
+    Attributes:
+        modes: ``(size, k)`` modes.
+        centers: ``(c, k + 1)`` remembered fields.
+        dimensions: Coordinates of a marker, 2 or 3.
+    """
+
+    modes: Field
+    centers: Field
+    dimensions: int
+
+    @cached_property
+    def center_squares(self) -> Field:
+        """``(c,)`` squared length of each remembered place."""
+        return (self.centers**2).sum(axis=1)
+
+    @classmethod
+    def learn(cls, displacement: Field, dimensions: int) -> FieldBasis:
+        """Learn from training fields ``(n, size)`` in units of their rms."""
+        modes = shape_modes(displacement)
+        size, shape = shape_features(displacement, modes, SHAPE_FLOOR * np.sqrt(dimensions))
+        places = coordinates(size, shape[:, : modes.shape[1]])
+        return cls(modes, choose_centers(places), dimensions)
+
+
+class FieldFeatures:
+    """The features of some fields, each computed once however many laws ask for it."""
+
+    def __init__(self, displacement: Field, basis: FieldBasis) -> None:
+        """Take fields ``(n, size)`` in units of the training rms."""
+        self.displacement, self.basis = displacement, basis
+        self._shapes: dict[float, tuple[Field, Field]] = {}
+        self._likeness: Field | None = None
+
+    def shape(self, floor: float) -> tuple[Field, Field]:
+        """Return :func:`shape_features` with the amplitude rounded at a marker's length."""
+        if floor not in self._shapes:
+            self._shapes[floor] = self._shape(floor * float(np.sqrt(self.basis.dimensions)))
+        return self._shapes[floor]
+
+    def _shape(self, floor: float) -> tuple[Field, Field]:
+        """Return the features, from those of another floor where there are some."""
+        if not self._shapes:
+            return shape_features(self.displacement, self.basis.modes, floor)
+        other, features = next(iter(self._shapes.values()))
+        size = amplitude(self.displacement, floor)
+        ratio = (other / size)[:, None]
+        scaled = features * ratio**2
+        along = self.basis.modes.shape[1]
+        scaled[:, :along] = features[:, :along] * ratio
+        return size, scaled
+
+    def likeness(self) -> Field:
+        """Return the likeness ``(n, c)`` to the remembered fields."""
+        if self._likeness is None:
+            size, shape = self.shape(SHAPE_FLOOR)
+            places = coordinates(size, shape[:, : self.basis.modes.shape[1]])
+            self._likeness = likeness(places, self.basis.centers, self.basis.center_squares)
+        return self._likeness

@@ -18,9 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field.lost_markers import LostMarkers
+from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.onset import OnsetMemory
-from spikingtac.touch.touches.patch import deformed_patch
+from spikingtac.touch.touches.patch import Patch, deformed_patch
 from spikingtac.touch.touches.touch import Touch
+from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
@@ -28,47 +31,14 @@ Field = NDArray[np.float64]
 
 FLAT_SHARE = 0.1
 """Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TouchConfig:
-    """When a touch begins and ends.
-
-    Attributes:
-        least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
-            gradient's strength of markers that scatter so (ours: 0.2 px, twenty times the scatter
-            of the tracker ``default`` on the twin at rest; its steps are smaller).
-        noise_factor: Times the strength at rest that a touch must exceed (ours).
-        end_share: Share of the peak strength below which the skin is released (ours: residues lie
-            below 0.18 and touches above 0.28 on the ten scenes).
-        end_hold_us: Time below that share that is needed, us (ours: a shake of 12 Hz passes
-            through its rest for 5 ms).
-        flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
-        release_us: Longest time that a release may take from there on, us (ours).
-        settle_us: Time after a release within which the rest follows whatever falls, us (ours).
-        resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
-        start_us: Time from the first frame on that is rest, us (ours).
-        start_strength: Strength against the calibrated rest up to which that holds (ours: 0.02; a
-            real gel rested at 0.009 from where it was calibrated).
-    """
-
-    least_displacement_px: float = 0.2
-    noise_factor: float = 6.0
-    end_share: float = 0.22
-    end_hold_us: int = 40_000
-    flat_us: int = 20_000
-    release_us: int = 150_000
-    settle_us: int = 500_000
-    resting_us: int = 2_000_000
-    start_us: int = 100_000
-    start_strength: float = 0.02
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
-        if not self.end_share < 1:
-            raise ValueError(f"end_share is {self.end_share}, it must be below 1")
+STILL_SLACK = 0.02
+"""Share of the peak strength by which a skin that stands still may change (ours)."""
+SPREAD_SHARE = 0.1
+"""Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
+SPREAD_FACTOR = 5.0
+"""Times the scatter of a marker that the spread must have reached for that (ours)."""
+SPREAD_MARKERS = 0.6
+"""Share of the markers that must be back (ours)."""
 
 
 @dataclass(slots=True)
@@ -80,7 +50,10 @@ class _Open:
     peak_us: int = 0
     peak_px: float = 0.0
     peak_local: Field | None = None
+    peak_spread: float = 0.0
     fell_us: int | None = None
+    still_us: int = 0
+    still_left: float = 1.0
     falling: deque[tuple[int, float]] = field(default_factory=deque)
 
 
@@ -115,7 +88,9 @@ class TouchDetector:
         self._config = config or TouchConfig()
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
-        self._memory = OnsetMemory()
+        self._lost = LostMarkers(self._reference)
+        self._memory = OnsetMemory(self._config.unseen)
+        self._backlash = Backlash(len(self._reference))
         self.reset()
 
     def reset(self) -> None:
@@ -127,6 +102,8 @@ class TouchDetector:
         self._last_us: int | None = None
         self._release: _Release | None = None
         self._memory.clear()
+        self._backlash.reset()
+        self._lost.reset()
 
     @property
     def touching(self) -> bool:
@@ -134,8 +111,15 @@ class TouchDetector:
         return self._open is not None
 
     @property
+    def patch(self) -> Patch | None:
+        """Where the open touch is, at its peak so far; None while nothing touches."""
+        if self._open is None or self._open.peak_local is None:
+            return None
+        return deformed_patch(self._reference, self._open.peak_local)
+
+    @property
     def begin_us(self) -> int | None:
-        """When the open touch began, us; None while nothing touches."""
+        """When the open touch began, us, ever better known; None while nothing touches."""
         return None if self._open is None else self._open.begin_us
 
     @property
@@ -145,19 +129,22 @@ class TouchDetector:
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
-        moved = frame.detected_px - self._reference
+        moved = self._repaired(frame.detected_px - self._reference)
+        string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
+            better_us = self._memory.refine(frame.t_us, moved, string)
+            self._open.begin_us = self._open.begin_us if better_us is None else better_us
             return self._follow(self._open, frame.t_us, moved)
         self._settle(frame.t_us, moved)
-        self._memory.add(frame.t_us, moved)
+        self._memory.add(frame.t_us, moved, string)
         strength = float(self._gradient.of(moved - self._zero).strength)
         if strength > self.threshold:
-            self._open = _Open(self._memory.begin_us(moved - self._zero))
+            self._open = _Open(self._memory.notice(moved - self._zero))
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
@@ -170,6 +157,16 @@ class TouchDetector:
         self._open = None
         return touch
 
+    def _repaired(self, moved: Field) -> Field:
+        """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
+        before = self._lost.lost
+        repaired = self._lost.repaired(moved)
+        changed = before != self._lost.lost
+        if self._open is None and changed.any():
+            self._zero = np.where(changed[:, None], repaired, self._zero)
+            self._memory.clear()
+        return repaired
+
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
@@ -178,7 +175,7 @@ class TouchDetector:
         touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
         if strength > touch.peak:
             touch.peak, touch.peak_us, touch.peak_local = strength, t_us, gradients.local
-        end_us = self._ended_us(touch, t_us, strength)
+        end_us = self._ended_us(touch, t_us, self._left(touch, away, strength))
         if end_us is None:
             return None
         told = self._told(touch, end_us)
@@ -187,16 +184,32 @@ class TouchDetector:
         self._memory.clear()
         return told
 
-    def _ended_us(self, touch: _Open, t_us: int, strength: float) -> int | None:
+    def _left(self, touch: _Open, away: Field, strength: float) -> float:
+        """Return the share of the touch's peak that is left, in strength or in spread.
+
+        A few markers that are lost in a sudden release strain the field for ever; most of the
+        markers are back nevertheless.
+        """
+        spread = _spread(away)
+        touch.peak_spread = max(touch.peak_spread, spread)
+        left = strength / max(touch.peak, 1e-12)
+        if touch.peak_spread < SPREAD_FACTOR * self._config.least_displacement_px:
+            return left
+        return min(left, self._config.end_share / SPREAD_SHARE * spread / touch.peak_spread)
+
+    def _ended_us(self, touch: _Open, t_us: int, left: float) -> int | None:
         """Return when the touch ended, or None: below its share, for long enough, and flat."""
         config = self._config
-        if strength > config.end_share * touch.peak:
+        if abs(left - touch.still_left) > STILL_SLACK:
+            touch.still_us, touch.still_left = t_us, left
+        if left > config.end_share:
             touch.fell_us = None
             touch.falling.clear()
-            return None
+            still = left < config.still_share and t_us - touch.still_us >= config.still_us
+            return touch.still_us if still else None
         if touch.fell_us is None:
             touch.fell_us = t_us
-        touch.falling.append((t_us, strength))
+        touch.falling.append((t_us, left))
         if t_us - touch.fell_us < config.end_hold_us:
             return None
         while t_us - touch.falling[0][0] > config.release_us:
@@ -209,14 +222,14 @@ class TouchDetector:
     def _flat_since_us(self, touch: _Open) -> int | None:
         """Return the first time from which the strength hardly fell any more, or None."""
         falling = list(touch.falling)
-        slack = FLAT_SHARE * self._config.end_share * touch.peak
+        slack = FLAT_SHARE * self._config.end_share
         later = 0
-        for t_us, strength in falling:
+        for t_us, left in falling:
             while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
                 later += 1
             if later == len(falling):
                 return None
-            if strength - falling[later][1] < slack:
+            if left - falling[later][1] < slack:
                 return t_us
         return None
 
@@ -253,3 +266,10 @@ class TouchDetector:
             area_px2=patch.area,
             outline_px=patch.outline,
         )
+
+
+def _spread(away: Field) -> float:
+    """Return within which distance of the common displacement most markers ``(m, 2)`` lie."""
+    middle = np.sort(away, axis=0)[len(away) // 2]
+    distance = ((away - middle) ** 2).sum(axis=1)
+    return float(np.sqrt(np.sort(distance)[int(SPREAD_MARKERS * len(away))]))

@@ -1,8 +1,9 @@
-"""When a motion began, from the frames that led to it being noticed.
+"""When a motion began, from the frames that led to it being noticed and those right after.
 
-A press starts too softly to be seen in one frame of one marker. So the frames of the last moments
-are projected on the pattern that the touch has once it is plain (a matched filter over all
-markers), and the first time at which the projection leaves its noise for good is the beginning.
+A press starts too softly to be seen in one frame of one marker. So the frames are projected on the
+pattern that the touch has when it is noticed (a matched filter over all markers), and the rise of
+the projection is extrapolated to its rest by its law of growth. What the camera cannot see of a
+motion that follows an earlier one (:mod:`spikingtac.touch.touches.backlash`) is added first.
 """
 
 from __future__ import annotations
@@ -12,91 +13,117 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.touch.touches.backlash import UnseenMotion, unseen_px
+
 Field = NDArray[np.float64]
+Times = NDArray[np.int64]
 
 HISTORY_US = 400_000
 """Frames that are remembered before a touch is noticed, us (ours: presses of the ten scenes are
-noticed after 15 to 60 ms)."""
+noticed after 15 to 70 ms)."""
 RISEN_SHARE = 0.25
 """Share of the pattern at which a rise is under way: what lies well before is rest (ours)."""
-BASE_US = 150_000
-"""Span of rest that shows drift and noise, us (ours)."""
+BASE_US = 100_000
+"""Span of rest whose median is the level from which the motion rises, us (ours)."""
 LEAST_GAP_US = 10_000
 """Time between the rest and the rise that is looked at for neither, at the least, us (ours)."""
-NOISE_SIGMAS = 4.0
-"""Deviations from the drift of the rest at which motion is sure (ours)."""
-LEAST_SHARE = 0.01
-"""Share of the pattern below which no motion is claimed, whatever the noise (ours)."""
-GROWTH_POWER = 2.0
-"""Power of time with which a press is taken to set in (a sphere at constant speed has 1.5, Hertz;
-a tool that gathers speed up to 3). Ours: fitting the power to each touch errs more."""
+FIRST_SHARE, LAST_SHARE = 0.2, 1.5
+"""Shares of the pattern between which the rise is fitted (ours: up to 1.0 and from 0.3 to 2.0
+err more on the ten scenes)."""
+LATER_US = 80_000
+"""Time after the touch is noticed within which the rise is fitted, us (ours)."""
+GROWTH_POWER = 1.85
+"""Power of time with which a press is taken to set in (a sphere at constant speed has 1.5 by Hertz;
+1.5 to 1.9 in the truth of the ten scenes; ours)."""
+LEAST_ROWS = 3
+"""Fewer frames in the rise are not fitted: frames of a slow camera."""
 
 
 class OnsetMemory:
-    """The last frames, thinned to bounded memory, and the search for a beginning in them."""
+    """The last frames, in bounded memory, and the search for a beginning in them."""
 
-    def __init__(self) -> None:
-        self._frames: deque[tuple[int, Field]] = deque()
+    def __init__(self, unseen: UnseenMotion) -> None:
+        self._unseen = unseen
+        self._frames: deque[tuple[int, Field, Field]] = deque()
+        self._noticed_us: int | None = None
+        self._pattern = np.zeros((0, 2))
 
     def clear(self) -> None:
         """Forget every frame."""
         self._frames.clear()
+        self._noticed_us = None
 
-    def add(self, t_us: int, displacement: Field) -> None:
-        """Remember a frame ``(m, 2)`` and forget those too old."""
-        self._frames.append((t_us, displacement))
+    def add(self, t_us: int, displacement: Field, string: Field) -> None:
+        """Remember a frame ``(m, 2)`` with its backlash and forget those too old."""
+        self._frames.append((t_us, displacement, string))
         while self._frames and t_us - self._frames[0][0] > HISTORY_US:
             self._frames.popleft()
 
-    def begin_us(self, pattern: Field) -> int:
-        """Return when the motion towards a pattern ``(m, 2)`` began, us."""
-        times = np.array([t for t, _ in self._frames], np.int64)
-        fields = np.array([frame for _, frame in self._frames]).reshape(len(times), -1)
-        along = fields @ pattern.ravel() / max(float((pattern**2).sum()), 1e-12)
-        along = along - along[-1] + 1.0
-        risen = np.flatnonzero(along < RISEN_SHARE)
-        if not len(risen):
-            return int(times[-1])
-        rest = _rest_rows(times, int(times[risen[-1]]))
-        level = _line(times[rest], along[rest], times)
-        above = along - level
-        edge = max(NOISE_SIGMAS * _deviation(above[rest]), LEAST_SHARE)
-        quiet = np.flatnonzero(above <= edge)
-        first = min(int(quiet[-1]) + 1, len(times) - 1) if len(quiet) else 0
-        return _extrapolated(times, above, first)
+    def notice(self, pattern: Field) -> int:
+        """Take the last frame's pattern ``(m, 2)`` for a touch; return when it began, us."""
+        self._noticed_us, self._pattern = self._frames[-1][0], pattern
+        return self._begin_us()
+
+    def refine(self, t_us: int, displacement: Field, string: Field) -> int | None:
+        """Take in a frame after the notice; return a better beginning once the rise is done."""
+        if self._noticed_us is None:
+            return None
+        self._frames.append((t_us, displacement, string))
+        risen = float(((displacement - self._at_notice()) * self._pattern).sum())
+        strength = float((self._pattern**2).sum())
+        if risen < (LAST_SHARE - 1.0) * strength and t_us - self._noticed_us < LATER_US:
+            return None
+        begin_us = self._begin_us()
+        self.clear()
+        return begin_us
+
+    def _at_notice(self) -> Field:
+        return next(field for t_us, field, _ in reversed(self._frames) if t_us == self._noticed_us)
+
+    def _begin_us(self) -> int:
+        times = np.array([t for t, _, _ in self._frames], np.int64)
+        fields = np.array([field for _, field, _ in self._frames]).reshape(len(times), -1)
+        along = fields @ self._pattern.ravel() / max(float((self._pattern**2).sum()), 1e-12)
+        noticed = int(np.searchsorted(times, self._noticed_us or 0))
+        along = along - along[noticed] + 1.0
+        before = np.flatnonzero(along[: noticed + 1] < RISEN_SHARE)
+        if not len(before):
+            return int(times[0])
+        last = int(before[-1])
+        rest = _rest_rows(times, times[last], times[noticed] - times[last])
+        string = self._frames[rest.stop - 1][2]
+        unseen = unseen_px(string, self._pattern, self._unseen)
+        largest = float(np.sqrt((self._pattern**2).sum(axis=1).max()))
+        above = along - float(np.median(along[rest]))
+        return _extrapolated(times, above, last, unseen / max(largest, 1e-9))
 
 
-def _rest_rows(times: NDArray[np.int64], risen_us: int) -> slice:
+def _rest_rows(times: Times, risen_us: np.int64, rise_us: np.int64) -> slice:
     """Return the rows of rest before a rise that is a quarter done at ``risen_us``."""
-    rise_us = int(times[-1]) - risen_us
-    until_us = risen_us - max(2 * rise_us, LEAST_GAP_US)
+    until_us = int(risen_us) - max(2 * int(rise_us), LEAST_GAP_US)
     first, last = np.searchsorted(times, [until_us - BASE_US, until_us])
-    return slice(int(first), max(int(last), int(first) + 1, 3))
+    return slice(int(first), max(int(last), int(first) + 1))
 
 
-def _line(times: NDArray[np.int64], values: Field, at: NDArray[np.int64]) -> Field:
-    """Return the drift of the rest at other times: its slope only where the rest is long enough."""
-    center = float(np.median(times))
-    level = float(np.median(values))
-    half = len(values) // 2
-    if times[-1] - times[0] < BASE_US // 2:
-        return np.full(len(at), level)
-    early, late = float(np.median(values[:half])), float(np.median(values[half:]))
-    slope = (late - early) / (float(np.median(times[half:])) - float(np.median(times[:half])))
-    return level + slope * (at.astype(np.float64) - center)
+def _extrapolated(times: Times, above: Field, last: int, unseen: float) -> int:
+    """Return where the rise after the row ``last`` meets its rest, by its law of growth.
 
-
-def _extrapolated(times: NDArray[np.int64], above: Field, first: int) -> int:
-    """Return where the rise from ``first`` on meets its rest, by its law of growth."""
-    steep = np.flatnonzero(above[first:] > 4.0 * above[first])
-    if not len(steep) or above[first] <= 0.0:
-        return int(times[first])
-    high = first + int(steep[0])
-    low_root, high_root = (float(above[i] ** (1.0 / GROWTH_POWER)) for i in (first, high))
-    slope = (high_root - low_root) / float(times[high] - times[first])
-    return max(int(times[first]) - int(low_root / slope), int(times[0]))
-
-
-def _deviation(values: Field) -> float:
-    """Return a robust standard deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    Args:
+        times: ``(n,)`` us.
+        above: ``(n,)`` the rise over its rest, in patterns.
+        last: Last row before the rise.
+        unseen: What the camera has not seen of it, in patterns.
+    """
+    end = np.flatnonzero(above > LAST_SHARE)
+    stop = int(end[0]) + 1 if len(end) else len(times)
+    rows = np.arange(last + 1, stop)
+    rows = rows[above[rows] > FIRST_SHARE]
+    if len(rows) < LEAST_ROWS:
+        return int(times[last])
+    root = (above[rows] + unseen) ** (1.0 / GROWTH_POWER)
+    elapsed = (times[rows] - times[last]).astype(np.float64)
+    slope = float(np.cov(elapsed, root, ddof=0)[0, 1]) / float(elapsed.var())
+    if slope <= 0.0:
+        return int(times[last])
+    begin_us = float(elapsed.mean()) - float(root.mean()) / slope
+    return max(int(times[last]) + round(begin_us), int(times[0]))

@@ -23,6 +23,7 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket
+from spikingtac.viewer.session.felt import FeltLayer
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 from spikingtac.viewer.session.warm_up import touch_once
 
@@ -88,6 +89,20 @@ def open_view_source(
         ),
         rate_hz=config.rate_hz,
     )
+
+
+def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
+    """Open a source and show what is felt: :func:`open_view_source` with a force model's path.
+
+    Raises:
+        ConfigError: The force model cannot be read, or is of another sensor; and as there.
+    """
+    from spikingtac.touch.force.files.model_file import load_force
+
+    model = load_force(force)
+    view = open_view_source(**arguments)
+    felt = FeltLayer(view.calibration.reference_px, view.rate_hz, model)
+    return replace(view, felt=felt)
 
 
 def _refuse_missing_file(path: Path) -> None:

@@ -158,6 +158,8 @@ class Session:
             self._largest_px, float(np.hypot(*frame.displacement_px.T).max(initial=0))
         )
         self._recorder.take(frame)
+        if self._view.felt is not None:
+            self._view.felt.take(frame)
 
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)

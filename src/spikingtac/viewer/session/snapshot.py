@@ -83,6 +83,7 @@ def moving(view: ViewSource, playback: Playback) -> tuple[dict[str, Any], dict[s
         "last_window": last_window,
         "contacts_us": contacts,
         "contact": asdict(latest) if latest else None,
+        "felt": view.felt.shown() if view.felt else None,
     }
     return scalars, {"counts": counts, **_markers(view, playback.frame)}
 

@@ -13,6 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.viewer.session.felt import FeltLayer
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""
@@ -46,6 +47,7 @@ class ViewSource:
         prepare: Compiles what the source will need soon, while it still compiles what it needs now.
         notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
+        felt: Tells force, patch and vibration where a force model was given, or None.
     """
 
     label: str
@@ -61,6 +63,7 @@ class ViewSource:
     prepare: Callable[[], None] = field(default=lambda: None)
     notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    felt: FeltLayer | None = None
 
 
 class SampledTruth:

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
-from spikingtac.touch.force.laws import ComponentLaw, ForceLaw
+from spikingtac.touch.force.creep_memory import CreepConfig
+from spikingtac.touch.force.laws import FAMILIES, ComponentLaw, ForceLaw
 from spikingtac.touch.force.model import ForceModel, Interval
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZeroConfig
 from spikingtac.touch.force.ridge import Ridge
+from spikingtac.touch.force.shape import FieldBasis
 
-FORCE_SCHEMA = 1
+FORCE_SCHEMA = 2
 """Version of the document."""
 DIGITS = 7
 """Significant digits of a coefficient."""
@@ -35,12 +37,14 @@ def save_force(model: ForceModel, path: str | Path) -> None:
         "components": list(model.components),
         "about": model.about,
         "zero": to_mapping(model.zero),
+        "creep": to_mapping(model.creep),
         "rms": model.rms,
         "intervals": [to_mapping(interval) for interval in model.intervals],
         "novelty": {"deviation": _plain(model.novelty.deviation), "edge": model.novelty.edge},
-        "laws": [[_law(part) for part in law.parts] for law in model.laws],
+        "laws": [_component(law) for law in model.laws],
         "reference": _plain(model.reference),
-        "modes": _plain(model.modes),
+        "modes": _plain(model.basis.modes),
+        "centers": _plain(model.basis.centers),
     }
     try:
         Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -72,27 +76,43 @@ def load_force(path: str | Path) -> ForceModel:
 
 
 def _model(document: dict[str, Any]) -> ForceModel:
+    dimensions = len(document["reference"][0])
     return ForceModel(
         unit=document["unit"],
         reference=_array(document["reference"]),
         rms=float(document["rms"]),
-        modes=_array(document["modes"]),
-        laws=tuple(
-            ComponentLaw(tuple(_read_law(part) for part in parts)) for parts in document["laws"]
-        ),
+        basis=FieldBasis(_array(document["modes"]), _array(document["centers"]), dimensions),
+        laws=tuple(_read_component(law) for law in document["laws"]),
         intervals=tuple(Interval(**interval) for interval in document["intervals"]),
         novelty=Novelty(
             _array(document["novelty"]["deviation"]), float(document["novelty"]["edge"])
         ),
         zero=RestZeroConfig(**document["zero"]),
+        creep=CreepConfig(**{name: tuple(row) for name, row in document["creep"].items()}),
         about=dict(document["about"]),
+    )
+
+
+def _component(law: ComponentLaw) -> dict[str, Any]:
+    return {
+        "parts": [_law(part) for part in law.parts],
+        "shares": list(law.shares),
+        "correction": None if law.correction is None else _law(law.correction),
+    }
+
+
+def _read_component(values: dict[str, Any]) -> ComponentLaw:
+    correction = values["correction"]
+    return ComponentLaw(
+        tuple(_read_law(part) for part in values["parts"]),
+        tuple(float(share) for share in values["shares"]),
+        None if correction is None else _read_law(correction),
     )
 
 
 def _law(law: ForceLaw) -> dict[str, Any]:
     return {
         "family": law.family,
-        "floor": law.floor,
         "sign": law.sign,
         "floor_n": law.floor_n,
         "largest_n": law.largest_n if np.isfinite(law.largest_n) else None,
@@ -104,7 +124,7 @@ def _law(law: ForceLaw) -> dict[str, Any]:
 
 
 def _read_law(values: dict[str, Any]) -> ForceLaw:
-    if values["family"] not in ("shape", "squares", "normal"):
+    if values["family"] not in FAMILIES:
         raise ValueError(f"unknown law {values['family']!r}")
     ridge = Ridge(
         _array(values["center"]),
@@ -116,7 +136,6 @@ def _read_law(values: dict[str, Any]) -> ForceLaw:
     return ForceLaw(
         values["family"],
         ridge,
-        float(values["floor"]),
         float(values["sign"]),
         float(values["floor_n"]),
         float("inf") if largest is None else float(largest),

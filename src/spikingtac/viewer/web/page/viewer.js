@@ -1,6 +1,7 @@
 // Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
 import { Counts, Trace, drawOverview } from "./charts.js";
 import { buildControls, refreshControls } from "./controls.js";
+import { drawFelt, drawSpectrum, forceText, vibrationText } from "./felt.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { Sensor } from "./sensor.js";
 import { startTheme } from "./theme.js";
@@ -75,6 +76,7 @@ function draw() {
   counts.add(meta, arrays.counts);
   sample(meta, arrays);
   sensor.draw(drawn);
+  drawFelt(sensor, meta.felt);
   const count = counts.draw(meta, hello.window_us);
   trace.draw(meta, sensor.options.truth);
   drawOverview($("overview"), hello.overview, meta);
@@ -127,6 +129,10 @@ function showReadings(meta, arrays) {
   slowAt = performance.now();
   const sorted = [...metrics.latencies_ms].sort((a, b) => a - b), at = (share) => sorted[Math.floor(share * (sorted.length - 1))];
   const field = fieldOf(hello, arrays), losses = Object.entries(meta.losses);
+  readings.show("force", forceText(meta.felt));
+  readings.show("vibration", vibrationText(meta.felt, hello.px_per_mm));
+  drawSpectrum($("spectrum"), meta.felt, sensor.tone.arrow);
+  if (meta.felt?.spectrum_px?.length) $("spectrum-end").value = (meta.felt.spectrum_hz * meta.felt.spectrum_px.length).toFixed(0);
   readings.show("largest", field && `${length(field.largest, hello.px_per_mm)}`);
   readings.show("error", field?.error == null ? null : `${field.error.toFixed(3)} px`);
   readings.show("held", field && markersText(field), field?.sustained > 0);
@@ -171,6 +177,7 @@ function redraw() {
   sensor.recolor();
   if (!drawn || !hello) return;
   sensor.draw(drawn);
+  drawFelt(sensor, drawn.meta.felt);
   metrics.arrows = sensor.arrows;
   counts.draw(drawn.meta, hello.window_us);
   trace.draw(drawn.meta, sensor.options.truth);

@@ -1,0 +1,1 @@
+"""What is felt: forces of a real gel, wrenches and touches on the twin."""

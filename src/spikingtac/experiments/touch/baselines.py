@@ -1,0 +1,52 @@
+"""What simpler methods feel: force from the mean displacement, touches from event counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.force.wrench_series import WrenchSeries
+
+Field = NDArray[np.float64]
+
+EVENT_SIGMAS = 6.0
+"""Deviations above the quiet mean at which a window of events is a touch."""
+QUIET_WINDOWS = 30
+"""Windows from the start of a recording that are quiet."""
+
+
+class MeanDisplacement:
+    """Linear regression of the wrench on the markers' mean displacement and its length."""
+
+    def __init__(self, series: Iterable[WrenchSeries]) -> None:
+        """Learn from labelled series."""
+        taught = list(series)
+        features = np.concatenate([_features(one) for one in taught])
+        wrench = np.concatenate([one.wrench for one in taught])
+        self._weights = np.linalg.lstsq(features, wrench, rcond=None)[0]
+
+    def estimate(self, series: WrenchSeries) -> Field:
+        """Return the wrench ``(n, c)`` of a series."""
+        return _features(series) @ self._weights
+
+
+def _features(series: WrenchSeries) -> Field:
+    mean = series.displacement.mean(axis=1)
+    length = np.sqrt((series.displacement**2).sum(axis=2)).mean(axis=1)
+    return np.column_stack([mean, length, np.ones(len(mean))])
+
+
+def event_touches(counts: NDArray[np.int64], window_us: int) -> list[tuple[int, int]]:
+    """Return begin and end, us, of the stretches in which events exceed their quiet rate.
+
+    Args:
+        counts: ``(n,)`` events in each window; the first are quiet.
+        window_us: Length of a window, us.
+    """
+    quiet = counts[:QUIET_WINDOWS]
+    threshold = float(quiet.mean()) + EVENT_SIGMAS * max(float(quiet.std()), 1.0)
+    above = np.concatenate([[False], counts > threshold, [False]])
+    edges = np.flatnonzero(np.diff(above.astype(np.int8)))
+    return [(int(a) * window_us, int(b) * window_us) for a, b in edges.reshape(-1, 2)]

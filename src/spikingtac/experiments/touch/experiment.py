@@ -1,0 +1,110 @@
+"""What is felt, beside simpler methods and what others print: forces, wrenches, touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.metric import Metric
+from spikingtac.experiments.harness.report import Report, Table, find_row
+from spikingtac.experiments.harness.report_files import write_report
+from spikingtac.experiments.harness.rows import Row, rows_of
+from spikingtac.experiments.harness.run_folder import begin_run
+from spikingtac.experiments.harness.run_options import RunOptions, select_methods
+from spikingtac.experiments.touch import recorded_forces, twin_touches, twin_wrench
+
+NAME = "touch"
+SEEDS = 3
+PARTS = (recorded_forces, twin_wrench, twin_touches)
+METHODS: dict[str, str] = {name: about for part in PARTS for name, about in part.METHODS.items()}
+METRICS: tuple[Metric, ...] = (
+    *recorded_forces.METRICS,
+    *twin_wrench.METRICS,
+    *twin_touches.METRICS,
+)
+PUBLISHED = (
+    "Published, their hardware: an MLP of 277 thousand parameters on a fifth series of data/force "
+    "(trained on four, with depth): mean absolute errors 0.039, 0.039, 0.111 N, R2 0.988, 0.986, "
+    "0.985 for Fx, Fy, Fz. That series is not among those here.",
+    "Published, their hardware: Evetac (Funk and others, arXiv 2312.01236) senses vibrations up to "
+    "498 Hz and reconstructs shear forces at 1,000 Hz.",
+    "GelEvent and 9DTact: their printed figures were not at hand, so none stands here.",
+)
+"""What others print, in sentences: their sensors, loads and labels differ from those here."""
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the experiment, write its report, and return a summary.
+
+    Raises:
+        ConfigError: A method is unknown, or the folder holds other results.
+    """
+    names = select_methods(METHODS, options.methods)
+    seeds = range(options.seed, options.seed + (options.seeds or (1 if options.quick else SEEDS)))
+    settings = {"experiment": NAME, "quick": options.quick, "methods": names}
+    begin_run(options.output, settings, options.resume)
+    records = _records(options, names, seeds)
+    rows = rows_of(records, METRICS, {}, paper_case="")
+    report = Report(
+        experiment=NAME,
+        title="What is felt",
+        provenance=provenance(options.command(NAME), settings),
+        rows=rows,
+        findings=[*findings(rows), *PUBLISHED],
+        tables=_tables(rows, names),
+        methods={name: METHODS[name] for name in names},
+    )
+    write_report(report, options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "trials": len(records),
+        "rows": len(rows),
+        "findings": list(report.findings),
+    }
+
+
+def _records(options: RunOptions, names: list[str], seeds: range) -> list[dict[str, Any]]:
+    def chosen(part: Any) -> list[str]:
+        return [name for name in part.METHODS if name in names]
+
+    records = []
+    if options.data is not None:
+        records += recorded_forces.force_records(options.data, chosen(recorded_forces))
+    options.report_progress(1, len(PARTS))
+    if chosen(twin_wrench):
+        records += twin_wrench.wrench_records(chosen(twin_wrench), options.seed, options.quick)
+    options.report_progress(2, len(PARTS))
+    if chosen(twin_touches):
+        records += twin_touches.touch_records(chosen(twin_touches), seeds, options.quick)
+    options.report_progress(len(PARTS), len(PARTS))
+    return records
+
+
+def findings(rows: Sequence[Row]) -> list[str]:
+    """Return the findings: sentences that are computed from the rows alone."""
+    sentences = []
+    for case, part in (
+        ("force/pooled", recorded_forces),
+        ("wrench/all", twin_wrench),
+        ("touches/all", twin_touches),
+    ):
+        for method in part.METHODS:
+            found = [find_row(rows, method, case, metric.name) for metric in part.METRICS]
+            figures = [
+                f"{row.metric} {row.value:.3g}" for row in found if row and row.value is not None
+            ]
+            if figures:
+                sentences.append(f"{case}, {method}: {', '.join(figures)}.")
+    return sentences
+
+
+def _tables(rows: Sequence[Row], names: list[str]) -> list[Table]:
+    tables = []
+    for case in dict.fromkeys(row.case for row in rows):
+        here = [row for row in rows if row.case == case]
+        metrics = dict.fromkeys(row.metric for row in here)
+        methods = [name for name in names if any(row.method == name for row in here)]
+        tables.append(Table.of_case(case, metrics, methods))
+    return tables

@@ -1,0 +1,1 @@
+"""The skin as an elastic layer: how it moves under forces."""

@@ -1,0 +1,96 @@
+"""How markers on an elastic layer move under the force of small discs, from closed forms.
+
+The response to a point force is a sum of Bessel functions of the layer's response over all
+wavenumbers (a Hankel transform); a disc of pressure smooths it. The layer has no sides: markers
+nearer to the rim of a real skin than its thickness move less than this says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import jv
+
+from spikingtac.touch.elastic.layer_response import layer_response
+
+Field = NDArray[np.float64]
+
+KPA_PER_MPA = 1e3
+WAVENUMBERS = 400
+"""Steps of the integral over wavenumbers (ours: 800 give the same to 1e-4)."""
+LARGEST_ARGUMENT = 8.0
+"""Largest wavenumber times smoothing radius; the smoothing leaves exp(-32) there."""
+TABLE_POINTS = 400
+"""Distances at which the response is tabulated; in between it is linear."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkinConfig:
+    """An elastic skin, bonded to a rigid window.
+
+    Attributes:
+        shear_modulus_kpa: Shear modulus mu at once, kPa.
+        thickness_mm: Thickness, mm.
+    """
+
+    shear_modulus_kpa: float = 30.0
+    thickness_mm: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not self.shear_modulus_kpa > 0 or not self.thickness_mm > 0:
+            raise ValueError("shear_modulus_kpa and thickness_mm must be positive")
+
+
+class SurfaceResponse:
+    """Displacement in the image per unit force at a place, for one skin.
+
+    Forces are spread as a Gaussian of the given radius, so that nothing is infinite.
+    """
+
+    def __init__(self, skin: SkinConfig, radius_mm: float, reach_mm: float) -> None:
+        """Tabulate the responses up to a distance.
+
+        Args:
+            skin: The skin.
+            radius_mm: Standard deviation of the Gaussian over which a force is spread, mm.
+            reach_mm: Largest distance asked for, mm.
+        """
+        compliance = KPA_PER_MPA / skin.shear_modulus_kpa
+        largest = LARGEST_ARGUMENT / radius_mm
+        k = (np.arange(WAVENUMBERS) + 0.5) * largest / WAVENUMBERS
+        response = layer_response(k, skin.thickness_mm)
+        weight = compliance * np.exp(-0.5 * (k * radius_mm) ** 2) * k / (2.0 * np.pi)
+        weight = weight * largest / WAVENUMBERS
+        self._distance = np.linspace(0.0, reach_mm, TABLE_POINTS)
+        argument = self._distance[:, None] * k
+        zero, first, second = (jv(order, argument) for order in (0, 1, 2))
+        mean = 0.5 * (response.longitudinal + response.transverse)
+        half = 0.5 * (response.longitudinal - response.transverse)
+        self._outward = first @ (weight * response.coupling)
+        self._even = zero @ (weight * mean)
+        self._twofold = -second @ (weight * half)
+
+    def matrix(self, places_mm: Field, sources_mm: Field) -> Field:
+        """Return the response at places to forces at sources.
+
+        Args:
+            places_mm: ``(m, 2)`` markers at rest, mm (x right, y down).
+            sources_mm: ``(c, 2)`` where forces act, mm.
+
+        Returns:
+            ``(m, 2, c, 3)`` displacement along x and y, mm per N along x, along y and pressing.
+        """
+        away = places_mm[:, None] - sources_mm[None]
+        distance = np.sqrt((away**2).sum(axis=2))
+        safe = np.maximum(distance, 1e-9)
+        cosine, sine = away[..., 0] / safe, away[..., 1] / safe
+        outward, even, twofold = (
+            np.interp(distance, self._distance, table)
+            for table in (self._outward, self._even, self._twofold)
+        )
+        c2, s2 = cosine**2 - sine**2, 2.0 * cosine * sine
+        along_x = np.stack([even + twofold * c2, twofold * s2, outward * cosine], axis=-1)
+        along_y = np.stack([twofold * s2, even - twofold * c2, outward * sine], axis=-1)
+        return np.stack([along_x, along_y], axis=1)

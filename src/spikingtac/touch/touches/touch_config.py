@@ -1,0 +1,56 @@
+"""When touches begin and end: the settings of their detector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from spikingtac.touch.touches.backlash import UnseenMotion
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchConfig:
+    """When a touch begins and ends.
+
+    Attributes:
+        least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
+            gradient's strength of markers that scatter so (ours: 0.2 px, twenty times the scatter
+            of the tracker ``default`` on the twin at rest; its steps are smaller).
+        noise_factor: Times the strength at rest that a touch must exceed (ours).
+        end_share: Share of the peak strength below which the skin is released (ours: residues lie
+            below 0.18 and touches above 0.28 on the ten scenes).
+        still_share: Share of the peak strength below which the skin is released where it also
+            stands still: a tracker of a sensor with rare OFF events keeps some of it (ours: 0.26
+            on a recorded gel; holds of the ten scenes lie above 0.3).
+        still_us: Time for which it must stand still for that, us (ours).
+        end_hold_us: Time below that share that is needed, us (ours: a shake of 12 Hz passes
+            through its rest for 5 ms).
+        flat_us: Time over which a release that is over falls by less than a tenth, us (ours).
+        release_us: Longest time that a release may take from there on, us (ours).
+        settle_us: Time after a release within which the rest follows whatever falls, us (ours).
+        resting_us: Time constant of the rest otherwise, us (ours: slower presses are lost).
+        start_us: Time from the first frame on that is rest, us (ours).
+        start_strength: Strength against the calibrated rest up to which that holds (ours: 0.02; a
+            real gel rested at 0.009 from where it was calibrated).
+        unseen: What the camera does not see of the beginning of a motion.
+    """
+
+    least_displacement_px: float = 0.2
+    noise_factor: float = 6.0
+    end_share: float = 0.22
+    still_share: float = 0.3
+    still_us: int = 400_000
+    end_hold_us: int = 40_000
+    flat_us: int = 20_000
+    release_us: int = 150_000
+    settle_us: int = 500_000
+    resting_us: int = 2_000_000
+    start_us: int = 100_000
+    start_strength: float = 0.02
+    unseen: UnseenMotion = field(default_factory=UnseenMotion)
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if name != "unseen" and not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+        if not self.end_share < 1:
+            raise ValueError(f"end_share is {self.end_share}, it must be below 1")

@@ -1,0 +1,1 @@
+"""What vibrates: the spectrum of the displacement."""

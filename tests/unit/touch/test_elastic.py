@@ -1,0 +1,79 @@
+"""The elastic layer, its creep, and contacts drawn on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from spikingtac.sim.gel.greens import GridConfig, LayerOperator
+from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
+from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
+from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
+
+SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
+GEL = CreepConfig(fractions=(0.05, 0.05, 0.12), times_s=(0.02, 0.3, 8.0))
+
+
+def grid() -> np.ndarray:
+    x, y = np.meshgrid(np.arange(8.0), np.arange(8.0))
+    return 37.0 * np.column_stack([x.ravel(), y.ravel()]) + 30.0
+
+
+@pytest.mark.parametrize("direction", [0, 1, 2], ids=["along x", "along y", "pressing"])
+def test_the_closed_form_is_the_fourier_solution(direction: int) -> None:
+    cells = GridConfig(cells=128, span_mm=60.0)
+    x, y = np.meshgrid(cells.axis_mm, cells.axis_mm)
+    spread = np.exp(-0.5 * (x**2 + y**2))
+    traction = np.zeros((3, 128, 128))
+    traction[direction] = spread / (spread.sum() * cells.pitch_mm**2)
+    moved = LayerOperator(cells, SKIN.thickness_mm).displacements(traction) * 1e3 / 30.0
+    places = np.array([[2.5, 0.0], [0.0, 3.0], [4.0, -4.0], [7.0, 1.0]])
+    axes = (cells.axis_mm, cells.axis_mm)
+    expected = [RegularGridInterpolator(axes, moved[k])(places[:, ::-1]) for k in (0, 1)]
+    found = SurfaceResponse(SKIN, 1.0, 20.0).matrix(places, np.zeros((1, 2)))[:, :, 0, direction]
+    np.testing.assert_allclose(found, np.column_stack(expected), atol=0.02)
+
+
+def test_a_constant_force_held_for_a_minute_drifts_by_less_than_three_percent() -> None:
+    memory, found, crept = CreepMemory(GEL), [], 0.0
+    times_s = np.arange(0.0, 60.0, 0.02)
+    for t_s in times_s:
+        kept = sum(
+            c * -np.expm1(-t_s / tau) for c, tau in zip(GEL.fractions, GEL.times_s, strict=True)
+        )
+        crept = (1.0 + kept) * (t_s > 0.0)
+        found.append(memory.elastic(round(t_s * 1e6), np.array([[crept, 0.0]]))[0, 0])
+    assert np.ptp(found[5:]) < 0.03
+    assert found[-1] == pytest.approx(1.0, abs=0.03)
+    assert crept > 1.2
+
+
+def test_without_creep_nothing_changes() -> None:
+    memory = CreepMemory(CreepConfig())
+    field = np.arange(8.0).reshape(4, 2)
+    for t_us in (0, 20_000, 5_000_000):
+        assert memory.elastic(t_us, field) is field
+    with pytest.raises(ValueError, match="equal length"):
+        CreepConfig(fractions=(0.1,))
+
+
+def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
+    config = SyntheticContactConfig(frames=60, series=2)
+    first = synthetic_series(SKIN, grid(), 15.4, seed=3, config=config)
+    again = synthetic_series(SKIN, grid(), 15.4, seed=3, config=config)
+    assert [one.name for one in first] == ["synthetic 1", "synthetic 2"]
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.displacement, other.displacement)
+        shear = np.hypot(one.wrench[:, 0], one.wrench[:, 1])
+        assert (shear <= config.friction * one.wrench[:, 2] + 1e-9).all()
+        assert one.wrench[:, 2].max() > 0.0
+        assert np.abs(one.displacement).max() > 1.0
+
+
+def test_twice_the_stiffness_moves_half_as_much() -> None:
+    config = SyntheticContactConfig(frames=20, series=1, noise_mm=0.0, friction=0.0)
+    soft = synthetic_series(SKIN, grid(), 15.4, config=config)[0]
+    stiff = synthetic_series(SkinConfig(shear_modulus_kpa=60.0), grid(), 15.4, config=config)[0]
+    np.testing.assert_allclose(2.0 * stiff.displacement, soft.displacement, atol=1e-9)
+    np.testing.assert_allclose(stiff.wrench, soft.wrench)

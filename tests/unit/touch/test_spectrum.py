@@ -1,0 +1,70 @@
+"""Lines of vibration in synthetic displacements, and none in noise."""
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.touch.field.quantities import FieldGauge
+from spikingtac.touch.vibration.spectrum import Spectrum, VibrationMonitor
+
+MARKERS = 64
+
+
+def heard(amplitude_px: float, hz: float, seed: int = 0, rate_hz: float = 1_000.0) -> Spectrum:
+    rng, monitor = np.random.default_rng(seed), VibrationMonitor(rate_hz)
+    for k in range(round(0.6 * rate_hz)):
+        t_s = k / rate_hz
+        shift = amplitude_px * np.sin(2.0 * np.pi * hz * t_s) * np.array([0.6, 0.8])
+        drift = 2.0 * t_s**2
+        moved = shift + drift + rng.normal(0.0, 0.05, (MARKERS, 2))
+        monitor.update(round(t_s * 1e6), moved)
+    found = monitor.spectrum()
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("hz", [20.0, 50.7, 120.0, 240.3, 400.0, 497.0])
+def test_a_line_is_found_between_the_bins(hz: float) -> None:
+    found = heard(0.77, hz, rate_hz=2_000.0 if hz > 400.0 else 1_000.0)
+    assert found.line_hz == pytest.approx(hz, abs=1.0)
+    assert found.line_px == pytest.approx(0.77, rel=0.1)
+    assert found.line_um(15.4) == pytest.approx(50.0, rel=0.1)
+
+
+def test_a_weak_line_is_told_from_rest() -> None:
+    assert heard(0.077, 120.0).line_hz == pytest.approx(120.0, abs=1.0)
+
+
+def test_noise_is_no_line() -> None:
+    assert sum(heard(0.0, 1.0, seed).line_hz is not None for seed in range(20)) == 0
+
+
+def test_a_window_that_is_not_full_says_nothing() -> None:
+    monitor = VibrationMonitor(1_000.0)
+    monitor.update(0, np.zeros((MARKERS, 2)))
+    assert monitor.spectrum() is None
+    with pytest.raises(ConfigError, match="frames make no spectrum"):
+        VibrationMonitor(50.0)
+
+
+X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
+REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()])
+
+
+def test_quantities_of_a_known_field() -> None:
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    moved = 0.02 * away + 0.01 * away @ [[0.0, 1.0], [-1.0, 0.0]] + [3.0, -1.0]
+    found = FieldGauge(REFERENCE, 0.1).measure(moved)
+    assert found.mean_shear_x_px.value == pytest.approx(3.0)
+    assert found.mean_shear_y_px.value == pytest.approx(-1.0)
+    assert found.torsion_rad.value == pytest.approx(np.arctan2(0.01, 1.02))
+    assert found.divergence.value == pytest.approx(0.04)
+    assert found.curl.value == pytest.approx(0.02)
+
+
+def test_their_uncertainty_is_that_of_repeated_noise() -> None:
+    rng, gauge = np.random.default_rng(5), FieldGauge(REFERENCE, 0.2)
+    found = [gauge.measure(rng.normal(0.0, 0.2, (MARKERS, 2))) for _ in range(400)]
+    for name in ("mean_shear_x_px", "torsion_rad", "divergence", "curl"):
+        values = np.array([getattr(one, name).value for one in found])
+        assert values.std() == pytest.approx(getattr(found[0], name).sigma, rel=0.15), name
