@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_corrections import corrections, slopes_kernel
 from spikingtac.markers.calibration.disc_levels import (
     Discs,
     draw_kernel,
@@ -13,7 +14,13 @@ from spikingtac.markers.calibration.disc_levels import (
     nearest_markers,
     sums_kernel,
 )
-from spikingtac.markers.calibration.expected_levels import remove_offsets_kernel, walk
+from spikingtac.markers.calibration.expected_levels import (
+    OffsetMemory,
+    Walk,
+    remove_offsets_kernel,
+    walk,
+)
+from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
 from spikingtac.markers.calibration.following import (
     Course,
     PixelSteps,
@@ -22,8 +29,6 @@ from spikingtac.markers.calibration.following import (
     note_polarity_kernel,
     pull_kernel,
 )
-from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, swings_kernel
-from spikingtac.markers.calibration.refinement import corrections_kernel
 from spikingtac.markers.calibration.swings import count_swings_kernel, steps_of_counts
 from spikingtac.markers.profile import DiscProfile
 
@@ -218,27 +223,51 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
     error = rng.normal(size=(7, 5)).astype(np.float32)
     drawn = rng.choice([0.0, 0.5, 1.0], (7, 5)).astype(np.float32)
     got = error.copy()
-    remove_offsets_kernel(got, drawn, 0.1)
+    remove_offsets_kernel(got, drawn, 4.0, 0.1)
     apart = np.abs(np.arange(7)[:, None] - np.arange(7))
-    weight = np.exp(-apart / 30.0)[:, :, None] * np.where(drawn == 0.5, 0.1, 1.0)
+    weight = np.exp(-apart / 4.0)[:, :, None] * np.where(drawn == 0.5, 0.1, 1.0)
     expected = error - (weight * error).sum(axis=1) / weight.sum(axis=1)
     np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
-def test_corrections_undo_a_small_error_of_the_place() -> None:
-    shift = np.array([0.05, -0.03])
-    true, _ = level(DISCS, PLACES + shift)
-    drawn, _ = level(DISCS, PLACES)
+def test_slopes_of_a_disc_equal_numbers_from_differences() -> None:
+    corner, small = (8, 4), 1e-4
+    slopes = np.zeros((4, 1, 14, 16), np.float32)
+    scene = (PLACES[np.newaxis], nearest_markers(PLACES), DISCS.shape)
+    slopes_kernel(scene, 0, corner, slopes)
+    y, x = np.mgrid[8:22, 4:20]
+
+    def seen(dx: float, dy: float, growth: float, wider: float) -> np.ndarray:
+        q = np.hypot(x - PLACES[0, 0] - dx, y - PLACES[0, 1] - dy) - 5.0 - growth
+        return DiscProfile(4.0, 0.7 + wider).level(q)
+
+    near = slopes[2, 0] != 0.0
+    distance = np.hypot(x - PLACES[0, 0], y - PLACES[0, 1])
+    np.testing.assert_array_equal(near, (distance >= 0.5) & (distance - 5.0 <= 3.5 * 0.7 + 1.0))
+    for row, step in enumerate(small * np.eye(4)):
+        expected = (seen(*step) - seen(*-step)) / (2 * small)
+        np.testing.assert_allclose(slopes[row, 0][near], expected[near], atol=2e-4)
+
+
+def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
+    path = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0], [-2.0, -2.0], [0.0, 0.0]])
+    places = PLACES + path[:, np.newaxis]
+    # All places of the first disc are off by the same way, one of the second by another.
+    shift, move = np.array([0.06, -0.04]), np.array([0.05, 0.03])
+    true = places.copy()
+    true[:, 0] += shift
+    true[3, 1] += move
+    shown, drawn = (np.array([level(DISCS, at)[0] for at in way]) for way in (true, places))
+    offset = np.random.default_rng(4).normal(0, 0.5, SHAPE)
     even = np.full(SHAPE, 0.1, np.float32)
-    move, shape = np.zeros((1, 2, 3)), np.zeros((2, 7))
-    corrections_kernel(
-        (true - drawn)[np.newaxis].astype(np.float32),
-        PLACES[np.newaxis],
-        (DISCS.shape, nearest_markers(PLACES)),
-        (even, even),
-        (move, shape),
+    seen = Walk(
+        *(image.astype(np.float32) for image in (shown + offset, drawn, drawn)), np.zeros((2, 4))
     )
-    np.testing.assert_allclose(move[0, :, :2], np.tile(shift, (2, 1)), atol=0.005)
+    found = corrections(seen, places, DISCS, PixelSteps(even, even), OffsetMemory(4.0, 0.1))
+    np.testing.assert_allclose(found.common_px[0], [*shift, 0.0, 0.0], atol=0.02)
+    np.testing.assert_allclose(found.common_px[1], 0.0, atol=0.04)
+    total = found.move_px + found.common_px[:, :2]
+    assert np.abs(total[3, 1] - move).max() < 0.03
 
 
 def test_full_swings_are_counted_pixel_by_pixel() -> None:

@@ -20,6 +20,14 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.buffered_events import buffer_events
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
+from spikingtac.markers.calibration.finding.grid import expected_places
+from spikingtac.markers.calibration.finding.rest import RestConfig
+from spikingtac.markers.calibration.finding.sighting import (
+    FindingConfig,
+    Look,
+    look_at,
+    refuse_gaps,
+)
 from spikingtac.markers.calibration.following import Follower, PixelSteps
 from spikingtac.markers.calibration.quality import (
     Quality,
@@ -34,8 +42,6 @@ from spikingtac.markers.calibration.refinement import (
     choose_states,
     refine,
 )
-from spikingtac.markers.calibration.rest import RestConfig
-from spikingtac.markers.calibration.sighting import FindingConfig, Look, look_at, refuse_gaps
 from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps, nearest_marker
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 from spikingtac.markers.published.blobs import BlobConfig
@@ -156,7 +162,6 @@ def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedS
     learned = learn_steps(events, course, discs, look.sighting.center_px, look.steps)
     step = np.sqrt(learned.on * learned.off)
     discs = replace(discs, contrast=np.exp(config.threshold / step).clip(*CONTRASTS))
-    nothing = np.zeros(markers)
     start = Refined(
         course,
         choose_states(len(index), still, events.pixels),
@@ -164,8 +169,7 @@ def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedS
         learned.on,
         learned.off,
         learned.pixel,
-        nothing,
-        nothing,
+        np.zeros(markers),
         np.zeros((markers, 4)),
     )
     cell = nearest_marker(events.size, look.sighting.center_px)
@@ -230,8 +234,7 @@ def _reference_px(
     look: Look, rest_px: NDArray[np.float64], measured: NDArray[np.bool_], method: Method
 ) -> NDArray[np.float64]:
     out = reference(rest_px, look.length_us[look.unloaded], method)
-    shift_px = np.median((out - look.sighting.center_px)[measured], axis=0)
-    out[~measured] = look.sighting.grid.expected_px[~measured] + shift_px
+    out[~measured] = expected_places(out, measured, look.sighting.grid.shape)[~measured]
     return out
 
 

@@ -26,16 +26,35 @@ PHASES = 6
 STILL_LEVEL = 1e-4
 """Smaller changes of the level are no motion."""
 
-
-OFFSET_STATES = 30.0
-"""Noise and wrong steps let a pixel's offset drift; it is a mean over so many states."""
-
-RIM_WEIGHT = 0.1
-"""What a state counts for a pixel's offset while the pixel lies on a rim, where the offset cannot
-be told from the place."""
-
 RIM_LEVELS = (0.03, 0.97)
 """Between these levels a pixel lies on a rim."""
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetMemory:
+    """Which states tell the offset of a pixel's level, which noise and wrong steps let drift.
+
+    Attributes:
+        states: The offset is a mean over so many states around (exponential weights).
+        rim_weight: What a state counts while the pixel lies on a rim, where the offset cannot be
+            told from the place.
+    """
+
+    states: float
+    rim_weight: float
+
+    def changes(
+        self, level: NDArray[np.float32], drawn: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Return ``(states, pixels)`` levels less each pixel's mean over the states around.
+
+        Args:
+            level: ``(states, pixels)`` levels.
+            drawn: ``(states, pixels)`` levels that the discs show.
+        """
+        out = level.copy()
+        remove_offsets_kernel(out, drawn, self.states, self.rim_weight)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +72,6 @@ class Walk:
     expected: NDArray[np.float32]
     drawn: NDArray[np.float32]
     events: NDArray[np.float64]
-
-    def left_over(self, rim_weight: float = RIM_WEIGHT) -> NDArray[np.float32]:
-        """Return real minus expected levels, less each pixel's mean over the states around.
-
-        Args:
-            rim_weight: What a state counts for a pixel's mean while the pixel lies on a rim.
-        """
-        error = self.measured - self.expected
-        states = len(error)
-        remove_offsets_kernel(error.reshape(states, -1), self.drawn.reshape(states, -1), rim_weight)
-        return error
 
 
 def walk(
@@ -223,15 +231,18 @@ def keep_kernel(
 
 @njit(cache=True)
 def remove_offsets_kernel(
-    error: NDArray[np.float32], drawn: NDArray[np.float32], rim_weight: float
+    error: NDArray[np.float32],
+    drawn: NDArray[np.float32],
+    offset_states: float,
+    rim_weight: float,
 ) -> None:
     """Take each pixel's mean over the states around off its error.
 
-    Both are ``(states, pixels)``. The mean has exponential weights to both sides, and states at
-    which the pixel lies on a rim weigh ``rim_weight``.
+    Both are ``(states, pixels)``. The mean has exponential weights to both sides, which fall to
+    1 / e over ``offset_states``; states at which the pixel lies on a rim weigh ``rim_weight``.
     """
     states = len(error)
-    keep = np.exp(-1.0 / OFFSET_STATES)
+    keep = np.exp(-1.0 / offset_states)
     total, known = np.empty(states), np.empty(states)
     for q in range(error.shape[1]):
         sums = weights = 0.0

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_levels import nearest_markers
-from spikingtac.markers.calibration.expected_levels import walk
-from spikingtac.markers.calibration.refinement import Refined, corrections_kernel
+from spikingtac.markers.calibration.disc_corrections import corrections
+from spikingtac.markers.calibration.expected_levels import OffsetMemory, walk
+from spikingtac.markers.calibration.refinement import Refined
 
-FEWEST_EXPLAINED = 0.35
-"""Share of the level changes around a marker that its disc explains where it is surely measured.
-(Ours: simulated sensors give 0.3 to 0.9, a recorded one 0.1 to 0.4, since its pixels drift.)"""
+FEWEST_EXPLAINED_SHARE = 0.4
+"""A marker with few events is measured when its disc explains this share of what the median disc
+explains. (Ours: the recorded marker that hardly moves has 0.33; simulated ones whose rest is known
+to a pixel have 0.4 and more.)"""
 
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 """Events beyond the sensor's noise that a marker needs, and the share of the median over all
@@ -27,6 +28,9 @@ DOUBTFUL_SHARE = 0.5
 
 GRID_EXPLAINED = 0.15
 """Median of the explained shares below which no grid of discs was seen."""
+
+MEMORY = OffsetMemory(30.0, 1.0)
+"""Changes over some presses count, on rims as well."""
 
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
 """What the median of the explained shares is called."""
@@ -69,20 +73,11 @@ def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
     """
     seen = walk(events, at.course, at.states, at.discs, at.pixel)
     places = at.course.center_px[at.states]
-    discs = (at.discs.shape, nearest_markers(places[0]))
-    out = np.zeros((places.shape[1], 2))
     alone = replace(seen, expected=np.zeros_like(seen.expected))
-    for column, levels in enumerate((seen, alone)):
-        sums = np.zeros((places.shape[1], 7))
-        corrections_kernel(
-            levels.left_over(1.0),
-            places,
-            discs,
-            (at.pixel.on, at.pixel.off),
-            (np.zeros((*places.shape[:2], 3)), sums),
-        )
-        out[:, column] = sums[:, 5]
-    return out
+    squares = [
+        corrections(levels, places, at.discs, at.pixel, MEMORY).squares for levels in (seen, alone)
+    ]
+    return np.column_stack(squares)
 
 
 def judge(
@@ -99,7 +94,8 @@ def judge(
     explained = 1.0 - changes[:, 0] / np.maximum(changes[:, 1], 1e-9)
     above = (events[:, :2] - noise).sum(axis=1)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
-    measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED))
+    clear = explained >= FEWEST_EXPLAINED_SHARE * np.median(explained)
+    measured = (above >= FEWEST_EVENTS) & (busy | clear)
     return Quality(explained.clip(-1.0, 1.0), above, measured)
 
 

@@ -16,25 +16,30 @@ from numpy.typing import NDArray
 
 Method = Literal["rest-mean", "bounding-box"]
 
+SETTLED_US = 3_000_000
+"""A rest counts by its length up to this: by then the skin has crept back (recorded presses), and
+one long pause must not outvote all other rests."""
+
 NEAR_PX = 0.15
 """A rest so far from the weighted median counts half (Cauchy weights): the residual of creep."""
 
 
 def reference(
-    position_px: NDArray[np.float64], weight: NDArray[Any], method: Method
+    position_px: NDArray[np.float64], length_us: NDArray[Any], method: Method
 ) -> NDArray[np.float64]:
     """Return ``(m, 2)`` reference positions, px.
 
     Args:
         position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
-        weight: ``(rests,)`` how long each rest lasted.
+        length_us: ``(rests,)`` how long each rest lasted, us.
         method: How they are reduced to one.
     """
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
+    weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
     middle = weighted_median(position_px, weight)
     off = np.linalg.norm(position_px - middle, axis=2)
-    share = np.asarray(weight, float)[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
+    share = weight[:, np.newaxis] / (1.0 + (off / NEAR_PX) ** 2)
     return (share[..., np.newaxis] * position_px).sum(axis=0) / share.sum(axis=0)[:, np.newaxis]
 
 

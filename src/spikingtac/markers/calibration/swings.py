@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.finding.level_maps import MeanSteps
 from spikingtac.markers.calibration.following import Course, PixelSteps
-from spikingtac.markers.calibration.level_maps import MeanSteps
 
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 """A pixel is ground below the first level and marker above the second."""

@@ -11,9 +11,9 @@ from scipy.ndimage import gaussian_filter
 
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.grid import Grid, find_grid
-from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, mean_steps
-from spikingtac.markers.calibration.rest import (
+from spikingtac.markers.calibration.finding.grid import Grid, find_grid
+from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, mean_steps
+from spikingtac.markers.calibration.finding.rest import (
     RestConfig,
     find_rests,
     moving_events,
