@@ -116,16 +116,27 @@ def _frozen(course: Course, still: NDArray[np.int64]) -> Course:
     return replace(course, center_px=center_px)
 
 
-def _stepped(at: Refined, found: Corrections, first_radius_px: NDArray[np.float64]) -> Refined:
+def moved_course(course: Course, states: NDArray[np.int64], found: Corrections) -> Course:
+    """Return a course whose places are corrected, in between of the states as well.
+
+    Args:
+        course: Where the markers went.
+        states: ``(k,)`` samples at which they were compared.
+        found: What was found there.
+    """
     change = PLACE_GAIN * found.move_px
     change += found.common_px[:, :2].clip(-LARGEST_MOVE_PX, LARGEST_MOVE_PX)
     length = np.linalg.norm(change, axis=2, keepdims=True)
     change *= np.minimum(1.0, LARGEST_MOVE_PX / np.maximum(length, 1e-9))
-    center_px = at.course.center_px.copy()
+    center_px = course.center_px.copy()
     samples = np.arange(len(center_px))
     for marker in range(center_px.shape[1]):
         for axis in (0, 1):
-            center_px[:, marker, axis] += np.interp(samples, at.states, change[:, marker, axis])
+            center_px[:, marker, axis] += np.interp(samples, states, change[:, marker, axis])
+    return replace(course, center_px=center_px)
+
+
+def _stepped(at: Refined, found: Corrections, first_radius_px: NDArray[np.float64]) -> Refined:
     growth = found.common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
     radius_px, edge_px = (
         np.column_stack([at.discs.radius_px, at.discs.edge_px]) + SHAPE_GAIN * growth
@@ -133,7 +144,7 @@ def _stepped(at: Refined, found: Corrections, first_radius_px: NDArray[np.float6
     low, high = (share * first_radius_px for share in RADIUS_SHARES)
     return replace(
         at,
-        course=replace(at.course, center_px=center_px),
+        course=moved_course(at.course, at.states, found),
         discs=at.discs.with_shape(radius_px.clip(low, high), edge_px.clip(*EDGE_BOUNDS_PX)),
         residual=np.sqrt(found.squares / np.maximum(found.weights, 1e-9)),
     )
