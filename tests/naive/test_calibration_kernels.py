@@ -260,9 +260,8 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     shown, drawn = (np.array([level(DISCS, at)[0] for at in way]) for way in (true, places))
     offset = np.random.default_rng(4).normal(0, 0.5, SHAPE)
     even = np.full(SHAPE, 0.1, np.float32)
-    seen = Walk(
-        *(image.astype(np.float32) for image in (shown + offset, drawn, drawn)), np.zeros((2, 4))
-    )
+    expected = drawn.astype(np.float32)
+    seen = Walk((shown + offset).astype(np.float32), expected, expected, np.zeros((2, 4)))
     found = corrections(seen, places, DISCS, PixelSteps(even, even), OffsetMemory(4.0, 0.1))
     np.testing.assert_allclose(found.common_px[0], [*shift, 0.0, 0.0], atol=0.02)
     np.testing.assert_allclose(found.common_px[1], 0.0, atol=0.04)
