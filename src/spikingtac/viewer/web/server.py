@@ -207,10 +207,14 @@ def serve(
             await asyncio.sleep(0.01)
         if server.started:
             ready(server.servers[0].sockets[0].getsockname()[1])
-        while not serving.done():
-            server.should_exit = server.should_exit or not alive()
-            await asyncio.wait((serving,), timeout=ALIVE_S)
-        await serving
+        try:
+            while not serving.done():
+                server.should_exit = server.should_exit or not alive()
+                await asyncio.wait((serving,), timeout=ALIVE_S)
+            await serving
+        finally:  # an interrupted server leaves its sockets open
+            for listening in server.servers if server.started else ():
+                listening.close()
 
     try:
         asyncio.run(run())

@@ -18,8 +18,9 @@ export function drawFelt(sensor, felt) {
   sensor.arrow(sensor.toCanvas(x, y), sensor.toCanvas(x + PX_PER_N * fx, y + PX_PER_N * fy), Math.hypot(fx, fy) * PX_PER_N);
 }
 
-export function forceText({ force_n: force, half_width_n: half, extrapolated } = {}) {
-  if (!force) return null;
+export function forceText(felt) {
+  if (!felt?.force_n) return null;
+  const { force_n: force, half_width_n: half, extrapolated } = felt;
   const [x, y, z] = force.map((value, i) => `${value.toFixed(2)} ± ${half[i].toFixed(2)}`);
   return `${x}, ${y}, ${z} N${extrapolated ? " (beyond what was learned)" : ""}`;
 }
