@@ -27,8 +27,9 @@ LAST_US = 300_000
 METHODS = tuple(main_methods())
 """Also what other packages register: install one, and it runs through this suite."""
 
-ORDER_PX = {"default": 0.1, "fast": 0.1}
-"""The map's leak visits the markers in turn, so that their order decides who comes first."""
+ORDER_PX = {"default": 0.16, "fast": 0.1}
+"""The map's leak visits the markers in turn, so that their order decides who comes first (measured:
+0.143 px at worst, one marker just after its release)."""
 
 
 def calibration(order: np.ndarray | None = None) -> Calibration:
