@@ -29,7 +29,7 @@ METHODS = tuple(main_methods())
 
 ORDER_PX = {"default": 0.16, "fast": 0.1}
 """The map's leak visits the markers in turn, so that their order decides who comes first (measured:
-0.143 px at worst, one marker just after its release)."""
+0.143 px at worst)."""
 
 
 def calibration(order: np.ndarray | None = None) -> Calibration:
