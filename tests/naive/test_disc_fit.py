@@ -14,7 +14,6 @@ from spikingtac.markers.graded.centroid_locator import (
     CentroidLocatorConfig,
     round_window,
 )
-from spikingtac.markers.graded.direction_fading import DirectionFading
 from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.fit_window import FLAT_SHARE, fit_window
@@ -259,37 +258,6 @@ def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=0.002)
     np.testing.assert_allclose(state_map.values, state_map.memory, atol=1e-6)
     assert np.abs(moved).max() > 0.02
-
-
-def test_fading_equals_its_twin() -> None:
-    rng = np.random.default_rng(10)
-    start = rng.uniform(0.2, 0.8, (SIZE[1], SIZE[0])).astype(np.float32)
-    on = rng.uniform(0.05, 0.2, start.shape).astype(np.float32)
-    off = rng.uniform(0.1, 0.4, start.shape).astype(np.float32)
-    state_map = GradedStateMap(start, on, off)
-    expected_level = start + on / 2
-    state_map.values[:] = expected_level
-    outline_px = round_outline(RADIUS_PX)
-    outline_px[1] = 6.2, 0.4, -0.3
-    way_px = np.array([[0.5, -0.2], [-0.3, 0.6], [0.05, 0.0]])  # the last one moved too little
-    bands = 2.0
-    fading = DirectionFading(REFERENCE_PX - way_px, TABLES, bands)
-    fading.update(state_map, REFERENCE_PX, outline_px)
-    expected = expected_level.astype(float)
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    for m in (0, 1):
-        dx, dy = x - REFERENCE_PX[m, 0], y - REFERENCE_PX[m, 1]
-        rho, phi = np.hypot(dx, dy), np.arctan2(dy, dx)
-        r, b, c = outline_px[m]
-        q = rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)
-        along = way_px[m, 0] * np.cos(phi) + way_px[m, 1] * np.sin(phi)
-        change = np.abs(PROFILE.slope(q) * along)
-        change[rho > r + 0.6 * PROFILE.reach_px] = 0.0
-        middle = start + (on - off) / 2
-        expected += (middle - expected) * (1 - 1 / (1 + change / (bands * (on + off))))
-    np.testing.assert_allclose(state_map.values, expected.clip(0, 1), atol=0.004)
-    assert np.abs(state_map.values - expected_level).max() > 0.02
-    np.testing.assert_array_equal(state_map.memory, start)
 
 
 def test_centroids_equal_their_twin() -> None:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
-from spikingtac.markers.graded.direction_fading import DirectionFading
 from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_graded_map
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
@@ -92,10 +91,6 @@ class MaintenanceConfig:
             1/s (ours: over fifty contacts on a training seed the error stays at 0.12 px; without it
             it grows to 0.15 px, and the radii by 0.35 px).
         leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
-        fading_bands: Change of a pixel's level by the motion, in widths of its band, after which
-            half of the direction of its last event is forgotten; 0 forgets nothing (ours: on
-            simulated presses of a sensor with rare OFF events and on v2e recordings 1 to 4 differ
-            by 0.005 px).
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
         track_management: When a marker counts as lost, and how it is found again.
@@ -108,7 +103,6 @@ class MaintenanceConfig:
     leak_reach_px: float = 3.5
     ease_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
     leak_groups: int = 8
-    fading_bands: float = field(default=0.0, metadata={"range": (0.0, 10.0)})
     lag_us: float | None = None
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
     track_management: TrackManagementConfig = field(
@@ -123,7 +117,6 @@ class MaintenanceConfig:
             "ease_per_s",
             *tolerances,
             "leak_reach_px",
-            "fading_bands",
         ):
             if getattr(self, name) < 0:
                 raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
@@ -184,8 +177,6 @@ class GradedTracker:
         expected_px = self._manager.expected_px(predicted_px) if asked else None
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._manager.coasted)
-        if self._fading is not None:
-            self._fading.update(self._map, self._filter.position_px, self._locator.outline_px)
         self._maintain(t_us, located_px, agreement)
         return self._frame(t_us, agreement)
 
@@ -207,17 +198,11 @@ class GradedTracker:
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
-        self._fading = self._new_fading()
         self._kept = EventLoss(self._calibration)
         self._cells = self._kept.take(0.0)
         self._silence = MissingMarkers(self._calibration)
         if self._maintenance_config.adapt_to_loss:
             self._map.set_events_kept(self._kept.share)
-
-    def _new_fading(self) -> DirectionFading | None:
-        bands = self._maintenance_config.fading_bands
-        reference_px = self._calibration.reference_px
-        return DirectionFading(reference_px, self._tables, bands) if bands else None
 
     def _maintain(
         self, t_us: int, located_px: NDArray[np.float64], agreement: NDArray[np.float64]
