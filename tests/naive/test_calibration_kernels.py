@@ -15,6 +15,7 @@ from spikingtac.markers.calibration.disc_levels import (
     sums_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import (
+    PHASES,
     OffsetMemory,
     Walk,
     remove_offsets_kernel,
@@ -205,7 +206,7 @@ def test_ideal_pixels_fire_as_the_twins_do() -> None:
     course = Course(np.array([0, 50, 90, 150, 200]), PLACES + path[:, np.newaxis], np.ones((5, 2)))
     states = np.arange(5)
     seen = walk(events, course, states, DISCS, steps)
-    means, fired = twin_walk(course, steps, 6)
+    means, fired = twin_walk(course, steps, PHASES)
     for state, mean in enumerate(means):
         # A level near a threshold may fall to the other side in a table.
         apart = np.abs(seen.expected[state] - mean)

@@ -20,8 +20,8 @@ from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
 from spikingtac.markers.calibration.following import Course, PixelSteps
 
-PHASES = 6
-"""Ideal pixels for each real one: their mean is within a twelfth of a step of the true mean."""
+PHASES = 4
+"""Ideal pixels for each real one: their mean is within an eighth of a step of the true mean."""
 
 STILL_LEVEL = 1e-4
 """Smaller changes of the level are no motion."""

@@ -8,7 +8,7 @@ are drawn towards the bands that the discs allow, so that noise and wrong steps 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,10 @@ SPEED_KEPT = 0.8
 
 LED_SHARE = 0.3
 """Share by which a disc that is not believed is drawn to where its neighbours went."""
+
+
+LEADERS = 4
+"""Nearest markers whose mean motion stands for that of a marker that could not be followed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,24 @@ class Course:
     index: NDArray[np.int64]
     center_px: NDArray[np.float64]
     agreement: NDArray[np.float64]
+
+
+def led_by_neighbours(course: Course, sample: int, stuck: NDArray[np.bool_]) -> Course:
+    """Return a course on which stuck markers go where the nearest others go on the average.
+
+    Args:
+        course: Where the markers went.
+        sample: Where they rest, the stuck ones too.
+        stuck: ``(m,)`` which markers were not followed.
+    """
+    rest_px, free = course.center_px[sample], np.flatnonzero(~stuck)
+    center_px = course.center_px.copy()
+    for marker in np.flatnonzero(stuck):
+        apart_px = np.hypot(*(rest_px[free] - rest_px[marker]).T)
+        leaders = free[np.argsort(apart_px, kind="stable")[:LEADERS]]
+        moved_px = (course.center_px[:, leaders] - rest_px[leaders]).mean(axis=1)
+        center_px[:, marker] = rest_px[marker] + moved_px
+    return replace(course, center_px=center_px)
 
 
 class Follower:

@@ -14,10 +14,10 @@ from spikingtac.markers.calibration.disc_corrections import corrections
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, walk
 from spikingtac.markers.calibration.refinement import Refined
 
-FEWEST_EXPLAINED_SHARE = 0.4
+FEWEST_EXPLAINED_SHARE = 0.5
 """A marker with few events is measured when its disc explains this share of what the median disc
-explains. (Ours: the recorded marker that hardly moves has 0.33; simulated ones whose rest is known
-to a pixel have 0.4 and more.)"""
+explains. (Ours: the recorded marker that hardly moves has 0.33 to 0.47; simulated ones whose rest
+is known to a pixel mostly have more.)"""
 
 FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 """Events beyond the sensor's noise that a marker needs, and the share of the median over all

@@ -19,8 +19,12 @@ from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk, walk
 from spikingtac.markers.calibration.following import Course, PixelSteps
 
-ROUNDS = 10
-"""Times that the ideal pixels walk: places move by less than 0.01 px after it (simulated)."""
+MOST_ROUNDS = 10
+"""Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in
+each."""
+
+SETTLED_PX = 0.01
+"""The refinement ends when most places and shapes change by less than this in a round."""
 
 MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
 """States that are compared, and their pixels together: each pixel of each takes some 40 bytes."""
@@ -89,14 +93,22 @@ def refine(
     """
     at = start
     first_radius_px = start.discs.radius_px
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         at = replace(at, course=_frozen(at.course, still))
         seen = walk(events, at.course, at.states, at.discs, at.pixel)
         places = at.course.center_px[at.states]
         found = corrections(seen, places, at.discs, at.pixel, MEMORY)
         at = _stepped(at, found, first_radius_px)
         at = _recounted(at, seen, cell, noise)
+        if _settled(found):
+            break
     return replace(at, course=_frozen(at.course, still))
+
+
+def _settled(found: Corrections) -> bool:
+    # Medians: a marker that the recording hardly shows may never settle.
+    changes = np.abs(found.move_px).mean(axis=(0, 2)), np.abs(found.common_px).max(axis=1)
+    return max(float(np.median(change)) for change in changes) < SETTLED_PX
 
 
 def choose_states(samples: int, still: NDArray[np.int64], pixels: int) -> NDArray[np.int64]:

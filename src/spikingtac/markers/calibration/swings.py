@@ -22,6 +22,7 @@ from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps
 from spikingtac.markers.calibration.following import Course, PixelSteps
+from spikingtac.markers.graded.appearance import nearest_marker
 
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 """A pixel is ground below the first level and marker above the second."""
@@ -93,7 +94,7 @@ def learn_steps(
     )
     counts = _smooth_counts(by_marker, rest_px, start)
     on, off = steps_of_counts(counts[0], counts[1])
-    cell = nearest_marker(events.size, rest_px)
+    cell = nearest_marker(rest_px, events.size).ravel()
     single = [
         (by_pixel[:, column] + PIXEL_SWINGS * counts[column // 2][cell])
         / (by_pixel[:, column + 1] + PIXEL_SWINGS)
@@ -143,18 +144,6 @@ def steps_of_counts(
     both = rises * falls - 0.25
     on_step = ((falls - 0.5) / both).clip(*STEP_BOUNDS)
     return on_step, ((rises - 0.5) / both).clip(*STEP_BOUNDS)
-
-
-def nearest_marker(size: tuple[int, int], rest_px: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return for each pixel, row by row, the index of the marker that rests nearest."""
-    y, x = np.mgrid[: size[1], : size[0]]
-    best = np.full(y.shape, np.inf)
-    out = np.zeros(y.shape, np.int64)
-    for marker, (cx, cy) in enumerate(rest_px):
-        distance = (x - cx) ** 2 + (y - cy) ** 2
-        out[distance < best] = marker
-        best = np.minimum(best, distance)
-    return out.ravel()
 
 
 def _mean_counts(by_marker: NDArray[np.float64], start: MeanSteps) -> tuple[float, float]:

@@ -110,7 +110,7 @@ def _agreement_kernel(
         agreement[m] = min(share, 1.0 / max(share, 0.1))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _moments_kernel(
     flat: NDArray[np.float32], middle: int, row_px: int, weight: NDArray[np.float32], floor: Any
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled

@@ -45,7 +45,7 @@ def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 11 by Estrin's scheme: Horner's waits for each product."""
     z2 = z * z
@@ -69,7 +69,7 @@ def _ring_kernel(
     return np.uint64(first), np.uint64(after - first)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _edge_kernel(
     place_px: NDArray[np.float32],
     ring: tuple[Any, Any],
@@ -105,7 +105,7 @@ def _edge_kernel(
         slope[j] = _polynomial_kernel(steep, z)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _normal_equations_kernel(
     edge: NDArray[np.float32],
     count: Any,

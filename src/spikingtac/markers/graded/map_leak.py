@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from spikingtac.state_map.graded import PAD_PX
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _entries_kernel(
     first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: NDArray[np.int32]
 ) -> None:  # pragma: no cover - compiled
@@ -43,7 +43,7 @@ def _entries_kernel(
         entry[k] = np.int32(place if place < last else last)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
 def _give_kernel(
     levels: NDArray[np.float32],
     sums: NDArray[np.float32],

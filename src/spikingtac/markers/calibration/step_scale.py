@@ -1,0 +1,130 @@
+"""How much larger the tracker's steps should be than those that explain the events.
+
+The tracker sees each event once and has no second look: a disc that lags behind its marker lets the
+map leak towards the wrong place. Where OFF events are rare, or where edges are so wide that no
+pixel swings fully, steps that explain the counts of events on the average let it lag. How far, the
+recording itself tells: all events together say where the markers went
+(:mod:`spikingtac.markers.calibration.refinement`), and the steps are enlarged while that brings the
+tracker nearer to it. Ours; on sensors like the twin's the steps stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.refinement import Refined
+from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.types import EventPacket
+
+GROWTH = 1.25
+"""Factor by which steps grow at a time."""
+
+MOST_GROWTH = 8
+"""Times that they grow at most: six-fold."""
+
+LEAST_GAIN = 0.01
+"""Share by which the distance must shrink: less is chance."""
+
+PERIOD_US = 4_000
+"""Time between estimates: at 100 px/s a marker moves by 0.4 px."""
+
+
+def scaled_steps(calibration: Calibration, on: float, off: float) -> Calibration:
+    """Return a calibration whose ON and OFF steps are multiplied, up to 1."""
+    changed = {}
+    for side, factor in (("on", on), ("off", off)):
+        for name in (f"step_{side}", f"step_{side}_map", f"marker_step_{side}"):
+            value = getattr(calibration, name)
+            if value is not None:
+                changed[name] = np.minimum(value * factor, 1.0)
+    return replace(calibration, **changed)
+
+
+def with_step_scale(
+    events: BufferedEvents, refined: Refined, calibration: Calibration
+) -> Calibration:
+    """Return a calibration with the steps that the tracker should have.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        refined: Where all events together say that the markers went.
+        calibration: What was learned from them.
+    """
+    states, course = refined.states, refined.course
+    on, off = fit_step_scale(events, calibration, (course.index[states], course.center_px[states]))
+    scaled = scaled_steps(calibration, on, off)
+    return replace(scaled, provenance={**scaled.provenance, "step_scale": [on, off]})
+
+
+def fit_step_scale(
+    events: BufferedEvents,
+    calibration: Calibration,
+    places: tuple[NDArray[np.int64], NDArray[np.float64]],
+) -> tuple[float, float]:
+    """Return the factors of ON and OFF steps with which the tracker goes where the markers went.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        calibration: As all events together explain it.
+        places: ``(k,)`` how many events came before each known place, and the places ``(k, m, 2)``,
+            px.
+    """
+    index, known_px = places
+    at_us = events.time_us[np.minimum(index, len(events) - 1)].astype(np.int64)
+    measured = calibration.marker_measured
+    chosen = slice(None) if measured is None else measured
+
+    def apart_px(factors: tuple[float, float]) -> float:
+        t_us, center_px = _tracked(events, scaled_steps(calibration, *factors))
+        nearest = np.searchsorted(t_us, at_us).clip(0, len(t_us) - 1)
+        return float(np.linalg.norm(center_px[nearest] - known_px, axis=2)[:, chosen].mean())
+
+    best, least_px = (1.0, 1.0), apart_px((1.0, 1.0))
+    for _ in range(MOST_GROWTH):
+        on, off = best
+        trials = [(GROWTH * on, off), (GROWTH * on, GROWTH * off)]
+        found = [apart_px(factors) for factors in trials]
+        if min(found) > (1.0 - LEAST_GAIN) * least_px:
+            break
+        best, least_px = trials[int(np.argmin(found))], min(found)
+    return best
+
+
+def _tracked(
+    events: BufferedEvents, calibration: Calibration
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    # The buffered events are those of white markers, whatever the sensor's are.
+    bright = replace(calibration, polarity="white")
+    locator = DiscLocator(DiscLocatorConfig(), bright)
+    tracker = GradedTracker(locator, MaintenanceConfig(), bright)
+    t_us, center_px = [], []
+    for window in _windows(events):
+        tracker.absorb(window)
+        t_us.append(window.t_end_us)
+        center_px.append(tracker.estimate(window.t_end_us).detected_px)
+    return np.array(t_us), np.array(center_px)
+
+
+def _windows(events: BufferedEvents) -> Iterator[EventPacket]:
+    edges_us = np.arange(0, events.duration_us + PERIOD_US, PERIOD_US)
+    index = events.index_at(edges_us)
+    width = events.size[0]
+    for start_us, first, last in zip(edges_us[:-1], index[:-1], index[1:], strict=True):
+        code = events.code[first:last]
+        pixel = code >> 1
+        yield EventPacket(
+            x=(pixel % width).astype(np.uint16),
+            y=(pixel // width).astype(np.uint16),
+            p=(code & 1).astype(bool),
+            t=events.time_us[first:last].astype(np.int64),
+            size=events.size,
+            t_start_us=int(start_us),
+            t_end_us=int(start_us) + PERIOD_US,
+        )
