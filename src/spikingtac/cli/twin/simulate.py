@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import ConfigError
 from spikingtac.sim.camera.config import CAMERA_NAMES
+
+if TYPE_CHECKING:
+    from spikingtac.sim.scene.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +36,8 @@ class Args:
     serial: int | None = None
     """Serial number of the sensor specimen, which sets its tolerances; the scene's own unless
     given."""
+    design: Annotated[str | None, tyro.conf.arg(metavar="DESIGN")] = None
+    """Put the scene on the sensor of a design: a name (see design --list), or a TOML file."""
     overwrite: bool = False
     """Replace an existing recording."""
     list: bool = False
@@ -61,6 +66,8 @@ def run(args: Args) -> int:
             "choose another one, or give --overwrite to replace it"
         )
     scene = catalog.load(args.scene).with_camera(args.camera).with_serial(args.serial)
+    if args.design is not None:
+        scene = _with_design(scene, args.design)
     with progress(f"simulating {args.scene}") as advance:
         summary = simulate(
             scene,
@@ -76,6 +83,16 @@ def run(args: Args) -> int:
         seconds, events = summary["duration_s"], summary["events"]
         remark(f"{args.output}: {seconds:.3f} s, {events:,} events, {summary['markers']} markers")
     return 0
+
+
+def _with_design(scene: Scene, name: str) -> Scene:
+    from spikingtac.design.checks.check import require_sound
+    from spikingtac.design.parameters.design import load_design
+    from spikingtac.design.twin import scene_with_design
+
+    design = load_design(name)
+    require_sound(design)
+    return scene_with_design(scene, design)
 
 
 def _list(as_json: bool) -> int:

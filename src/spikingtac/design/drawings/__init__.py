@@ -1,0 +1,1 @@
+"""Pictures and drawings of a design; needs the extra ``[design]``."""

@@ -1,0 +1,1 @@
+"""The parameters of a design, one file for each kind of part."""

@@ -1,0 +1,1 @@
+"""Solids of the parts; needs the extra ``[design]``."""

@@ -1,0 +1,198 @@
+"""Solids, files and pictures; they need build123d, which the extra ``[design]`` brings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.design.layout import Layout
+from spikingtac.design.parameters.design import DEFAULT, load_design, names
+
+REASON = "build123d is not installed; pip install 'spikingtac[design]' runs these tests"
+cad = pytest.importorskip("build123d", reason=REASON)
+checker = pytest.importorskip("trimesh", reason=REASON)
+
+from spikingtac.design.drawings.mesh import mesh_of  # noqa: E402
+from spikingtac.design.drawings.shading import Canvas, Shown, View  # noqa: E402
+from spikingtac.design.solids import assembly  # noqa: E402
+from spikingtac.design.solids.assembly import (  # noqa: E402
+    Part,
+    interferences,
+    sensor_parts,
+    tool_parts,
+)
+from spikingtac.design.solids.cut import cut_faces  # noqa: E402
+from spikingtac.design.solids.shapes import box, common_volume_mm3  # noqa: E402
+from spikingtac.design.write import write_design  # noqa: E402
+from spikingtac.errors import ConfigError  # noqa: E402
+
+
+@cache
+def sensor(name: str) -> tuple[Part, ...]:
+    return sensor_parts(Layout(load_design(name)))
+
+
+@pytest.fixture(scope="module")
+def parts() -> dict[str, Part]:
+    layout = Layout(load_design())
+    return {part.name: part for part in (*sensor(DEFAULT), *tool_parts(layout))}
+
+
+@pytest.mark.parametrize("name", names())
+def test_parts_fit_together(name: str) -> None:
+    layout = Layout(load_design(name))
+    assert interferences(sensor(name)) == {}
+    sizes = [part.solid.bounding_box() for part in sensor(name)]
+    width, depth = layout.outer.size_mm
+    assert max(size.size.X for size in sizes) <= width + 1e-6
+    assert max(size.size.Y for size in sizes) <= depth + 1e-6
+    assert (min(size.min.Z for size in sizes), max(size.max.Z for size in sizes)) == pytest.approx(
+        (0.0, layout.design.housing.height_mm), abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_is_printed_is_one_closed_body(name: str) -> None:
+    layout = Layout(load_design(name))
+    for part in (*sensor(name), *tool_parts(layout)):
+        if part.made in ("printed", "tool"):
+            assert len(part.solid.solids()) == 1, part.name
+            mesh = mesh_of(part.solid)
+            assert mesh.closed, part.name
+            assert mesh.volume_mm3 == pytest.approx(part.solid.volume, rel=0.01), part.name
+
+
+def test_the_paper_s_outer_size_and_sensing_area(parts: dict[str, Part]) -> None:
+    shell, cover = (parts[name].solid.bounding_box() for name in ("shell", "cover"))
+    assert pytest.approx((22.0, 22.0, 19.0)) == (shell.size.X, shell.size.Y, cover.max.Z)
+    assert pytest.approx((20.6, 20.6)) == (cover.size.X, cover.size.Y)
+    assert len(parts["discs"].solid.solids()) == 64
+
+
+def test_volumes_that_can_be_computed_by_hand(parts: dict[str, Part]) -> None:
+    corner = (4 - np.pi) * 0.5**2  # what rounding takes from the corners
+    assert parts["window"].solid.volume == pytest.approx((20.6**2 - corner) * 2.0, rel=1e-4)
+    disc = np.pi * 0.45**2 * 0.05
+    assert parts["discs"].solid.volume == pytest.approx(64 * disc, rel=1e-6)
+    cover = (20.6**2 - corner) * 0.5 - 64 * disc
+    assert parts["cover"].solid.volume == pytest.approx(cover, rel=1e-4)
+
+
+def test_an_overlap_is_found(parts: dict[str, Part]) -> None:
+    lens, plate = parts["lens"], parts["shading-plate"]
+    aside = Part("lens", "bought", cad.Pos(1.0, 0, 0) * lens.solid)
+    assert interferences((lens, plate)) == {}
+    assert interferences((aside, plate))["lens", "shading-plate"] > 0.1
+
+
+def test_common_volume_of_boxes() -> None:
+    one, other = box((2.0, 2.0), (0.0, 0.0), 0.0, 2.0), box((2.0, 2.0), (1.0, 1.0), 1.0, 3.0)
+    assert common_volume_mm3(one, other) == pytest.approx(1.0)
+    assert common_volume_mm3(one, box((1.0, 1.0), (9.0, 9.0), 0.0, 1.0)) == 0.0
+
+
+def test_every_screw_meets_its_holes(parts: dict[str, Part]) -> None:
+    layout = Layout(load_design())
+    for place in layout.screw_places_mm:
+        axis = box((1.2, 1.2), place, -1.0, layout.plate_top_mm + 3.4)
+        for name in ("base", "shading-plate", "shell"):
+            assert common_volume_mm3(parts[name].solid, axis) == 0.0, name
+
+
+def test_holders_let_the_longer_screws_pass(parts: dict[str, Part]) -> None:
+    for place in Layout(load_design()).screw_places_mm:
+        axis = box((1.2, 1.2), place, -20.0, 1.0)
+        for name in ("holder-2f85", "holder-iso-flange"):
+            assert common_volume_mm3(parts[name].solid, axis) == 0.0, name
+
+
+def test_the_mould_gives_the_gel_its_thickness(parts: dict[str, Part]) -> None:
+    design = load_design()
+    tray, lid = parts["mould-tray"].solid, parts["mould-lid"].solid
+    top = design.mould.floor_mm + 2.0 + 2.5 + 0.5
+    turned = cad.Pos(0, 0, top + design.mould.lid_mm) * cad.Rot(180, 0, 0) * lid
+    # Mirrored about x, the lid's dowel holes lie at the other corners: turn it by a quarter.
+    closed = cad.Pos(0, 0, 0) * cad.Rot(0, 0, 90) * turned
+    assert common_volume_mm3(tray, closed) == pytest.approx(0.0, abs=1e-6)
+    lowest = closed.bounding_box().min.Z
+    assert lowest - design.mould.floor_mm - design.window.thickness_mm == pytest.approx(2.5)
+
+
+def test_a_section_has_the_area_of_its_part(parts: dict[str, Part]) -> None:
+    (face,) = cut_faces(parts["window"].solid, 0.3)
+    x, z = face.outer_mm.T
+    area = abs(x @ np.roll(z, -1) - z @ np.roll(x, -1)) / 2
+    assert area == pytest.approx(20.6 * 2.0, rel=1e-6)
+    assert cut_faces(parts["window"].solid, 30.0) == []
+
+
+def test_near_parts_hide_far_ones() -> None:
+    near = Shown(mesh_of(box((1.0, 1.0), (0.0, 0.0), 1.0, 2.0)), (1.0, 0.0, 0.0))
+    far = Shown(mesh_of(box((4.0, 4.0), (0.0, 0.0), -2.0, 0.0)), (0.0, 1.0, 0.0))
+    images = []
+    for order in ((near, far), (far, near)):
+        canvas = Canvas(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), 10.0)
+        canvas.draw(order, View(-90.0, 90.0))
+        images.append(canvas.image())
+    middle, beside, outside = images[0][30, 30], images[0][30, 15], images[0][2, 2]
+    assert middle[0] > middle[1]
+    assert beside[1] > beside[0]
+    assert (outside == 255).all()
+    assert (images[0] == images[1]).all()
+
+
+@pytest.mark.slow
+def test_all_files_are_written_and_can_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "sensor"
+    assert main(["design", "-o", str(folder), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["figures"]
+    written = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert len(written) == figures["files"]
+    assert {
+        "step/sensor.step", "stl/shell.stl", "cut/stencil.dxf", "cut/stencil.svg",
+        "cut/window.dxf", "drawings/base.pdf", "drawings/base.svg", "exploded.png", "section.pdf",
+        "bill-of-materials.csv", "build-guide.md", "design.toml", "figures.json",
+    } <= written  # fmt: skip
+    assert 5 < figures["mass_g"] < 15
+    assert figures["cost_usd"] < 150
+    for path in sorted((folder / "stl").iterdir()):
+        mesh = checker.load_mesh(path)
+        assert mesh.is_watertight, path.name
+        assert mesh.is_winding_consistent, path.name
+        step = cad.import_step(folder / "step" / f"{path.stem}.step")
+        assert mesh.volume == pytest.approx(step.volume, rel=5e-3), path.name
+    assert load_design(folder / "design.toml") == load_design()
+    circles = (folder / "cut" / "stencil.svg").read_text().count("<circle")
+    assert circles == 64
+    assert main(["design", "-o", str(folder)]) == 2
+
+
+def test_a_design_whose_parts_overlap_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slipped(layout: Layout) -> tuple[Part, ...]:
+        kept = [part for part in sensor(DEFAULT) if part.name in ("lens", "shading-plate")]
+        return tuple(
+            replace(part, solid=cad.Pos(1.0, 0, 0) * part.solid) if part.name == "lens" else part
+            for part in kept
+        )
+
+    monkeypatch.setattr(assembly, "sensor_parts", slipped)
+    with pytest.raises(ConfigError, match="lens and shading-plate overlap by"):
+        write_design(load_design(), tmp_path / "sensor")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_part_that_stands_out_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    high = Part("lens", "bought", box((5.0, 5.0), (0.0, 0.0), 4.0, 19.5))
+    monkeypatch.setattr(assembly, "sensor_parts", lambda layout: (high,))
+    with pytest.raises(ConfigError, match=r"lens is 19.50 mm along z; allowed 19"):
+        write_design(load_design(), tmp_path / "sensor")
