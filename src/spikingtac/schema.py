@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import tomllib
 import types
 import typing
@@ -76,6 +77,17 @@ def _former_names(field: dataclasses.Field[Any]) -> tuple[str, ...]:
     return field.metadata.get("former_names", ())
 
 
+def merged(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables with those of ``top`` over those of ``base``, key by key."""
+    result = dict(base)
+    for key, value in top.items():
+        below = result.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = merged(below, value)
+        result[key] = value
+    return result
+
+
 def to_mapping(value: Any) -> Any:
     """Return dataclasses as plain dictionaries (None left out), for manifests and digests."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -86,6 +98,16 @@ def to_mapping(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): to_mapping(item) for key, item in value.items()}
     return value
+
+
+def to_toml(mapping: Mapping[str, Any]) -> str:
+    """Return a table of values and of tables of values (no deeper) as TOML text."""
+    plain = {key: value for key, value in mapping.items() if not isinstance(value, Mapping)}
+    lines = [f"{key} = {json.dumps(value, allow_nan=False)}" for key, value in plain.items()]
+    for key, table in mapping.items():
+        if isinstance(table, Mapping):
+            lines += ["", f"[{key}]", to_toml(table).rstrip()]
+    return "\n".join(lines) + "\n"
 
 
 def _convert(hint: Any, value: Any, where: str) -> Any:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
+from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.create import create_events
 from spikingtac.live.arrivals import stream_arrivals
 from spikingtac.live.contact_process import ContactProcess
 from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.tracks import Tracks
+from spikingtac.viewer.session.events_only import open_view_or_events
+from spikingtac.viewer.session.opening import stream_packets
 from stand_ins.guarded import NotingArm, detector, stops
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
@@ -26,6 +33,8 @@ from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
 TOUCH_MS = 400
+LATE_TOUCH_MS = 3_000
+"""A touch for which a guard on a busy machine is ready."""
 PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
 """The pipe's thread shares its processor with the tests beside it."""
 
@@ -33,6 +42,12 @@ PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
 @pytest.fixture(scope="module")
 def circling(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_circling(tmp_path_factory.mktemp("circling"))
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def moving(path: Path, count: int, seed: int, touch_ms: int = 1 << 30) -> Path:
@@ -107,8 +122,8 @@ def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
 
 
 def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
-    live = moving(tmp_path / "live.raw", 900, seed=3, touch_ms=TOUCH_MS)
-    PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=0.9, pieces=400)
+    live = moving(tmp_path / "live.raw", 4000, seed=3, touch_ms=LATE_TOUCH_MS)
+    PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=4.0, pieces=2000)
     notes = tmp_path / "stops"
     process = ContactProcess(
         Factory(function=stream_arrivals, arguments={"path": str(tmp_path / "pipe")}),
@@ -124,7 +139,7 @@ def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     finally:
         process.close()
     assert status["phase"] == "ended", status
-    assert 0 < status["contact"]["t_us"] - TOUCH_MS * 1000 < 10_000
+    assert 0 < status["contact"]["t_us"] - LATE_TOUCH_MS * 1000 < 20_000
     assert len(stops(notes)) == 2  # the self-test, and the contact
 
 
@@ -146,3 +161,41 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
     assert len(stops(notes)) >= 2  # the self-test, and the stall
     camera.go_on.set()
     camera.join()
+
+
+def test_a_camera_without_a_calibration_shows_its_events() -> None:
+    view = open_view_or_events("udp:127.0.0.1:0?encoding=evt2&size=320x320")
+    assert isinstance(view.source, CameraSource)
+    view.source.release()
+    assert view.source.when_lost == "reconnect"
+    assert not view.ends
+    assert view.calibration.reference_px.shape == (0, 2)
+    assert "spikingtac calibrate udp:" in view.notice
+
+
+def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:
+    """The camera's process sends its counters with its packets, as the page's source takes them."""
+    data = (circling / "events.raw").read_bytes()
+    port = free_port()
+    address = f"udp:127.0.0.1:{port}?encoding=evt3&size=320x320"
+    size = Calibration.load(circling / "calibration.json").size
+    address = address.replace("320x320", f"{size[0]}x{size[1]}")
+    stream = stream_packets(address, size)
+    body = data[data.index(b"% end\n") + 6 :]
+    pieces = [body[at : at + 256] for at in range(0, len(body), 256)]
+
+    def twice() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for piece in itertools.cycle(pieces):
+                for _ in range(2):
+                    out.sendto(piece, ("127.0.0.1", port))
+                time.sleep(0.01)
+                if done.is_set():
+                    return
+
+    done = threading.Event()
+    threading.Thread(target=twice, daemon=True).start()
+    counts = [losses for _, losses in itertools.islice(stream, 4)][-1]
+    done.set()
+    stream.close()  # type: ignore[attr-defined]
+    assert counts["duplicate"] > 0

@@ -1,4 +1,4 @@
-"""Open event files and recording folders: the content picks the reader, then the ending."""
+"""Open event files, recording folders and cameras: content picks the reader, then ending."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Protocol
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
+from spikingtac.events.address import Address, is_address
 from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.plugins import with_plugins
@@ -33,11 +34,12 @@ def open_events(
     encoding: str | None = None,
     size: tuple[int, int] | None = None,
 ) -> FileSource:
-    """Open an event file, or a recording folder, for reading in packets.
+    """Open an event file, a recording folder or a camera, for reading in packets.
 
     Args:
         path: File, or folder with ``events.raw``; a named pipe, or ``-`` for standard input, is
-            read as RAW while it comes, once.
+            read as RAW while it comes, once; the address of a camera, as
+            ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
         sensor: In a folder, the sensor on the same clock: 1 opens ``events_1.raw``.
@@ -52,12 +54,24 @@ def open_events(
         RecordingError: The file is missing or cannot be read; FormatError where its content does
             not fit its header or ending.
         ConfigError: The ending or an argument is unknown.
-        MissingExtraError: The format needs a library of the extra ``[formats]``.
+        MissingExtraError: The format needs a library of the extra ``[formats]``, or the camera one
+            of its own.
+        DeviceError: There is no such camera, or it refuses.
     """
     if chunk_events < 1:
         raise ConfigError(f"chunk_events is {chunk_events}, it must be at least 1")
     options = ReadOptions(strict=strict, chunk_events=chunk_events, encoding=encoding, size=size)
+    if is_address(path):
+        from spikingtac.events.cameras.source import CameraSource
+
+        return CameraSource(Address.parse(path), options)
     file = _file(Path(path), sensor)
+    if Path(path).is_dir() and file.suffix == ".raw":
+        from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
+
+        parts = parts_of(file)
+        if len(parts) > 1:
+            return RawParts(parts, options)
     return _opener(file)(file, options)
 
 
@@ -121,6 +135,10 @@ def _opener(path: Path) -> _Opener:
         from spikingtac.events.formats.evt.raw import RawSource as Source
     elif kind == "npz":
         from spikingtac.events.formats.npz import NpzSource as Source
+        from spikingtac.events.formats.recorders.openmv_npz import OpenMvNpzSource, is_openmv
+
+        if is_openmv(path):
+            return OpenMvNpzSource
     elif kind == "csv":
         from spikingtac.events.formats.csv import CsvSource as Source
     elif kind == "es":

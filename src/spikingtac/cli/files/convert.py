@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import ConfigError
 
@@ -17,7 +18,7 @@ class Args:
     """Write an event file in another format, chosen by the ending; damage is repaired."""
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(name="in", metavar="IN")]
-    """Event file or recording folder to read."""
+    """Event file, recording folder, or camera to read: its address, a named pipe, or -."""
     target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(name="out", metavar="OUT")]
     """File to write: .raw, .npz, .csv, .es, .h5 or .aedat4."""
     from_us: int | None = None
@@ -52,6 +53,7 @@ def run(args: Args) -> int:
     source = open_events(args.source, strict=args.strict, sensor=args.sensor)
     written = 0
     with (
+        ending_on_interrupt(source),
         create_events(args.target, source.size, encoding=args.encoding) as writer,
         progress(f"writing {args.target.name}") as advance,
     ):

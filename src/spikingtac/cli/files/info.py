@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ class Args:
     """Print the content of an event file, recording folder or tracks: size, rates, damage."""
 
     file: tyro.conf.Positional[Path]
-    """Event file, recording folder, or tracks.npz."""
+    """Event file, recording folder, tracks.npz, or a camera: its address, a named pipe, or -."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
@@ -79,7 +80,7 @@ def summary(source: FileSource) -> dict[str, Any]:
     events = ups = peak = 0
     first_us = last_us = None
     counter = _PeakCounter(PEAK_WINDOW_US)
-    with progress(f"reading {source.path.name}") as advance:
+    with ending_on_interrupt(source), progress(f"reading {source.path.name}") as advance:
         for packet in source:
             if first_us is None:
                 first_us = packet.t_start_us
@@ -100,7 +101,19 @@ def summary(source: FileSource) -> dict[str, Any]:
         "mean_rate_mev_s": events / duration_s / EVENTS_PER_MEV if duration_s else 0.0,
         "peak_rate_mev_s": peak / PEAK_WINDOW_US * US_PER_S / EVENTS_PER_MEV,
         "anomalies": dict(source.losses.kinds()),
+        **_delivery(source),
     }
+
+
+def _delivery(source: FileSource) -> dict[str, Any]:
+    """Return how a camera delivered; nothing of a file."""
+    from spikingtac.events.cameras.source import CameraSource
+
+    if not isinstance(source, CameraSource):
+        return {}
+    health = source.health()
+    remark(health.sentence)
+    return {"interval_p50_ms": health.interval_p50_ms, "interval_p99_ms": health.interval_p99_ms}
 
 
 class _PeakCounter:

@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import Annotated
+
+import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table
+from spikingtac.cli.system.camera_checks import delivery
 from spikingtac.cli.system.machine import inspect_machine
+from spikingtac.errors import ConfigError
 
 EXIT_MACHINE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Check this machine: Python, kernel cache, extras, CPU governor, USB, the viewer's port."""
+    """Check this machine: Python, kernel cache, extras, CPU governor, USB, cameras, clock, ports.
 
+    With the address of a camera, also measure how it delivers.
+    """
+
+    source: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[SOURCE]")] = None
+    """Address of a camera to listen to, as openmv:/dev/ttyACM0."""
+    seconds: float = 3.0
+    """How long to listen to it, s."""
     json: bool = False
     """Print one JSON object instead of a table."""
 
 
 def run(args: Args) -> int:
     """Print the findings; exit 3 where something will not work."""
+    if not args.seconds > 0.0:
+        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
     findings = list(inspect_machine())
+    if args.source is not None:
+        findings += delivery(args.source, args.seconds)
     healthy = all(finding.status != "fail" for finding in findings)
     if args.json:
         emit_json({"healthy": healthy, "checks": [asdict(finding) for finding in findings]})

@@ -6,9 +6,11 @@ import os
 import platform
 import socket
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+
+from spikingtac.cli.system.camera_checks import camera_checks
+from spikingtac.cli.system.finding import Finding
 
 USBFS_MEMORY_MB = 1000
 """USB buffer memory that makers of USB cameras advise (FLIR, "Understanding USBFS on Linux")."""
@@ -17,18 +19,23 @@ USB3_SPEED_MBIT_S = 5000
 VIEWER_PORT = 8765
 """Port of ``spikingtac view`` unless given."""
 CAMERA_VENDORS = {"03fd": "Prophesee", "04b4": "Prophesee (Cypress bridge)", "1fc9": "Prophesee",
-                  "152a": "iniVation"}  # fmt: skip
+                  "31f7": "Prophesee", "152a": "iniVation", "37c5": "OpenMV"}  # fmt: skip
 """USB vendor id -> whose event cameras carry it."""
 CORE = ("numpy", "scipy", "numba", "onnxruntime", "ruckig", "matplotlib", "starlette", "uvicorn",
         "websockets")  # fmt: skip
 """The modules that a plain installation brings."""
 EXTRAS = {
     "train": ("torch", "safetensors", "onnx", "onnxscript"),
-    "formats": ("aedat", "h5py", "hdf5plugin", "rosbags", "mcap", "mcap_ros2"),
+    "formats": ("h5py", "hdf5plugin", "lz4", "mcap_ros2", "zstandard"),
     "robot": ("rtde_receive",),
     "bench": ("cv2", "trackpy", "evt3"),
     "rerun": ("rerun",),
     "tables": ("pandas",),
+    "design": ("build123d", "trimesh"),
+    "openmv": ("openmv",),
+    "dv": ("dv_processing",),
+    "neuromorphic": ("neuromorphic_drivers",),
+    "cameras": ("openmv", "dv_processing", "neuromorphic_drivers"),
 }
 """Extra -> the modules that it brings."""
 _CPU = Path("/sys/devices/system/cpu")
@@ -37,27 +44,11 @@ _USBFS = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
 _RULES = (Path("/etc/udev/rules.d"), Path("/lib/udev/rules.d"))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Finding:
-    """What a check found.
-
-    Attributes:
-        name: What was looked at.
-        status: ``ok``, ``note`` (works, could be better) or ``fail`` (something will not work).
-        found: What is there.
-        remedy: What to do about it, empty where nothing is to be done.
-    """
-
-    name: str
-    status: str
-    found: str
-    remedy: str = ""
-
-
 def inspect_machine() -> Iterator[Finding]:
     """Yield the findings of every check, in order of importance."""
     checks: tuple[Callable[[], Iterator[Finding]], ...] = (
-        _python, _core, _kernel_cache, _extras, _governor, _usb_memory, _cameras, _port,
+        _python, _core, _kernel_cache, _extras, _governor, _usb_memory, _cameras, camera_checks,
+        _port,
     )  # fmt: skip
     for check in checks:
         yield from check()

@@ -24,11 +24,18 @@ KINDS: dict[str, str] = {
     "padding": "padding words; no loss",
     "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
     "unknown_message": "messages of an encoding or type that is not read",
+    "overflow": "buffers that overran: datagrams, packets or events were dropped on their way",
+    "duplicate": "datagrams that came twice; the second one was dropped",
+    "reordered": "datagrams that came late; their events are kept, at the time reached by then",
+    "foreign": "datagrams of another sender than the first; dropped",
+    "no_end_mark": "frames without the mark that ends their events; read to their end",
+    "disconnected": "the camera was gone",
+    "reconnected": "the camera came back; what happened meanwhile is missing",
     "bad_record": "lines, records or chunks that do not parse or fail their checksum",
 }
 """Every kind that a source counts in its ``losses``, and what it means."""
 
-HARMLESS = frozenset({"trigger", "padding", "vendor_word"})
+HARMLESS = frozenset({"trigger", "padding", "vendor_word", "duplicate"})
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
 JUMP_US = 1_000_000

@@ -87,6 +87,10 @@ class FileSource:
         """Yield columns from the start of the file; count what is wrong."""
         raise NotImplementedError
 
+    def columns(self) -> Iterator[Rows]:
+        """Yield columns from the start of the file, not yet packed, and count what is wrong."""
+        return self._columns()
+
     def __iter__(self) -> Iterator[EventPacket]:
         """Yield the file's packets.
 

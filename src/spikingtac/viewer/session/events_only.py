@@ -12,6 +12,8 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.self_calibrating import SelfCalibratingDetector
+from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.session.opening import NoCalibrationError, open_view_source
@@ -46,7 +48,7 @@ class NoTracker:
 
 
 def open_view_or_events(source: str, **options: Any) -> ViewSource:
-    """Open a view; where a recording has no calibration, one that shows its events alone.
+    """Open a view; where a recording or camera has no calibration, one of its events alone.
 
     Args:
         source: See :func:`~spikingtac.viewer.session.opening.open_view_source`.
@@ -59,6 +61,8 @@ def open_view_or_events(source: str, **options: Any) -> ViewSource:
         return open_view_source(source, **options)
     except NoCalibrationError:
         events = open_events(source)
+    if isinstance(events, CameraSource):
+        events.when_lost = "reconnect"
     contact = load_config(options.get("preset", "default")).contact
     return ViewSource(
         label=Path(source).resolve().name,
@@ -69,7 +73,8 @@ def open_view_or_events(source: str, **options: Any) -> ViewSource:
         make_detector=partial(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
-        notice=advice(Path(source).name),
+        notice=advice(source if is_stream(Path(source)) else Path(source).name),
+        ends=not is_stream(Path(source)),
         provenance={"input": Path(source).name},
     )
 

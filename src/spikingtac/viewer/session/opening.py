@@ -14,6 +14,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
+from spikingtac.events.address import Address
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
 from spikingtac.events.open import refuse_url
@@ -22,10 +23,10 @@ from spikingtac.live.process_source import ProcessSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
-from spikingtac.types import EventPacket
+from spikingtac.sim.twin_camera import is_twin, twin_options
+from spikingtac.types import EventPacket, LossCounters
 from spikingtac.viewer.session.felt import FeltLayer
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
-from spikingtac.viewer.session.warm_up import touch_once
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
 
@@ -43,10 +44,10 @@ def open_view_source(
     seed: int = 0,
     camera: str | None = None,
 ) -> ViewSource:
-    """Open an event file, a recording folder, a camera's pipe, or a scene of the digital twin.
+    """Open an event file, a recording folder, a camera, or a scene of the digital twin.
 
     Args:
-        source: Path, or name of a scene.
+        source: Path, address of a camera, or name of a scene.
         calibration: Path of a calibration; a folder's own unless given; a scene brings its own.
         preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
         rate_hz: Estimates per second; the preset's unless given.
@@ -55,13 +56,16 @@ def open_view_source(
 
     Raises:
         RecordingError: The recording cannot be read.
+        DeviceError: There is no such camera.
         NoCalibrationError: There is no calibration for it.
         CalibrationError: The calibration does not fit.
         ConfigError: There is neither such a path nor such a scene, or a recording was given a
             camera.
     """
     path = Path(source)
-    if is_stream(path):
+    if is_twin(source):
+        view = _open_twin(source, seed, camera)
+    elif is_stream(path):
         view = _open_stream(path, calibration)
     elif path.suffix == ".toml" or not path.exists():
         _refuse_missing_file(path)
@@ -143,14 +147,18 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     if str(path) == STANDARD_INPUT:
         raise ConfigError("the page reads a camera through a named pipe: mkfifo live.raw")
     if calibration is None:
-        raise CalibrationError(f"{str(path)!r} is a camera's pipe; name its --calibration")
+        raise NoCalibrationError(f"{str(path)!r} is a camera; name its --calibration")
     chosen = Calibration.load(calibration)
+    losses = LossCounters()
+    source = ProcessSource(
+        Factory(function=stream_packets, arguments={"path": str(path), "size": chosen.size}),
+        chosen.size,
+        losses.update,
+    )
+    source.losses = losses
     return ViewSource(
         label=path.name,
-        source=ProcessSource(
-            Factory(function=stream_packets, arguments={"path": str(path), "size": chosen.size}),
-            chosen.size,
-        ),
+        source=source,
         calibration=chosen,
         config=None,
         make_tracker=_unchosen,
@@ -159,27 +167,46 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     )
 
 
-def stream_packets(path: str, size: tuple[int, int]) -> Iterator[tuple[EventPacket, None]]:
-    """Yield a camera's packets as they come.
+def stream_packets(
+    path: str, size: tuple[int, int]
+) -> Iterator[tuple[EventPacket, dict[str, int]]]:
+    """Yield a camera's packets as they come, each with what was lost or mended so far.
+
+    A camera that is unplugged is waited for.
 
     Raises:
         CalibrationError: The camera has another size than its calibration.
     """
+    from spikingtac.events.cameras.source import CameraSource
     from spikingtac.events.open import open_events
 
     source = open_events(path)
+    if isinstance(source, CameraSource):
+        source.when_lost = "reconnect"
     if tuple(source.size) != tuple(size):
         raise CalibrationError(
             f"the calibration is for {size[0]}x{size[1]}, the camera is "
             f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
         )
-    for packet in source:
-        yield packet, None
+    try:
+        for packet in source:
+            yield packet, dict(source.losses.kinds())
+    finally:
+        if isinstance(source, CameraSource):
+            source.release()
+
+
+def _open_twin(source: str, seed: int, camera: str | None) -> ViewSource:
+    """Open the scene of a twin's address: the page shows the truth that the twin knows."""
+    address = Address.parse(source)
+    return _open_scene(address.target, *twin_options(address, seed, camera))
 
 
 def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.first_contact import touch_once
     from spikingtac.sim.scene.source import SceneSource
+    from spikingtac.sim.twin_camera import truthful_packets
 
     scene = catalog.load(name).with_camera(camera)
     at_rest = SceneSource(scene, seed)
@@ -189,7 +216,7 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     return ViewSource(
         label=Path(name).stem,
         source=ProcessSource(
-            Factory(function=scene_packets, arguments=arguments),
+            Factory(function=truthful_packets, arguments=arguments),
             scene.size,
             lambda rows: truth.append(rows[0], rows[1]),
         ),
@@ -209,15 +236,6 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
         prepare=partial(touch_once, scene, seed),
         provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
     )
-
-
-def scene_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
-    """Yield a scene's packets, each with the times and positions of its markers."""
-    from spikingtac.sim.scene import catalog
-    from spikingtac.sim.scene.source import SceneSource
-
-    for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
-        yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
 
 TRACKS_MAKER = "spikingtac demo"
-"""What the tracks say about who made them, so that the next run may replace them."""
+"""What the tracks say about who made them."""
 
 
 class TrackRecorder(Protocol):

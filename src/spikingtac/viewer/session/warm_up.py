@@ -7,7 +7,6 @@ waiting for its first event, halves the time of the first start.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,15 +17,10 @@ from spikingtac.types import EventPacket
 from spikingtac.viewer.session.snapshot import images, moving
 from spikingtac.viewer.session.source import ViewSource
 
-if TYPE_CHECKING:
-    from spikingtac.sim.scene.scene import Scene
-
 WARM_UP_US = 320_000
 """Long enough for a contact detector that learns from the first 0.3 s."""
 PACKET_US = 10_000
 BUDGET_S = 600.0
-TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
-"""Every scene of the package touches within its first second; coarse steps will do."""
 EXPOSURE_US = 10_000
 
 
@@ -47,21 +41,6 @@ def warm_up(view: ViewSource) -> None:
     finally:
         store.close()
     view.prepare()
-
-
-def touch_once(scene: Scene, seed: int) -> None:
-    """Simulate a scene's first contact with the gel, so that the gel's kernels are in the cache.
-
-    Compiling the camera's kernels takes the simulated sensor's process as long as compiling the
-    tracker's and the gel's takes this one. When the sensor reaches its first contact, the gel's
-    kernels are in the cache.
-    """
-    from spikingtac.sim.gel.gel import Gel
-    from spikingtac.sim.scene.timeline import Timeline
-
-    gel, timeline = Gel(scene.gel, scene.skin.rest_mm()), Timeline(scene, seed)
-    for step in range(round(TOUCHED_S / TOUCH_STEP_S)):
-        gel.step(TOUCH_STEP_S, *(timeline.at(step * TOUCH_STEP_S) or (None, None)))
 
 
 def _silence(size: tuple[int, int]) -> Iterator[EventPacket]:

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.live.factory import Factory
-from spikingtac.viewer.export.output_files import check_picture, check_tracks
+from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.session.source import ViewSource
@@ -47,6 +48,7 @@ class PageOptions:
         repeat: Begin again at the end.
         picture: File for the summary picture, or None.
         tracks: File for every estimate, or None.
+        overwrite: Whether these files may be replaced.
     """
 
     host: str = "127.0.0.1"
@@ -56,6 +58,7 @@ class PageOptions:
     repeat: bool = False
     picture: Path | None = None
     tracks: Path | None = None
+    overwrite: bool = False
 
 
 def show(
@@ -74,9 +77,9 @@ def show(
     """
     check_address(options.host, options.port)
     if options.picture is not None:
-        check_picture(options.picture)
+        check_picture(options.picture, options.overwrite)
     if options.tracks is not None:
-        check_tracks(options.tracks)
+        require_free(options.tracks, options.overwrite)
     session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
     ended_well = False
     try:

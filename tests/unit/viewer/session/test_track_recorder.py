@@ -7,7 +7,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.export.output_files import check_picture, check_tracks, tracks_beside
+from spikingtac.viewer.export.output_files import check_picture, tracks_beside
 from spikingtac.viewer.session.track_recorder import FileTrackRecorder
 
 REST = np.array([[1.0, 2.0]])
@@ -27,20 +27,12 @@ def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) ->
     assert tracks.t_us.tolist() == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(tracks.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
     assert tracks.meta["seed"] == 3
-    check_tracks(tmp_path / "x.npz")
-
-
-def test_tracks_of_another_verb_are_not_for_the_demo(tmp_path: Path) -> None:
-    recorder = FileTrackRecorder(tmp_path / "x.npz", REST)
-    recorder.close({"made_by": "somebody"})
-    with pytest.raises(ConfigError, match=r"x\.npz"):
-        check_tracks(tmp_path / "x.npz")
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_a_picture_of_ours_is_known_for_one(ending: str, tmp_path: Path) -> None:
+def test_a_picture_is_replaced_only_when_asked(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"x.{ending}"
-    check_picture(path)
+    check_picture(path, overwrite=False)
     one = Picture(
         image=np.zeros((4, 4), np.uint8),
         reference_px=REST,
@@ -50,10 +42,9 @@ def test_a_picture_of_ours_is_known_for_one(ending: str, tmp_path: Path) -> None
     )
     some = np.arange(3.0)
     save_summary(path, "x", one, Course(t_s=some, displacement_px=some[:, None], rate_kev_s=some))
-    check_picture(path)
-    path.write_bytes(b"drawn by hand")
-    with pytest.raises(ConfigError, match="name another place"):
-        check_picture(path)
+    with pytest.raises(ConfigError, match="--overwrite"):
+        check_picture(path, overwrite=False)
+    check_picture(path, overwrite=True)
 
 
 def test_tracks_go_beside_the_picture() -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import cast
 
 from spikingtac.errors import FormatError, RecordingError
+from spikingtac.events.address import is_address
 from spikingtac.events.formats.evt.header import HEADER_LIMIT_BYTES, LINE_LIMIT, read_header
 from spikingtac.events.formats.evt.raw import CHUNK_BYTES, SAMPLE_BYTES, RawSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
@@ -25,8 +26,11 @@ LEAST_SAMPLE_BYTES = 1 << 12
 
 
 def is_stream(path: Path) -> bool:
-    """Return whether a path names something that can be read once, as it comes."""
-    if str(path) == STANDARD_INPUT:
+    """Return whether a path names something that can be read once, as it comes.
+
+    That is standard input, a named pipe, a character device, or the address of a camera.
+    """
+    if str(path) == STANDARD_INPUT or is_address(path):
         return True
     try:
         mode = path.stat().st_mode

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol
 
 import numpy as np
 
@@ -21,6 +22,14 @@ SILENCE_LIMIT_US = 86_400_000_000
 """Longest pause between two events that is written: a day."""
 
 
+class Digest(Protocol):
+    """A running digest, as ``hashlib.sha256()``."""
+
+    def update(self, data: bytes, /) -> None:
+        """Take more bytes."""
+        ...
+
+
 class RawWriter(EventWriter):
     """A RAW file that grows packet by packet; the same events always give the same bytes.
 
@@ -31,6 +40,10 @@ class RawWriter(EventWriter):
         size: ``(width, height)``, px, at most 2048 each.
         encoding: ``evt2``, ``evt21`` (little-endian words) or ``evt3``.
         in_place: For a recorder: what came so far stands at the path, also if it is killed.
+        digest: Updated with every byte of the file, as one of hashlib.
+
+    Attributes:
+        written_bytes: Bytes given to the file so far.
 
     Raises:
         ConfigError: The encoding is unknown.
@@ -44,6 +57,7 @@ class RawWriter(EventWriter):
         encoding: str = "evt3",
         *,
         in_place: bool = False,
+        digest: Digest | None = None,
     ) -> None:
         if max(size) > COORDINATE_LIMIT_PX:
             raise FormatError(
@@ -56,6 +70,8 @@ class RawWriter(EventWriter):
         self._file: IO[bytes] | None = self._target.open()
         self._base_us: int | None = None
         self._last_us = 0
+        self._digest = digest
+        self.written_bytes = 0
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet that follows the ones before it in time.
@@ -70,8 +86,19 @@ class RawWriter(EventWriter):
             base_us = self._begin(int(packet.t[0]))
         self._check(packet)
         words = self._encoder.encode(packet.t - base_us, packet.x, packet.y, packet.p)
-        self._open_file().write(words.tobytes())
+        self._append(words.tobytes())
         self._last_us = int(packet.t[-1])
+
+    def flush(self, durable: bool = False) -> None:
+        """Hand what was written to the operating system: it survives the death of this process.
+
+        Args:
+            durable: Wait until it is on the disk, so that it survives the loss of power, too.
+        """
+        if self._file is not None:
+            self._file.flush()
+            if durable:
+                os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Complete the file; one without events holds its header alone."""
@@ -92,8 +119,14 @@ class RawWriter(EventWriter):
         period_bits = self._encoder.time_bits
         self._base_us = (max(first_us, 0) >> period_bits) << period_bits
         self._last_us = first_us
-        self._open_file().write(format_header(self._encoder.name, self.size, self._base_us))
+        self._append(format_header(self._encoder.name, self.size, self._base_us))
         return self._base_us
+
+    def _append(self, data: bytes) -> None:
+        self._open_file().write(data)
+        self.written_bytes += len(data)
+        if self._digest is not None:
+            self._digest.update(data)
 
     def _open_file(self) -> IO[bytes]:
         if self._file is None:

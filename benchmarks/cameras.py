@@ -1,0 +1,385 @@
+"""From events on the wire to displacements at 1 kHz, and recording at a rate, by counterparts.
+
+Usage::
+
+    python benchmarks/cameras.py latency [--seconds 4] [--preset fast] [--kinds pipe,udp,dv]
+    python benchmarks/cameras.py cost [--events 100]
+    python benchmarks/cameras.py record FOLDER [--rate-mev-s 3] [--seconds 60]
+
+``latency``: another process sends a simulated scene as time passes, 1 ms of events at a time, and
+notes when. A window is complete when an event after its end was sent; told is the time from there
+to the tracker's estimate, both on the clock that the processes share. The counterparts are those of
+the contract tests, not hardware: USB and a real network add their own time.
+
+``cost``: the processor's time of one read, of events that have arrived: what a camera's file costs
+beside that of a pipe, whatever else the machine does.
+
+``record``: another process sends EVT2 datagrams at a rate to ``spikingtac record``, whose live copy
+has a reader that never reads. Told is what was sent, written, and lost, where.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import load_config
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
+from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.events.formats.evt.header import format_header
+from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.events.open import open_events
+from spikingtac.events.source import PacketSource
+from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.follow import follow
+from spikingtac.types import EventPacket
+
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+SIZE = (320, 320)
+SCENE = "finger-torsion"
+KINDS = ("pipe", "udp", "serial", "aestream", "openmv", "dv")
+US_PER_MS, RATE_HZ = 1_000, 1_000
+DATAGRAM_BYTES = 1472
+TRANSFER_BYTES = 1024 * 4
+"""The smallest transfer of an OpenMV board."""
+WAITS = False
+"""What a sender returns whose events are not on the wire yet."""
+SKIPPED_MS = 300
+"""Estimates at the beginning that are not counted, ms: a camera's first deliveries are late."""
+
+Send = Callable[[EventPacket], object]
+
+
+def simulated(seconds: float) -> tuple[EventPacket, Calibration]:
+    """Return the events of a scene from its first contact on, and the calibration of its sensor."""
+    from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.source import SceneSource
+
+    scene = catalog.load(SCENE)
+    source = SceneSource(scene, seed=1, duration_s=seconds)
+    calibration = Calibration(
+        reference_px=np.asarray(source.reference_px),
+        radius_px=np.asarray(source.radius_px),
+        grid=scene.skin.grid,
+        size=scene.size,
+    )
+    return EventPacket.concatenate(list(source)), calibration
+
+
+def opened_sender(kind: str, where: str) -> Send:
+    """Return what sends events to a camera of a kind; it runs in the sender's process."""
+    if kind == "pipe":
+        file, encoder = os.open(where, os.O_WRONLY), Evt3Encoder()
+        os.write(file, format_header("evt3", SIZE))
+        return lambda packet: os.write(file, words(encoder, packet))
+    if kind == "udp":
+        out, evt2 = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), Evt2Encoder()
+        return lambda packet: [
+            out.sendto(piece, ("127.0.0.1", int(where))) for piece in cut(words(evt2, packet))
+        ]
+    if kind == "dv":
+        return dv_sender(where)
+    from stand_ins.camera_counterparts import aestream_datagrams
+
+    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    return lambda packet: [
+        out.sendto(piece, ("127.0.0.1", int(where))) for piece in aestream_datagrams(packet)
+    ]
+
+
+def words(encoder: Any, packet: EventPacket) -> bytes:
+    return encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
+
+
+def cut(data: bytes) -> list[bytes]:
+    return [data[at : at + DATAGRAM_BYTES] for at in range(0, len(data), DATAGRAM_BYTES)]
+
+
+def dv_sender(port: str) -> Send:
+    import dv_processing as dv
+
+    stream = dv.io.Stream.EventStream(0, "events", "TWIN_320", SIZE)
+    writer = dv.io.NetworkWriter("127.0.0.1", int(port), stream)
+
+    def send(packet: EventPacket) -> None:
+        store = dv.EventStore()
+        for t, x, y, p in zip(
+            packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), packet.p.tolist(), strict=True
+        ):
+            store.push_back(t, x, y, p)
+        writer.writeEvents(store)
+
+    return send
+
+
+def device_sender(kind: str) -> tuple[str, Send]:
+    """Return port and sender of a device on a pseudo-terminal, which the sender's process owns."""
+    encoder = Evt2Encoder()
+    if kind == "openmv":
+        from stand_ins.openmv_board import OpenMvBoard
+
+        return board_sender(OpenMvBoard(), encoder)
+    import pty
+    import tty
+
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+
+    def send(packet: EventPacket) -> None:
+        data = words(encoder, packet)
+        while data:
+            data = data[os.write(master, data) :]
+
+    return os.ttyname(slave), send
+
+
+def board_sender(board: Any, encoder: Any) -> tuple[str, Send]:
+    """Return the port of a board, and what fills its transfers: each waits until it is full."""
+    pending = bytearray()
+
+    def send(packet: EventPacket) -> bool:
+        pending.extend(words(encoder, packet))
+        if len(pending) < TRANSFER_BYTES:
+            return WAITS
+        board.put(bytes(pending))
+        pending.clear()
+        return True
+
+    return board.port, send
+
+
+def sender(kind: str, where: str, folder: Path) -> None:
+    """Send the scene as time passes, and write when each millisecond was sent."""
+    events = EventPacket.concatenate(list(open_events(folder / "events.npz")))
+    if kind in ("openmv", "serial"):
+        where, send = device_sender(kind)
+    else:
+        send = opened_sender(kind, where)
+    print(where, flush=True)
+    sys.stdin.readline()  # the receiver listens
+    last_ms = int(events.t[-1]) // US_PER_MS
+    edges = np.searchsorted(events.t, np.arange(last_ms + 2) * US_PER_MS)
+    sent_s = np.full(last_ms + 1, np.nan)
+    waiting: list[int] = []
+    begun_s = time.monotonic() + 0.1
+    for number in range(last_ms + 1):
+        packet = events.part(int(edges[number]), int(edges[number + 1]), 0, 0)
+        time.sleep(max(begun_s + number * 1e-3 - time.monotonic(), 0.0))
+        if len(packet):
+            waiting.append(number)
+            now_s = time.monotonic()
+            if send(packet) is not WAITS:
+                sent_s[waiting] = now_s
+                waiting.clear()
+    np.save(folder / "sent.npy", sent_s)
+    print("sent", flush=True)
+    sys.stdin.readline()
+    os._exit(0)
+
+
+def latencies_ms(kind: str, folder: Path, calibration: Calibration, preset: str) -> Any:
+    """Return the latency of each estimate, ms."""
+    where, address = place(kind, folder)
+    program = [sys.executable, __file__, "send", kind, where, str(folder)]
+    process = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    if kind in ("openmv", "serial", "dv"):
+        where = process.stdout.readline().strip()
+        address = address.format(where)
+    source = CameraSource(Address.parse(address), ReadOptions())
+    if kind not in ("openmv", "serial", "dv"):
+        process.stdout.readline()
+    tracker = make_tracker(load_config(preset).with_tracking(rate_hz=RATE_HZ).tracking, calibration)
+    process.stdin.write("\n")
+    process.stdin.flush()
+    stdout = process.stdout
+    threading.Thread(target=lambda: (stdout.readline(), source.close()), daemon=True).start()
+    made = [(frame.t_us, time.monotonic()) for frame in follow(source, tracker, RATE_HZ)]
+    source.release()
+    process.kill()
+    process.communicate()
+    t_us, made_s = (np.array(column) for column in zip(*made[SKIPPED_MS:], strict=True))
+    events = EventPacket.concatenate(list(open_events(folder / "events.npz")))
+    # The window is complete with the first event behind its end: what holds it was sent then.
+    after = np.searchsorted(events.t, t_us, side="right")
+    inside = after < len(events)
+    sent_s = np.load(folder / "sent.npy")[events.t[after[inside]] // US_PER_MS]
+    found = (made_s[inside] - sent_s) * 1e3
+    return found[~np.isnan(found)], dict(source.losses.kinds())
+
+
+def place(kind: str, folder: Path) -> tuple[str, str]:
+    """Return where the sender sends, and the address that the receiver opens."""
+    if kind == "pipe":
+        path = folder / "live.raw"
+        path.unlink(missing_ok=True)
+        os.mkfifo(path)
+        return str(path), f"pipe:{path}"
+    port = str(free_port())
+    return port, {
+        "udp": f"udp:127.0.0.1:{port}?encoding=evt2",
+        "aestream": f"aestream:127.0.0.1:{port}?size=320x320",
+        "dv": "dv://127.0.0.1:{}",
+        "openmv": "openmv:{}?words=1024",
+        "serial": "serial:{}?encoding=evt2",
+    }[kind]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def warm_up(calibration: Calibration, preset: str, events: EventPacket) -> None:
+    config = load_config(preset).with_tracking(rate_hz=RATE_HZ).tracking
+    tracker = make_tracker(config, calibration)
+    for _ in follow(PacketSource([events], SIZE), tracker, RATE_HZ):
+        pass
+
+
+def latency(args: argparse.Namespace) -> None:
+    from spikingtac.events.create import create_events
+
+    events, calibration = simulated(args.seconds)
+    warm_up(calibration, args.preset, events)
+    rate = len(events) / args.seconds / 1e6
+    print(f"{SCENE}, {rate:.3f} Mev/s on average, preset {args.preset}, {RATE_HZ} Hz (simulated)")
+    print(f"{'camera':10} {'p50 ms':>8} {'p99 ms':>8} {'worst':>8} {'estimates':>10}  losses")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with create_events(folder / "events.npz", SIZE) as writer:
+            writer.write(events)
+        for kind in args.kinds.split(","):
+            found, losses = latencies_ms(kind, folder, calibration, args.preset)
+            p50, p99 = np.percentile(found, (50, 99))
+            row = f"{kind:10} {p50:8.3f} {p99:8.3f} {found.max():8.2f} {len(found):10}"
+            print(f"{row}  {losses or 'none'}", flush=True)
+
+
+def cost(args: argparse.Namespace) -> None:
+    from stand_ins.camera_counterparts import COUNTERPARTS, events
+
+    bursts = [events(args.events, 1_000 * number, number) for number in range(1, args.bursts + 1)]
+    print(f"{args.events} events a read, median of {args.bursts}: time of this thread's processor")
+    for kind, wired in COUNTERPARTS.items():
+        with tempfile.TemporaryDirectory() as name, wired(Path(name)) as counterpart:
+            spent_us = []
+            for burst in bursts:
+                counterpart.sender(burst)
+                time.sleep(0.003)  # it has arrived; what is measured is the reading
+                begun_s, got = time.thread_time(), 0
+                while got < len(burst):
+                    rows = counterpart.camera.read(0.2)
+                    assert rows is not None
+                    got += len(rows[3])
+                spent_us.append((time.thread_time() - begun_s) * 1e6)
+        print(f"{kind:16} {np.median(spent_us[10:]):8.0f} us", flush=True)
+
+
+def record(args: argparse.Namespace) -> None:
+    port, pipe = free_port(), args.folder.with_suffix(".copy")
+    pipe.unlink(missing_ok=True)
+    os.mkfifo(pipe)
+    stalled = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # a viewer that never reads
+    address = f"udp:127.0.0.1:{port}?encoding=evt2"
+    program = [sys.executable, "-m", "spikingtac", "record", address, "-o", str(args.folder)]
+    program += ["--json", "--overwrite", "--copy", str(pipe)]
+    process = subprocess.Popen(program, stdout=subprocess.PIPE, text=True)
+    time.sleep(args.lead_s)
+    sending = [
+        sys.executable,
+        __file__,
+        "flood",
+        str(port),
+        str(args.rate_mev_s),
+        str(args.seconds),
+    ]
+    flood = subprocess.Popen(sending, stdout=subprocess.PIPE, text=True)
+    largest_mb, stats = 0.0, Path(f"/proc/{process.pid}/status")
+    while flood.poll() is None:
+        held = [line for line in stats.read_text().splitlines() if line.startswith("VmRSS")]
+        largest_mb = max(largest_mb, int(held[0].split()[1]) / 1e3)
+        time.sleep(0.5)
+    assert flood.stdout is not None
+    sent = json.loads(flood.stdout.read())
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    told = json.loads(process.communicate(timeout=120)[0])
+    os.close(stalled)
+    pipe.unlink(missing_ok=True)
+    readable = sum(len(packet) for packet in open_events(args.folder))
+    print(f"sent      {sent['events']} events in {sent['seconds']:.1f} s")
+    print(f"received  {told['received_events']}, written {told['events']}, readable {readable}")
+    print(f"lost      {told['lost_events']} by the disk, {told['losses']} before this process")
+    print(f"copy      {told['copy_lost_events']} not taken by its reader")
+    print(f"memory    {largest_mb:.0f} MB at most")
+    print(f"files     {told['files']}, {told['bytes'] / 1e6:.0f} MB")
+
+
+def flood(port: int, rate_mev_s: float, seconds: float) -> None:
+    """Send EVT2 datagrams at a rate, without waiting for anybody."""
+    rng = np.random.default_rng(0)
+    count = round(rate_mev_s * 1e3)
+    x, y = (rng.integers(0, side, count).astype(np.uint16) for side in SIZE)
+    p, offset = rng.random(count) < 0.5, np.sort(rng.integers(0, US_PER_MS, count))
+    encoder, pending, sent = Evt2Encoder(), b"", 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        begun_s = time.monotonic()
+        for number in range(round(seconds * 1e3)):
+            pending += encoder.encode(offset + number * US_PER_MS, x, y, p).tobytes()
+            whole = len(pending) // DATAGRAM_BYTES * DATAGRAM_BYTES
+            for at in range(0, whole, DATAGRAM_BYTES):
+                out.sendto(pending[at : at + DATAGRAM_BYTES], ("127.0.0.1", port))
+            pending, sent = pending[whole:], sent + count
+            time.sleep(max(begun_s + number * 1e-3 - time.monotonic(), 0.0))
+        out.sendto(pending, ("127.0.0.1", port))
+        print(json.dumps({"events": sent, "seconds": time.monotonic() - begun_s}))
+
+
+def main() -> None:
+    sys.path.insert(0, str(TESTS))
+    if sys.argv[1] == "send":
+        return sender(sys.argv[2], sys.argv[3], Path(sys.argv[4]))
+    if sys.argv[1] == "flood":
+        return flood(int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    verbs = parser.add_subparsers(required=True)
+    timed = verbs.add_parser("latency")
+    timed.add_argument("--seconds", type=float, default=4.0)
+    timed.add_argument("--preset", default="fast")
+    timed.add_argument("--kinds", default=",".join(KINDS))
+    timed.set_defaults(run=latency)
+    read = verbs.add_parser("cost")
+    read.add_argument("--events", type=int, default=100)
+    read.add_argument("--bursts", type=int, default=200)
+    read.set_defaults(run=cost)
+    kept = verbs.add_parser("record")
+    kept.add_argument("folder", type=Path)
+    kept.add_argument("--rate-mev-s", type=float, default=3.0)
+    kept.add_argument("--seconds", type=float, default=60.0)
+    kept.add_argument("--lead-s", type=float, default=4.0)
+    kept.set_defaults(run=record)
+    args = parser.parse_args()
+    args.run(args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""Events in the datagrams of AEStream and of SPIF boards.
+
+Source: AEStream (MIT), ``src/cpp/output/dvs_to_udp.cpp``. An event takes a little-endian 32-bit
+word: the column in bits 16 to 30, the row in bits 0 to 14, the polarity in bit 15. Where bit 31 is
+clear, a second word holds the time in us, which wraps after 71 minutes; where it is set, the event
+carries no time and gets that of its arrival.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.cameras.udp import UdpSocket
+from spikingtac.errors import ConfigError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.formats.file_source import Rows
+
+NO_TIME = np.uint32(1 << 31)
+WRAP_US = 1 << 32
+US_PER_S = 1e6
+
+
+class AestreamCamera(Camera):
+    """Datagrams with or without times; a datagram has only one kind of events."""
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("size",)
+
+    def __init__(self, address: Address, size: tuple[int, int]) -> None:
+        super().__init__()
+        self.size = size
+        self._socket = UdpSocket(address, self.losses)
+        self._epoch_us, self._last_us = 0, 0
+        self._begun_s = time.monotonic()
+        self._closed = False
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Listen; see :meth:`Camera.open`."""
+        size = address.size("size")
+        if size is None:
+            raise ConfigError(
+                f"{str(address)!r}: the datagrams name no size; give the sensor's: "
+                "aestream:3333?size=346x260"
+            )
+        return cls(address, size)
+
+    @property
+    def port(self) -> int:
+        """The port that is listened on."""
+        return self._socket.port
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
+        if self._closed:
+            return None
+        parts = [self._events(datagram) for datagram in self._socket.datagrams(timeout_s)]
+        if not parts:
+            return self.nothing()
+        x, y, p, t = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return x, y, p, t
+
+    def close(self) -> None:
+        """Release the port."""
+        self._closed = True
+        self._socket.close()
+
+    def describe(self) -> dict[str, Any]:
+        """Return port and encoding."""
+        return {"port": self._socket.port, "encoding": "AEStream datagrams"}
+
+    def _events(self, datagram: bytes) -> Rows:
+        whole = len(datagram) // 4 * 4
+        words = np.frombuffer(datagram[:whole], "<u4")
+        timed = bool(len(words)) and not words[0] & NO_TIME
+        cut = whole < len(datagram) or (timed and len(words) % 2 == 1)
+        self.losses.add("truncated", int(cut))
+        if timed:
+            heads = words[: len(words) // 2 * 2 : 2]
+            t = self._unwrapped(words[1 : 2 * len(heads) : 2])
+        else:
+            heads = words
+            now_us = round((time.monotonic() - self._begun_s) * US_PER_S)
+            t = np.full(len(heads), now_us, np.int64)
+        x, y = (heads >> 16) & 0x7FFF, heads & 0x7FFF
+        return x.astype(np.uint16), y.astype(np.uint16), (heads & 0x8000) > 0, t
+
+    def _unwrapped(self, low: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """Return times beyond the 32 bits of the wire: a fall by half of the range is a wrap."""
+        times = low.astype(np.int64) + self._epoch_us
+        falls = np.diff(times, prepend=self._last_us) < -(WRAP_US // 2)
+        times += np.cumsum(falls) * WRAP_US
+        if len(times):
+            self._epoch_us += int(falls.sum()) * WRAP_US
+            self._last_us = int(times[-1])
+        return times

@@ -1,0 +1,135 @@
+"""A named pipe or standard input that carries RAW: whatever writes it is a camera."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import stat
+import sys
+import time
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from spikingtac.cameras.words import warm_up
+from spikingtac.errors import CameraLostError, ConfigError, DeviceError, FormatError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.formats.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
+from spikingtac.events.formats.evt.raw import NAMES, word_decoder
+from spikingtac.events.formats.evt.words import Rows, WordStream
+
+CHUNK_BYTES = 1 << 18
+"""Most bytes that one read takes and decodes."""
+END_OF_HEADER = b"% end\n"
+PATIENCE_S = 30.0
+"""Longest wait for a writer and its header, s (ours: a camera's software starts in a few)."""
+
+
+class PipeCamera(Camera):
+    """RAW words from a pipe, in the encoding that their header names."""
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ()
+    checked = True
+
+    def __init__(self, file: int, header: RawHeader, pending: bytes, name: str) -> None:
+        super().__init__()
+        if header.encoding is None or header.size is None:
+            os.close(file)
+            raise FormatError(
+                f"the stream of {name!r} must begin with a header that names encoding and size: "
+                "'% evt 3.0', '% geometry 320x320', '% end', one line each"
+            )
+        self.size = header.size
+        self._file: int | None = file
+        self._encoding, self._base_us = header.encoding, header.time_base_us
+        continuous = header.encoding == "evt3" and header.generated_here
+        order = header.byte_order or "little"
+        decoder = word_decoder(header.encoding, header.size, order, continuous)
+        warm_up(header.encoding, header.size, order)
+        self._stream = WordStream(decoder, self.losses, self.triggers)
+        self._pending = pending
+        self._ended = False
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Wait for the writer and its header; see :meth:`Camera.open`."""
+        file = _opened(address)
+        try:
+            lines, pending = _header(file, str(address))
+        except BaseException:
+            os.close(file)
+            raise
+        return cls(file, read_header(io.BytesIO(lines)), pending, str(address))
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return what the pipe holds; see :meth:`Camera.read`."""
+        if self._file is None or self._ended:
+            return None
+        data, self._pending = self._pending, b""
+        if not data:
+            data = _read(self._file, timeout_s)
+        if data is None:
+            return self.nothing()
+        self._ended = not data
+        x, y, p, t = self._stream.feed(data, final=self._ended)
+        if self._ended and not len(t):
+            return None
+        return x, y, p, t + self._base_us if self._base_us else t
+
+    def close(self) -> None:
+        """Leave the pipe."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the encoding."""
+        return {"encoding": NAMES[self._encoding]}
+
+
+def _opened(address: Address) -> int:
+    if address.target in ("-", ""):
+        if sys.stdin.isatty():
+            raise DeviceError("standard input is a terminal; pipe RAW into it, or name a pipe")
+        return os.dup(sys.stdin.fileno())
+    path = Path(address.target)
+    if not path.exists():
+        raise DeviceError(f"there is no pipe {str(path)!r}; make it with: mkfifo {path}")
+    mode = path.stat().st_mode
+    if not (stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)):
+        raise ConfigError(f"{str(path)!r} is no pipe; name a file without 'pipe:'")
+    # Without waiting, so that Ctrl-C and a deadline work while no writer is there.
+    return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+
+
+def _header(file: int, name: str) -> tuple[bytes, bytes]:
+    """Return the header and the first bytes after it."""
+    until_s, data = time.monotonic() + PATIENCE_S, b""
+    while time.monotonic() < until_s and len(data) < HEADER_LIMIT_BYTES:
+        piece = _read(file, 0.05)
+        if piece:
+            data += piece
+        elif piece == b"":
+            time.sleep(0.01)  # no writer yet, or it has left
+        if data and not data.startswith(b"%"):
+            return b"", data
+        place = data.find(END_OF_HEADER)
+        if place >= 0:
+            end = place + len(END_OF_HEADER)
+            return data[:end], data[end:]
+    raise CameraLostError(
+        f"nothing wrote a RAW header into {name!r} for {PATIENCE_S:g} s; start the camera's "
+        "software, and let its header end with a line '% end'"
+    )
+
+
+def _read(file: int, timeout_s: float) -> bytes | None:
+    """Return bytes, nothing at the writer's end, or None where nothing came in time."""
+    ready, _, _ = select.select([file], [], [], timeout_s)
+    if not ready:
+        return None
+    try:
+        return os.read(file, CHUNK_BYTES)
+    except BlockingIOError:
+        return None

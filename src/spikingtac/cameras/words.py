@@ -1,0 +1,138 @@
+"""EVT words of a stream without a header: which encoding and size, and their decoding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.address import Address
+from spikingtac.events.formats.codec import Trigger
+from spikingtac.events.formats.evt.header import ENCODINGS
+from spikingtac.events.formats.evt.raw import NAMES, word_decoder
+from spikingtac.events.formats.evt.words import Rows, WordStream
+from spikingtac.types import LossCounters
+
+GENX320_SIZE = (320, 320)
+"""Width and height of the sensor that is assumed unless an address names another, px."""
+BYTE_ORDERS = ("little", "legacy", "big")
+"""Orders of EVT2.1 words: a GenX320 sends ``little``, an IMX636 ``legacy``."""
+WORD_OPTIONS = ("encoding", "size", "order")
+"""Options of addresses whose words come without a header."""
+
+
+_TIME_WORDS = {
+    "evt2": ("<u4", slice(None), 28),
+    "evt21/little": ("<u4", slice(1, None, 2), 28),
+    "evt21/legacy": ("<u4", slice(0, None, 2), 28),
+    "evt21/big": (">u4", slice(0, None, 2), 28),
+    "evt3": ("<u2", slice(None), 12),
+}
+"""Numbers among which the time words are, which of them, and the bits of the upper time; the bits
+above those hold the word's type."""
+TIME_HIGH = 8
+"""Type of the words of upper time in all three encodings."""
+
+
+class BareWords:
+    """A decoder for words that nothing describes but the address.
+
+    Args:
+        address: With options ``encoding`` (evt2 unless given), ``size`` (320x320 unless given) and,
+            for EVT2.1, ``order`` (little unless given).
+        losses: Counters to fill.
+        triggers: Where trigger edges are appended.
+
+    Attributes:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        word_bytes: Bytes of a word.
+
+    Raises:
+        ConfigError: An option is not valid.
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        losses: LossCounters,
+        triggers: list[Trigger],
+        encoding: str = "evt2",
+    ) -> None:
+        self.encoding = address.text("encoding", encoding, ENCODINGS)
+        self.size = address.size("size") or GENX320_SIZE
+        self._order = address.text("order", "little", BYTE_ORDERS)
+        if "order" in address.options and self.encoding != "evt21":
+            raise ConfigError(f"{str(address)!r}: order is of EVT2.1 words; leave it out")
+        self._form = self.encoding + (f"/{self._order}" if self.encoding == "evt21" else "")
+        decoder = word_decoder(self.encoding, self.size, self._order)
+        self._stream = WordStream(decoder, losses, triggers)
+        self._losses = losses
+        self._reached: int | None = None
+        self.word_bytes = decoder.word.itemsize
+        warm_up(self.encoding, self.size, self._order)
+
+    def feed(self, data: bytes, final: bool = False) -> Rows:
+        """Return the columns of the events in the next bytes; they are overwritten by the next."""
+        return self._stream.feed(data, final)
+
+    def in_order(self, pieces: list[bytes]) -> list[bytes]:
+        """Return pieces that are at hand together by their time; count those that came late.
+
+        A piece that is older than what was fed before stays late: its events are kept, at the time
+        that was reached by then.
+
+        Args:
+            pieces: Whole words each, as they came.
+        """
+        late, steps, step = 0, [], 0
+        for piece in pieces:
+            time = self._first_time(piece)
+            if time is not None:
+                self._reached = time if self._reached is None else self._reached
+                step = self._ahead(time, self._reached)
+                late += step < max(steps, default=0)
+            steps.append(step)  # a piece without a time word follows the one before it
+        self._losses.add("reordered", late)
+        if self._reached is not None:
+            self._reached += max(0, *steps) if steps else 0
+        if not late:
+            return pieces
+        return [piece for _, piece in sorted(zip(steps, pieces, strict=True), key=_step)]
+
+    def _ahead(self, time: int, other: int) -> int:
+        """Return how much later an upper time is than another one; their counter wraps."""
+        half = 1 << (_TIME_WORDS[self._form][2] - 1)
+        return (time - other + half) % (2 * half) - half
+
+    def _first_time(self, piece: bytes) -> int | None:
+        kind, chosen, bits = _TIME_WORDS[self._form]
+        words = np.frombuffer(piece, kind)[chosen]
+        times = words[words >> bits == TIME_HIGH]
+        return int(times[0]) & ((1 << bits) - 1) if len(times) else None
+
+    def describe(self) -> dict[str, Any]:
+        """Return the encoding for a manifest."""
+        named: dict[str, Any] = {"encoding": NAMES[self.encoding]}
+        return named | ({"byte_order": self._order} if self.encoding == "evt21" else {})
+
+
+def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None:
+    """Compile, or load, what decodes and what mends, before words wait for it.
+
+    Args:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        order: Byte order of EVT2.1 words.
+    """
+    stream = WordStream(word_decoder(encoding, size, order), LossCounters(), [])
+    stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
+
+
+NOISE_BYTES = 1 << 14
+"""Noise in which everything is to be mended, bytes."""
+
+
+def _step(placed: tuple[int, bytes]) -> int:
+    return placed[0]

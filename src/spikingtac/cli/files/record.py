@@ -1,0 +1,177 @@
+"""``spikingtac record``: a camera to disk, without losing an event in silence."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.errors import ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.cameras.recording.session import Progress
+
+EXIT_MACHINE = 3
+MEV = 1e6
+MB = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Record a camera into a folder until Ctrl-C; what was received stays, whatever happens.
+
+    Every event is on disk or counted as lost. The folder can be read like any recording, also
+    after a crash, a full disk or an unplugged cable. A camera that is unplugged is waited for.
+    """
+
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
+    """Address of a camera (spikingtac cameras lists them), a named pipe, or -."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
+    """Folder to write: events.raw (EVT3), later files events.0001.raw ..., manifest.json."""
+    seconds: float | None = None
+    """Length, s; until Ctrl-C unless given."""
+    split: Annotated[str, tyro.conf.arg(metavar="SIZE|TIME")] = "1GB"
+    """When the next file begins: a size (500MB, 2GB) or a duration (60s, 10min, 1h)."""
+    copy: Annotated[Path | None, tyro.conf.arg(metavar="PIPE")] = None
+    """Named pipe for a live copy, to watch meanwhile: spikingtac view PIPE. A reader that stalls
+    delays nothing; what it does not take is counted."""
+    overwrite: bool = False
+    """Replace a recording that is there."""
+    json: bool = False
+    """Print one JSON object at the end."""
+
+
+def run(args: Args) -> int:
+    """Record, and print what was recorded; exit 3 where the disk refused to write."""
+    from spikingtac.cameras.recording.segments import Split
+    from spikingtac.cameras.recording.session import (
+        RecordOptions,
+        prepare_folder,
+        record,
+        recorded,
+    )
+    from spikingtac.events.address import Address
+    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.formats.file_source import ReadOptions
+
+    if args.seconds is not None and not args.seconds > 0.0:
+        raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
+    options = RecordOptions(
+        split=Split.parse(args.split),
+        seconds=math.inf if args.seconds is None else args.seconds,
+        copy=args.copy,
+    )
+    address = Address.parse(camera_address(args.source))
+    recorded(args.output, args.overwrite)  # before the camera is waited for
+    remark(f"opening {address}; Ctrl-C ends the recording")
+    source = CameraSource(address, ReadOptions(), when_lost="reconnect")
+    prepare_folder(args.output, args.overwrite)
+    with ending_on_interrupt(source), _screen() as show:
+        summary = record(source, args.output, options, show)
+    if args.json:
+        emit_json(summary)
+    else:
+        _print(summary)
+    if summary["failure"] is not None:
+        remark(
+            f"spikingtac: error: nothing more could be written ({summary['failure']}); "
+            f"{summary['events']} events are in {str(args.output)!r} and can be read, "
+            f"{summary['lost_events']} were lost; make room, or choose another disk"
+        )
+        return EXIT_MACHINE
+    return 0
+
+
+def camera_address(source: Path) -> str:
+    """Return the address that a source means; a pipe is one, too.
+
+    Raises:
+        ConfigError: It is a file or a folder.
+    """
+    from spikingtac.events.address import is_address
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+
+    if is_address(source):
+        return str(source)
+    if is_stream(source):
+        return f"pipe:{source}"
+    if source.exists():
+        raise ConfigError(
+            f"{str(source)!r} is recorded already; to copy it or a part of it: "
+            "spikingtac convert IN OUT"
+        )
+    raise ConfigError(
+        f"{str(source)!r} is no camera; give an address, as udp:7777?encoding=evt2&size=320x320, "
+        "or a named pipe (spikingtac cameras lists what is plugged in)"
+    )
+
+
+@contextmanager
+def _screen() -> Iterator[Callable[[Progress], object]]:
+    """Yield what shows the progress: one line on stderr where it is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda progress: None
+        return
+    try:
+        yield lambda progress: sys.stderr.write(f"\r\x1b[2K{line(progress)}")
+    finally:
+        sys.stderr.write("\r\x1b[2K")
+
+
+def line(progress: Progress) -> str:
+    """Return the progress in one line."""
+    disk, camera = progress.disk, progress.camera
+    parts = [
+        f"{progress.seconds:.1f} s",
+        f"{camera.rate_ev_s / MEV:.3f} Mev/s",
+        f"{disk.written_bytes / MB:.1f} MB in {disk.parts} file{'s' * (disk.parts != 1)}",
+    ]
+    if camera.interval_p50_ms is not None:
+        parts.append(f"a packet every {camera.interval_p50_ms:.1f} ms")
+    if not camera.connected:
+        parts.append("THE CAMERA IS GONE, waiting for it")
+    if disk.lost_events:
+        parts.append(f"LOST {disk.lost_events} events: the disk is too slow")
+    parts += [f"{kind} {count}" for kind, count in camera.losses.items()]
+    if progress.copy_lost:
+        parts.append(f"{progress.copy_lost} not taken by the reader of the copy")
+    return "  ".join(parts)
+
+
+def _print(summary: dict[str, Any]) -> None:
+    delivery = summary["delivery"]
+    clock = summary["clock"]
+    rows = [
+        ("recorded", f"{summary['seconds']:.1f} s, ended by: {ENDED[summary['ended']]}"),
+        ("events", f"{summary['events']} on disk, {summary['lost_events']} lost"),
+        ("files", f"{summary['files']}, {summary['bytes'] / MB:.1f} MB"),
+        ("reconnects", f"{delivery['reconnects']}, away for {delivery['away_s']:.1f} s"),
+    ]
+    if delivery["interval_p50_ms"] is not None:
+        interval = (
+            f"{delivery['interval_p50_ms']:.1f} ms, 99 %: {delivery['interval_p99_ms']:.1f} ms"
+        )
+        rows.append(("delivered every", interval))
+    if clock is not None and clock["drift_error_ppm"] is not None:
+        drift = f"{clock['drift_ppm']:.1f} +- {clock['drift_error_ppm']:.1f} ppm against this host"
+        rows.append(("camera's clock", drift))
+    rows += [(kind, str(count)) for kind, count in summary["losses"].items()]
+    emit_table(f"recording {summary['output']}", ("", ""), rows, words=2)
+
+
+ENDED = {
+    "closed": "Ctrl-C",
+    "seconds": "--seconds",
+    "ended": "the camera",
+    "lost": "the camera, which is gone",
+    "disk": "the disk",
+}
+"""Why a recording ended, in words."""

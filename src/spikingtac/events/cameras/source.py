@@ -1,0 +1,198 @@
+"""A camera as a source of packets: counted, timed, and on request reconnected."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from spikingtac.errors import CameraLostError, DeviceError, RecordingError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.cameras.clock import ClockFit
+from spikingtac.events.cameras.health import CameraHealth, DeliveryMeter
+from spikingtac.events.cameras.kinds import open_camera
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+
+WhenLost = Literal["end", "raise", "reconnect"]
+"""What to do when a camera is gone: end the stream and count it, raise, or wait until it is back.
+
+A robot's guard must never reconnect: the watchdog has to trip.
+"""
+POLL_S = 0.02
+"""Longest wait for a camera before the source looks whether it shall stop, s (ours: nobody notices
+it, and it costs nothing)."""
+RETRY_S = 0.25
+"""Time between two attempts to open a camera that is gone, s (ours: USB enumerates in about 0.5 s,
+and an attempt costs a few ms)."""
+LONGEST_S = 1e7
+US_PER_S = 1e6
+
+
+class Gap(NamedTuple):
+    """A stretch of sensor time without a camera, us."""
+
+    t_from_us: int
+    t_to_us: int
+
+
+class CameraSource(FileSource):
+    """Events of a camera, packet by packet as they come.
+
+    A new iteration goes on where the last one ended. After a reconnect the sensor's clock begins
+    anew; its times are moved so that they go on from the last event by the host's clock.
+
+    Args:
+        address: The camera's.
+        options: ``strict`` and ``chunk_events`` as of a file; size and encoding stand in the
+            address.
+        when_lost: What happens when the camera is gone.
+
+    Attributes:
+        camera: The open camera.
+        ended: Why the iteration ended: ``closed``, ``seconds``, ``ended`` (by itself) or ``lost``;
+            empty before.
+        on_poll: Called before each wait for the camera, also while nothing comes; must be quick.
+        clock: Learns how the sensor's clock maps to the host's.
+        gaps: Stretches for which the camera was gone.
+        received_s: When the latest packets' events were at hand, on the monotonic clock, s.
+
+    Raises:
+        ConfigError: The address is not understood.
+        MissingExtraError: The camera's library is not installed.
+        DeviceError: There is no such camera, or it refuses.
+    """
+
+    def __init__(self, address: Address, options: ReadOptions, when_lost: WhenLost = "end") -> None:
+        self.address, self.when_lost = address, when_lost
+        self._seconds = address.number("seconds", LONGEST_S, 1e-3, LONGEST_S)
+        self.camera: Camera = open_camera(address)
+        self.checked = self.camera.checked
+        self.format = f"{address.kind} camera"
+        super().__init__(Path(str(address)), options)
+        self.ended = ""
+        self.on_poll: Callable[[], object] = lambda: None
+        self.received_s = time.monotonic()
+        self.clock = ClockFit()
+        self.gaps: list[Gap] = []
+        self._meter = DeliveryMeter()
+        self._closing = False
+        self._offset_us = 0
+        self._last_us, self._last_s = 0, self.received_s
+        self._resumed = False
+
+    def health(self) -> CameraHealth:
+        """Return how the camera delivers."""
+        return self._meter.health(dict(self.losses.kinds()))
+
+    def close(self) -> None:
+        """End the iteration soon; may be called from another thread or a signal handler."""
+        self._closing = True
+
+    def release(self) -> None:
+        """Close the camera; nothing can be read afterwards."""
+        self._closing = True
+        self.camera.close()
+        self._take_counts()
+
+    def _size(self) -> tuple[int, int]:
+        return self.camera.size
+
+    def _columns(self) -> Iterator[Rows]:
+        begun_s = time.monotonic()
+        self.ended = ""
+        try:
+            while not self._closing:
+                self.progress = min((time.monotonic() - begun_s) / self._seconds, 1.0)
+                if self.progress >= 1.0:
+                    self.ended = "seconds"
+                    return
+                self.on_poll()
+                rows = self._read()
+                if rows is None:
+                    self.ended = self.ended or ("closed" if self._closing else "ended")
+                    return
+                if len(rows[3]):
+                    yield self._placed(rows)
+            self.ended = "closed"
+        finally:
+            if self._closing or self.ended:
+                self.camera.close()
+                self._take_counts()
+
+    def _read(self) -> Rows | None:
+        try:
+            rows = self.camera.read(POLL_S)
+        except CameraLostError:
+            self._take_counts()
+            if self.when_lost == "raise":
+                raise
+            self.losses.add("disconnected")
+            if self.when_lost == "end":
+                self.ended = "lost"
+                return None
+            return self._reconnect()
+        self._take_counts()
+        if rows is not None and len(rows[3]):
+            self.received_s = time.monotonic()
+            self._meter.delivered(len(rows[3]), self.received_s)
+        return rows
+
+    def _reconnect(self) -> Rows | None:
+        """Wait for the camera; return no events, or None where the source was closed meanwhile."""
+        gone_s = time.monotonic()
+        self._meter.connected = False
+        self.camera.close()
+        while not self._closing:
+            try:
+                camera = open_camera(self.address)
+            except (DeviceError, RecordingError, OSError):
+                self.on_poll()
+                time.sleep(RETRY_S)
+                continue
+            if camera.size != self.size:
+                camera.close()
+                raise DeviceError(
+                    f"{self.address}: a camera of {camera.size[0]}x{camera.size[1]} px came back, "
+                    f"it was {self.size[0]}x{self.size[1]}; plug in the same one"
+                )
+            self._adopt(camera, gone_s)
+            return Camera.nothing()
+        return None
+
+    def _adopt(self, camera: Camera, gone_s: float) -> None:
+        self.camera, self._resumed = camera, self._last_us > 0
+        self._meter.connected = True
+        self._meter.reconnects += 1
+        self._meter.away_s += time.monotonic() - gone_s
+        self._meter.forget()
+        self.losses.add("reconnected")
+
+    def _take_counts(self) -> None:
+        """Move what the camera has counted to the source, which outlives it."""
+        camera = self.camera
+        if camera.losses:
+            for kind, count in camera.losses.kinds():
+                self.losses.add(kind, count)
+            camera.losses.clear()
+        if camera.triggers:
+            self.triggers.extend(camera.triggers)
+            camera.triggers.clear()
+
+    def _placed(self, rows: Rows) -> Rows:
+        """Return the columns with times that go on after a reconnect."""
+        x, y, p, t = rows
+        if self._resumed:
+            away_us = round((self.received_s - self._last_s) * US_PER_S)
+            self._offset_us = self._last_us + away_us - int(t[0])
+            self._resumed = False
+            self.gaps.append(Gap(self._last_us, self._last_us + away_us))
+            self.clock.forget()
+        if self._offset_us:
+            t = t.astype(np.int64) + self._offset_us
+        self._last_us, self._last_s = int(t[-1]), self.received_s
+        self.clock.arrived(self._last_us, self.received_s)
+        return x, y, p, t

@@ -1,0 +1,144 @@
+"""The digital twin as a camera: a scene's events as real time passes, in a process of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.address import Address, is_address
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.formats.file_source import Rows
+from spikingtac.live.factory import Factory
+from spikingtac.live.process_source import ProcessSource
+from spikingtac.sim.camera.config import CAMERA_NAMES
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.first_contact import touch_once
+from spikingtac.sim.scene.source import SceneSource
+from spikingtac.types import EventPacket
+
+US_PER_S = 1e6
+LARGEST_SEED = (1 << 32) - 1
+NAP_S = 0.001
+"""Longest sleep before a packet is looked at again, s."""
+
+
+class TwinCamera(Camera):
+    """A scene's packets, none before its time; a machine that is too slow delivers them late."""
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("seed", "camera")
+    checked = True
+
+    def __init__(self, scene: str, seed: int, camera: str | None) -> None:
+        super().__init__()
+        found = catalog.load(scene).with_camera(camera)
+        self.size = found.size
+        self.scene, self.seed, self._preset = scene, seed, camera
+        self._found, self._at_rest = found, SceneSource(found, seed)
+        arguments = {"name": scene, "seed": seed, "camera": camera}
+        self._source = ProcessSource(
+            Factory(function=_prepared_packets, arguments=arguments),
+            self.size,
+            lambda rows: self.take_truth({"marker_t_us": rows[0], "marker_px": rows[1]}),
+        )
+        self._packets = iter(self._source)
+        self._closed = False
+        # Waits until the kernels are compiled: only then time begins.
+        self._next: EventPacket | None = next(self._packets, None)
+        self._zero_s: float | None = None
+
+    @classmethod
+    def open(cls, address: Address) -> Self:
+        """Start to simulate; see :meth:`Camera.open`."""
+        if not address.target:
+            raise ConfigError("twin: needs the name of a scene (spikingtac simulate --list)")
+        return cls(address.target, *twin_options(address))
+
+    def read(self, timeout_s: float) -> Rows | None:
+        """Return the events up to now; see :meth:`Camera.read`."""
+        until_s = time.monotonic() + timeout_s
+        while not self._closed:
+            packet = self._next or next(self._packets, None)
+            if packet is None:
+                return None
+            now_s = time.monotonic()
+            if self._zero_s is None:
+                self._zero_s = now_s - packet.t_end_us / US_PER_S
+            wait_s = self._zero_s + packet.t_end_us / US_PER_S - now_s
+            if wait_s <= 0.0:
+                self._next = None
+                return packet.x, packet.y, packet.p, packet.t
+            self._next = packet
+            if now_s >= until_s:
+                return self.nothing()
+            time.sleep(min(wait_s, until_s - now_s, NAP_S))
+        return None
+
+    def close(self) -> None:
+        """Stop the simulation."""
+        if not self._closed:
+            self._closed = True
+            self._source.close()
+
+    def describe(self) -> dict[str, Any]:
+        """Return scene and seed, and that it is simulated."""
+        named = {"simulated": True, "scene": self.scene, "seed": self.seed}
+        return named | ({"camera": self._preset} if self._preset else {})
+
+    def truth(self) -> dict[str, NDArray[np.floating[Any]]]:
+        """Return ``reference_px (m, 2)`` and ``radius_px (m,)``: the markers at rest, px."""
+        rest = self._at_rest
+        return {
+            "reference_px": rest.reference_px.astype(np.float32),
+            "radius_px": rest.radius_px.astype(np.float32),
+        }
+
+    def manifest(self) -> dict[str, Any]:
+        """Return what a simulation's own manifest says, so that the folder reads like one."""
+        found = self._found
+        return {
+            "source": "twin",
+            "scene_sha256": found.digest(),
+            "seed": self.seed,
+            "grid": list(found.skin.grid),
+            "contrast": found.camera.resolve(found.size).light.contrast,
+        }
+
+
+def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
+    """Yield a scene's packets, each with the times and positions of its markers."""
+    for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
+        yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
+
+
+def _prepared_packets(
+    name: str, seed: int, camera: str | None
+) -> Iterator[tuple[EventPacket, Any]]:
+    touch_once(catalog.load(name), seed)  # compiled here, the first contact would stop time
+    yield from truthful_packets(name, seed, camera)
+
+
+def is_twin(source: str) -> bool:
+    """Return whether a source is the address of a scene of the twin."""
+    return is_address(source) and Address.parse(source).kind == "twin"
+
+
+def twin_options(
+    address: Address, seed: int = 0, camera: str | None = None
+) -> tuple[int, str | None]:
+    """Return seed and camera preset of a twin's address.
+
+    Args:
+        address: Of kind ``twin``.
+        seed: Where the address names none.
+        camera: Where the address names none; None is the scene's own.
+
+    Raises:
+        ConfigError: One of them is not valid.
+    """
+    preset = address.text("camera", camera or "", ("", *CAMERA_NAMES))
+    return int(address.number("seed", seed, 0, LARGEST_SEED)), preset or None

@@ -1,0 +1,286 @@
+"""``record`` over real sockets: every event on disk or counted, whatever happens to the process."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cameras.recording.recorder import Recorder
+from spikingtac.cameras.recording.segments import Split
+from spikingtac.cameras.recording.session import RecordOptions, prepare_folder, record
+from spikingtac.cli.main import main
+from spikingtac.errors import CameraLostError, ConfigError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras import source as camera_source
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.open import open_events
+from spikingtac.events.recording import Recording
+from spikingtac.live.arrivals import stream_arrivals
+from spikingtac.types import EventPacket
+from stand_ins.camera_counterparts import SIZE, datagrams, events
+
+COMMAND = Path(sys.executable).with_name("spikingtac")
+PATIENCE_S = 120.0
+"""A cold cache is compiled first."""
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def start(folder: Path, port: int, *more: object) -> subprocess.Popen[str]:
+    """Start the verb, and wait until it listens."""
+    address = f"udp:127.0.0.1:{port}?encoding=evt2&size=320x320"
+    given = [str(COMMAND), "record", address, "-o", str(folder), "--json", *map(str, more)]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(given, stdout=pipe, stderr=pipe, text=True)
+    until_s = time.monotonic() + PATIENCE_S
+    while not (folder / "manifest.json").exists() and time.monotonic() < until_s:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    return process
+
+
+def send(port: int, packets: list[EventPacket]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for packet in packets:
+            for datagram in datagrams(packet):
+                out.sendto(datagram, ("127.0.0.1", port))
+            time.sleep(0.005)
+
+
+def bursts(count: int) -> list[EventPacket]:
+    return [events(2_000, first_us=1_000 + 5_000 * number, seed=number) for number in range(count)]
+
+
+def whole(folder: Path) -> EventPacket:
+    return EventPacket.concatenate(list(open_events(folder)))
+
+
+def written(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.glob("events*.raw"))
+
+
+def wait_until_written(folder: Path) -> None:
+    """Wait until the files grow no more: 0.1 s, what the recorder promises."""
+    size = -1
+    while (now := written(folder)) != size or not now:
+        size = now
+        time.sleep(0.1)
+
+
+def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
+    folder, port = tmp_path / "rec", free_port()
+    process = start(folder, port, "--split", "0.05s")
+    sent = bursts(40)
+    send(port, sent)
+    wait_until_written(folder)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, error
+    told = json.loads(out)
+    assert (told["ended"], told["events"], told["lost_events"]) == ("closed", 80_000, 0)
+    assert told["files"] >= 3
+    found, expected = whole(folder), EventPacket.concatenate(sent)
+    for column in ("x", "y", "p"):
+        np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
+    np.testing.assert_array_equal(found.t - found.t[0], expected.t - expected.t[0])
+    manifest = Recording.open(folder).manifest
+    assert manifest["complete"] is True
+    for part in manifest["files"]:
+        assert hashlib.sha256((folder / part["name"]).read_bytes()).hexdigest() == part["sha256"]
+    assert not list(folder.glob(".*"))
+
+
+def test_a_killed_recorder_leaves_everything_that_came(tmp_path: Path) -> None:
+    folder, port = tmp_path / "rec", free_port()
+    process = start(folder, port)
+    sent = bursts(10)
+    send(port, sent)
+    wait_until_written(folder)
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+    assert len(whole(folder)) == 20_000
+    assert Recording.open(folder).manifest["complete"] is False
+
+
+def test_a_full_disk_keeps_what_is_on_it(tmp_path: Path) -> None:
+    folder, port = tmp_path / "disk", free_port()
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=768k", "tmpfs", str(folder)], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip("a small file system needs the right to mount one")
+    try:
+        process = start(folder, port)
+        send(port, bursts(120))
+        out, error = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 3, error
+        told = json.loads(out)
+        assert told["ended"] == "disk"
+        assert "No space left" in error
+        kept = len(whole(folder))
+        assert kept >= told["events"] > 50_000
+        assert told["events"] + told["lost_events"] == told["received_events"]
+        manifest = Recording.open(folder).manifest
+        assert manifest["lost_events"] == told["lost_events"] > 0
+        assert manifest["failure"]
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+class Flaky(Camera):
+    """A camera that is unplugged after some packets, and plugged in again later."""
+
+    OPTIONS = ()
+    checked = True
+    opened = 0
+    plugged = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.size = SIZE
+        type(self).opened += 1
+        self._left = [events(500, first_us=1_000 * n, seed=n) for n in range(1, 4)]
+
+    @classmethod
+    def open(cls, address: Address) -> Flaky:
+        if not cls.plugged:
+            raise CameraLostError("not plugged in")
+        return cls()
+
+    def read(self, timeout_s: float) -> Rows | None:
+        if not self._left:
+            type(self).plugged = False
+            raise CameraLostError("unplugged")
+        packet = self._left.pop(0)
+        return packet.x, packet.y, packet.p, packet.t
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def flaky(monkeypatch: pytest.MonkeyPatch) -> type[Flaky]:
+    Flaky.opened, Flaky.plugged = 0, True
+    monkeypatch.setattr(camera_source, "open_camera", Flaky.open)
+    return Flaky
+
+
+def test_an_unplugged_camera_comes_back_with_time_that_goes_on(
+    flaky: type[Flaky], tmp_path: Path
+) -> None:
+    source = CameraSource(Address.parse("flaky:"), ReadOptions(), when_lost="reconnect")
+    prepare_folder(tmp_path / "rec", overwrite=False)
+    looks = 0
+
+    def plug_in_again(_: object) -> None:
+        nonlocal looks
+        looks += 1
+        flaky.plugged = flaky.plugged or looks > 1
+        if flaky.opened == 2:
+            source.close()
+
+    told = record(source, tmp_path / "rec", RecordOptions(seconds=20.0), plug_in_again)
+    assert told["losses"]["reconnected"] == 1
+    assert told["delivery"]["reconnects"] == 1
+    (gap,) = told["gaps"]
+    found = whole(tmp_path / "rec")
+    assert len(found) == told["events"] == told["received_events"]
+    assert (np.diff(found.t) >= 0).all()
+    assert gap["t_to_us"] - gap["t_from_us"] > 100_000
+    assert np.diff(found.t).max() == pytest.approx(gap["t_to_us"] - gap["t_from_us"], abs=2)
+
+
+def test_a_lost_camera_ends_a_stream_or_raises_for_a_robot(flaky: type[Flaky]) -> None:
+    source = CameraSource(Address.parse("flaky:"), ReadOptions())
+    assert sum(len(packet) for packet in source) == 1_500
+    assert (source.ended, source.losses["disconnected"]) == ("lost", 1)
+    flaky.plugged = True
+    with pytest.raises(CameraLostError):
+        list(stream_arrivals("flaky:"))
+    assert flaky.opened == 2  # it was opened once for each, and not again
+
+
+def test_a_slow_disk_loses_nothing_in_silence(tmp_path: Path) -> None:
+    """The writer is held up; memory is bounded, and each event is on disk or counted."""
+    room = 13 * 10_000
+    recorder = Recorder(tmp_path, SIZE, room_bytes=room)
+    held = recorder._segments
+    write = held.write
+    held.write = lambda packet: (time.sleep(0.2), write(packet))[1]  # type: ignore[method-assign]
+    sent = 0
+    for number in range(40):
+        packet = events(2_000, first_us=5_000 * (number + 1), seed=number)
+        sent += len(packet)
+        recorder.offer(packet)
+        assert recorder.state.waiting_events <= 10_000
+    state = recorder.close()
+    assert state.lost_events > 0
+    assert state.written_events + state.lost_events == sent
+    assert len(whole(tmp_path)) == state.written_events
+    manifest = Recording.open(tmp_path).manifest
+    assert sum(gap["events"] for gap in manifest["lost"]) == state.lost_events
+
+
+def test_a_stalled_watcher_costs_the_recording_nothing(tmp_path: Path) -> None:
+    folder, port, pipe = tmp_path / "rec", free_port(), tmp_path / "live"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # never reads
+    process = start(folder, port, "--copy", pipe)
+    time.sleep(0.3)
+    send(port, [events(60_000, 1_000 + 70_000 * n, n) for n in range(20)])
+    wait_until_written(folder)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, error
+    told = json.loads(out)
+    assert told["copy_lost_events"] > 0
+    assert told["lost_events"] == 0
+    lost_by_kernel = told["losses"].get("overflow", 0)
+    assert lost_by_kernel or len(whole(folder)) == told["events"] == 1_200_000
+    os.close(reader)
+
+
+def test_a_recording_is_replaced_only_by_a_camera_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "rec"
+    folder.mkdir()
+    (folder / "events.raw").write_bytes(b"old")
+    given = ["record", f"pipe:{tmp_path / 'missing'}", "-o", str(folder)]
+    assert main(given) == 2  # refused at once, before the camera is waited for
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*given, "--overwrite"]) == 3
+    assert (folder / "events.raw").read_bytes() == b"old"
+    assert main([*given[:3], str(tmp_path / "new")]) == 3
+    assert not (tmp_path / "new").exists()
+
+
+def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="60s"):
+        Split.parse("often")
+    (tmp_path / "events.raw").write_bytes(b"old")
+    with pytest.raises(ConfigError, match="--overwrite"):
+        prepare_folder(tmp_path, overwrite=False)
+    prepare_folder(tmp_path, overwrite=True)
+    assert not (tmp_path / "events.raw").exists()
+    given = [str(COMMAND), "record", str(tmp_path / "a.raw"), "-o", str(tmp_path / "rec")]
+    done = subprocess.run(given, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "no camera" in done.stderr

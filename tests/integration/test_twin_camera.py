@@ -1,0 +1,60 @@
+"""The twin as a camera: its scene's events as time passes, with the truth beside them."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from spikingtac.cameras.recording.session import RecordOptions, prepare_folder, record
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.events.open import open_events
+from spikingtac.events.recording import Recording
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.source import SceneSource
+from spikingtac.types import EventPacket
+from spikingtac.viewer.session.opening import open_view_source
+
+
+def test_it_gives_the_events_of_its_scene_as_time_passes() -> None:
+    source = CameraSource(Address.parse("twin:quiet?seed=3&seconds=0.4"), ReadOptions())
+    begun_s, early = time.monotonic(), []
+    packets: list[EventPacket] = []
+    for packet in source:
+        early.append(packet.t_end_us / 1e6 - (time.monotonic() - begun_s))
+        packets.append(packet)
+    source.release()
+    found = EventPacket.concatenate(packets)
+    wanted = EventPacket.concatenate(list(SceneSource(catalog.load("quiet"), 3, duration_s=1.0)))
+    assert len(found) > 100
+    np.testing.assert_array_equal(found.t, wanted.t[: len(found)])
+    np.testing.assert_array_equal(found.x, wanted.x[: len(found)])
+    assert max(early) < 0.02  # at most what had come before the first look
+
+
+def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
+    source = CameraSource(Address.parse("twin:quiet?seed=3"), ReadOptions())
+    prepare_folder(tmp_path / "rec", overwrite=False)
+    told = record(source, tmp_path / "rec", RecordOptions(seconds=0.5))
+    assert told["ended"] == "seconds"
+    recording = Recording.open(tmp_path / "rec")
+    truth = recording.truth()
+    assert truth is not None
+    assert truth["marker_px"].shape[1:] == (64, 2)
+    assert truth["marker_t_us"][-1] >= recording.manifest["t_end_us"] - 10_000
+    assert recording.manifest["source"] == "twin"
+    assert sum(len(packet) for packet in open_events(tmp_path / "rec")) == told["events"]
+    view = open_view_source(str(tmp_path / "rec"))
+    assert view.simulated
+    assert view.calibration.grid == (8, 8)
+
+
+def test_a_view_of_it_is_the_scene_with_its_truth() -> None:
+    view = open_view_source("twin:demo?seed=2")
+    view.source.close()  # type: ignore[attr-defined]
+    assert view.simulated
+    assert view.truth is not None
+    assert view.provenance["seed"] == 2

@@ -1,0 +1,151 @@
+"""Datagrams that are lost, come late, twice, cut or from strangers: kept, mended or counted."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.cameras.aestream import AestreamCamera
+from spikingtac.cameras.udp import UdpCamera
+from spikingtac.errors import DeviceError
+from spikingtac.events.address import Address
+from spikingtac.types import EventPacket
+from stand_ins.camera_counterparts import aestream_datagrams, datagrams, events
+
+SENT = events(20_000)
+
+
+@pytest.fixture
+def camera() -> Iterator[UdpCamera]:
+    camera = UdpCamera.open(Address.parse("udp:127.0.0.1:0?encoding=evt2"))
+    yield camera
+    camera.close()
+
+
+@pytest.fixture
+def out() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        yield sender
+
+
+def received(camera: UdpCamera | AestreamCamera) -> EventPacket:
+    parts = []
+    while len((rows := camera.read(0.2) or camera.nothing())[3]):
+        x, y, p, t = (column.copy() for column in rows)
+        parts.append(EventPacket(x, y, p, t, int(t[0]), int(t[-1]) + 1, (320, 320)))
+    return EventPacket.concatenate(parts)
+
+
+def test_loss_costs_its_own_events_and_no_other(camera: UdpCamera, out: socket.socket) -> None:
+    pieces = datagrams(SENT)
+    kept = [piece for number, piece in enumerate(pieces) if number % 10 != 5]
+    for piece in kept:
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    assert len(found) == pytest.approx(0.9 * len(SENT), rel=0.02)
+    # Each event that arrived is one that was sent, at its time or within the stretch that was lost.
+    lost_us = 1.5 * (SENT.t[-1] - SENT.t[0]) / len(pieces)
+    at = np.searchsorted(SENT.t - SENT.t[0], found.t - found.t[0])
+    assert (
+        np.abs((SENT.t - SENT.t[0])[np.minimum(at, len(SENT) - 1)] - (found.t - found.t[0])).max()
+        <= lost_us
+    )
+    assert (np.diff(found.t) >= 0).all()
+
+
+def test_what_comes_late_together_is_put_in_order(camera: UdpCamera, out: socket.socket) -> None:
+    pieces = datagrams(SENT)[:40]
+    swapped = [pieces[number ^ 1] for number in range(40)]
+    for piece in swapped:
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    count = len(found)
+    np.testing.assert_array_equal(found.x, SENT.x[:count])
+    np.testing.assert_array_equal(found.t - found.t[0], (SENT.t - SENT.t[0])[:count])
+    assert camera.losses["reordered"] == 20
+
+
+def test_what_comes_too_late_keeps_its_events(camera: UdpCamera, out: socket.socket) -> None:
+    pieces = datagrams(SENT)[:10]
+    late = pieces.pop(3)
+    for piece in pieces:
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    before = received(camera)
+    out.sendto(late, ("127.0.0.1", camera.port))
+    after = received(camera)
+    assert camera.losses["reordered"] == 1
+    assert after.t[0] >= before.t[-1]
+    assert len(before) + len(after) == sum(
+        int(np.count_nonzero(np.frombuffer(piece, "<u4") >> 28 < 2)) for piece in [*pieces, late]
+    )
+
+
+def test_what_comes_twice_counts_once(camera: UdpCamera, out: socket.socket) -> None:
+    for piece in datagrams(SENT)[:30]:
+        for _ in range(2):
+            out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    np.testing.assert_array_equal(found.x, SENT.x[: len(found)])
+    assert camera.losses["duplicate"] == 30
+
+
+def test_a_cut_datagram_ends_with_its_last_word(camera: UdpCamera, out: socket.socket) -> None:
+    pieces = datagrams(SENT)[:4]
+    for piece in (pieces[0][:-3], *pieces[1:]):
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    assert camera.losses["truncated"] == 1
+    assert set(found.x.tolist()) <= set(range(320))
+
+
+def test_strangers_are_not_heard(camera: UdpCamera, out: socket.socket) -> None:
+    pieces = datagrams(SENT)[:2]
+    out.sendto(pieces[0], ("127.0.0.1", camera.port))
+    count = len(received(camera))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.0.0.2", 0))
+        stranger.sendto(pieces[1], ("127.0.0.1", camera.port))
+        assert len((camera.read(0.3) or camera.nothing())[3]) == 0
+    assert count
+    assert camera.losses["foreign"] == 1
+
+
+def test_what_the_kernel_drops_is_counted(camera: UdpCamera, out: socket.socket) -> None:
+    camera._socket._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+    pieces = datagrams(SENT)[:80]
+    for piece in pieces:
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    whole = sum(int(np.count_nonzero(np.frombuffer(piece, "<u4") >> 28 < 2)) for piece in pieces)
+    lost = camera.losses["overflow"]
+    assert 0 < lost < len(pieces)
+    assert len(found) == pytest.approx(whole * (1.0 - lost / len(pieces)), rel=0.05)
+
+
+def test_a_port_that_is_taken_says_so(camera: UdpCamera) -> None:
+    with pytest.raises(DeviceError, match="another program"):
+        UdpCamera.open(Address.parse(f"udp:127.0.0.1:{camera.port}"))
+
+
+def test_aestream_without_times_gets_those_of_arrival(out: socket.socket) -> None:
+    camera = AestreamCamera.open(Address.parse("aestream:127.0.0.1:0?size=320x320"))
+    for piece in aestream_datagrams(SENT.part(0, 640, 0, 0), timed=False):
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    camera.close()
+    np.testing.assert_array_equal(found.x, SENT.x[:640])
+    np.testing.assert_array_equal(found.p, SENT.p[:640])
+    assert (np.diff(found.t) >= 0).all()
+
+
+def test_aestream_times_go_on_where_their_32_bits_wrap(out: socket.socket) -> None:
+    camera = AestreamCamera.open(Address.parse("aestream:127.0.0.1:0?size=320x320"))
+    packet = events(640, first_us=(1 << 32) - 300)
+    for piece in aestream_datagrams(packet):
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    found = received(camera)
+    camera.close()
+    np.testing.assert_array_equal(found.t, packet.t)

@@ -1,0 +1,105 @@
+"""Frames of the Raspberry Pi's driver: each encoding's mark, cuts, other sizes, the device."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cameras.v4l2 import FRAME
+from spikingtac.errors import CameraLostError, DeviceError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.camera import Camera
+from spikingtac.events.cameras.kinds import open_camera
+from spikingtac.events.open import open_events
+from spikingtac.types import EventPacket
+from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events
+
+FRAME_BYTES = FRAME[0] * FRAME[1]
+
+
+def frames(packets: list[EventPacket], encoding: str, mark: bool = True) -> bytes:
+    """Return frames as the driver fills them: words, the mark, and what an earlier frame left."""
+    encoder = ENCODERS[encoding]()
+    rest = np.random.default_rng(0).bytes(FRAME_BYTES)
+    data = b""
+    for packet in packets:
+        words = encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
+        end = END_MARKS[encoding] if mark else b""
+        data += words + end + (rest if mark else bytes(FRAME_BYTES))[len(words) + len(end) :]
+    return data
+
+
+def bursts() -> list[EventPacket]:
+    return [events(2_000, first_us=1_000 + 3_000 * n, seed=n) for n in range(3)]
+
+
+def collected(camera: Camera) -> int:
+    count = 0
+    while (rows := camera.read(1.0)) is not None:
+        count += len(rows[3])
+    return count
+
+
+@pytest.mark.parametrize("encoding", list(END_MARKS))
+def test_a_dump_gives_the_events_before_each_mark(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "dump.raw"
+    path.write_bytes(frames(bursts(), encoding))
+    source = open_events(f"v4l2:{path}?encoding={encoding}")
+    found = EventPacket.concatenate(list(source))
+    sent = EventPacket.concatenate(bursts())
+    for column in ("x", "y", "p"):
+        np.testing.assert_array_equal(getattr(found, column), getattr(sent, column))
+    np.testing.assert_array_equal(found.t - found.t[0], sent.t - sent.t[0])
+    assert source.losses["no_end_mark"] == source.losses["garbage"] == 0
+
+
+def test_a_frame_without_a_mark_and_a_cut_dump_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "dump.raw"
+    data = frames(bursts(), "evt2")
+    path.write_bytes(data[: 2 * FRAME_BYTES + 4_000])
+    source = open_events(f"v4l2:{path}?encoding=evt2")
+    found = sum(len(packet) for packet in source)
+    assert 4_000 < found < 6_000
+    assert source.losses["truncated"] == 1
+    assert source.losses["no_end_mark"] == 1
+
+
+def test_other_frames_can_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "dump.raw"
+    one = frames(bursts()[:1], "evt3")
+    path.write_bytes(one[: 1024 * 64])
+    assert (
+        collected(open_camera(Address.parse(f"v4l2:{path}?encoding=evt3&frame=1024x64"))) == 2_000
+    )
+
+
+def test_the_device_is_read_by_the_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stand-in for ``v4l2-ctl`` that writes frames, as the tool does, and then ends."""
+    (tmp_path / "dump.raw").write_bytes(frames(bursts(), "evt21"))
+    tool = tmp_path / "v4l2-ctl"
+    tool.write_text(
+        f"#!{sys.executable}\nimport sys\n"
+        "assert sys.argv[1:3] == ['--device', '/dev/null']\n"
+        "assert '--stream-mmap' in sys.argv and '--stream-to=-' in sys.argv\n"
+        f"sys.stdout.buffer.write(open({str(tmp_path / 'dump.raw')!r}, 'rb').read())\n"
+    )
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    camera = open_camera(Address.parse("v4l2:/dev/null"))
+    counts = [len((camera.read(5.0) or camera.nothing())[3]) for _ in range(3)]
+    with pytest.raises(CameraLostError, match="v4l2-ctl has ended"):
+        camera.read(5.0)
+    camera.close()
+    assert counts == [2_000, 2_000, 2_000]
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DeviceError, match="dtoverlay"):
+        open_camera(Address.parse("v4l2:/dev/video99"))
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(DeviceError, match="v4l-utils"):
+        open_camera(Address.parse("v4l2:/dev/null"))

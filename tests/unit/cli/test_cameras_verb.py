@@ -1,0 +1,103 @@
+"""``cameras`` and ``doctor``: what is plugged in, what is missing, how a camera delivers."""
+
+from __future__ import annotations
+
+import json
+import types
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from spikingtac.cameras import found
+from spikingtac.cli.main import main
+from spikingtac.cli.system import camera_checks
+from spikingtac.events.cameras.kinds import KINDS
+from stand_ins.camera_counterparts import with_module
+
+
+def drivers(devices: list[Any]) -> Any:
+    module: Any = types.ModuleType("neuromorphic_drivers")
+    module.__spec__ = SimpleNamespace(name="neuromorphic_drivers")
+    module.list_devices = lambda: devices
+    return module
+
+
+def test_every_way_is_listed_with_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["cameras", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told["kinds"]) == list(KINDS)
+    assert told["kinds"]["udp"] == {
+        "example": "udp:7777?encoding=evt2&size=320x320",
+        "about": "EVT words in datagrams, as an STM32 board sends them",
+        "library": None,
+        "installed": True,
+    }
+    assert main(["cameras"]) == 0
+    assert "udp:7777?encoding=evt2" in capsys.readouterr().out
+
+
+def test_a_camera_is_listed_with_the_address_that_opens_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    device = SimpleNamespace(
+        name=SimpleNamespace(value="Prophesee EVK4"), serial="00051505", error=None
+    )
+    with with_module("neuromorphic_drivers", drivers([device])):
+        assert main(["cameras", "--json"]) == 0
+    (camera,) = [
+        item
+        for item in json.loads(capsys.readouterr().out)["found"]
+        if item["address"].startswith("nd:")
+    ]
+    assert camera["address"] == "nd:00051505"
+    assert camera["model"] == "Prophesee EVK4"
+
+
+def test_a_library_that_fails_is_a_remark(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> Any:
+        raise RuntimeError("Other error")
+
+    module = drivers([])
+    module.list_devices = fail
+    with with_module("neuromorphic_drivers", module):
+        assert main(["cameras"]) == 0
+    told = capsys.readouterr()
+    assert "could not look for cameras (it says: Other error)" in told.err
+
+
+def test_raspberry_pi_devices_are_found_by_their_names(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for number, name in enumerate(["webcam", "rp1-cfe-csi2_ch0"]):
+        (tmp_path / f"video{number}").mkdir()
+        (tmp_path / f"video{number}" / "name").write_text(name + "\n")
+    monkeypatch.setattr(found, "VIDEO", tmp_path)
+    addresses = [item.address for item in found.plugged_in()]
+    assert "v4l2:/dev/video1" in addresses
+    assert "v4l2:/dev/video0" not in addresses
+
+
+def test_doctor_names_a_small_socket_buffer_and_a_slow_clock(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "rmem").write_text("212992\n")
+    (tmp_path / "clock").write_text("hpet\n")
+    monkeypatch.setattr(camera_checks, "_SOCKET_LIMIT", tmp_path / "rmem")
+    monkeypatch.setattr(camera_checks, "_CLOCK", tmp_path / "clock")
+    notes = {item.name: item for item in camera_checks.camera_checks() if item.status == "note"}
+    assert "net.core.rmem_max=8388608" in notes["socket buffer"].remedy
+    assert "hpet" in notes["clock"].found
+
+
+def test_doctor_listens_to_a_camera(capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["doctor", "udp:127.0.0.1:0?encoding=evt3", "--seconds", "0.2", "--json"])
+    assert code in (0, 3)
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    (told,) = [item for item in checks if item["name"] == "delivery"]
+    assert "nothing was delivered yet" in told["found"]
+    assert main(["doctor", "upd:1", "--json"]) == 2
+    assert main(["doctor", "udp:0", "--seconds", "0", "--json"]) == 2

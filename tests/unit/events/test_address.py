@@ -1,0 +1,48 @@
+"""Addresses of cameras: what they mean, and which paths are none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.events.address import Address, is_address
+from spikingtac.events.open import open_events
+
+
+def test_an_address_is_taken_apart_and_put_together() -> None:
+    text = "udp:7777?encoding=evt2&size=320x320"
+    address = Address.parse(text)
+    assert (address.kind, address.target) == ("udp", "7777")
+    assert address.size("size") == (320, 320)
+    assert str(address) == text
+    assert Address.parse("nd:").target == ""
+
+
+def test_a_path_keeps_one_slash_of_two_and_means_the_same() -> None:
+    for text in (Path("dv://127.0.0.1:7777"), "dv://127.0.0.1:7777"):
+        assert Address.parse(text).host_port("") == ("127.0.0.1", 7777)
+
+
+@pytest.mark.parametrize("text", ["events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"])
+def test_what_is_no_address(text: str) -> None:
+    assert not is_address(text)
+
+
+def test_a_file_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert is_address("udp:7777")
+    Path("udp:7777").write_bytes(b"")
+    assert not is_address("udp:7777")
+
+
+def test_a_file_on_the_net_is_refused_as_before() -> None:
+    with pytest.raises(RecordingError, match="address on the net"):
+        open_events("https://example.org/a.raw")
+
+
+@pytest.mark.parametrize("text", ["udp:1?a", "udp:1?a=1&a=2", "udp:1?=1"])
+def test_options_are_names_with_values_once(text: str) -> None:
+    with pytest.raises(ConfigError, match="name=value"):
+        Address.parse(text)
