@@ -5,7 +5,8 @@
 One process at a time reads; one that dies, hangs or grows is told from its number and replaced. The
 exit code is 1 where anything broke: a crash, an error that is not the package's, a promise of a
 source, more than 30 s, or more than 512 MB above the idle process. The same seed gives the same
-mutants, so that a failure's number is its reproduction (``--worker KIND FIRST LAST``).
+mutants, so that a failure's number is its reproduction (``--worker KIND FIRST LAST``). The summary
+is written after every 500 mutants; the same command goes on where the last one ended.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+from spikingtac.atomic_files import write_json  # noqa: E402
 from stand_ins.hostile_files import (  # noqa: E402
     CONTAINERS,
     FILE_NAMES,
@@ -43,6 +46,10 @@ TIME_LIMIT_S = 30.0
 MEMORY_LIMIT_MB = 512
 GRACE_S = 10.0
 """A process that does not heed its own alarm is killed so much later."""
+
+WARM_UP = 12
+"""Mutants that are read before anything is measured: they compile what damage needs."""
+WARM_UP_LIMIT_S = 600.0
 
 BATCH = 500
 """Mutants after which a process is replaced, so that its peak memory is told for few of them."""
@@ -60,30 +67,32 @@ def main() -> int:
     if args.worker:
         return work(args.worker[0], int(args.worker[1]), int(args.worker[2]))
     kinds = args.kinds.split(",")
-    report = {
+    report: dict[str, Any] = {
         "limits": {"seconds": TIME_LIMIT_S, "memory_mb": MEMORY_LIMIT_MB},
-        "kinds": {
-            kind: attack(kind, args.raw if kind in RAW_KINDS else args.containers)
-            for kind in kinds
-            if kind in (*RAW_KINDS, *CONTAINERS)
-        },
+        "kinds": {},
     }
-    args.output.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    if args.output.is_file():
+        report = json.loads(args.output.read_text(encoding="utf-8"))
+    for kind in [kind for kind in kinds if kind in (*RAW_KINDS, *CONTAINERS)]:
+        count = args.raw if kind in RAW_KINDS else args.containers
+        for found in attack(kind, count, report["kinds"].get(kind)):
+            report["kinds"][kind] = found
+            write_json(args.output, report)
+        print(kind, {k: v for k, v in report["kinds"][kind].items() if k != "failures"}, flush=True)
     failures = sum(len(found["failures"]) for found in report["kinds"].values())
     print(f"{failures} failures; {args.output}")
     return int(failures > 0)
 
 
-def attack(kind: str, count: int) -> dict[str, Any]:
-    """Read ``count`` mutants of a kind; return what became of them."""
-    found: dict[str, Any] = {
-        "mutants": count, "read": 0, "refused": 0, "slowest_s": 0.0, "peak_mb": 0.0, "failures": [],
+def attack(kind: str, count: int, known: dict[str, Any] | None) -> Iterator[dict[str, Any]]:
+    """Read ``count`` mutants of a kind, after those that are known; yield what became of them."""
+    found: dict[str, Any] = known or {
+        "mutants": 0, "read": 0, "refused": 0, "slowest_s": 0.0, "peak_mb": 0.0, "failures": [],
     }  # fmt: skip
-    first = 0
-    while first < count:
-        first = _batch(kind, first, min(first + BATCH, count), found)
-    print(kind, {name: value for name, value in found.items() if name != "failures"}, flush=True)
-    return found
+    while found["mutants"] < count:
+        first = found["mutants"]
+        found["mutants"] = _batch(kind, first, min(first + BATCH, count), found)
+        yield found
 
 
 def _batch(kind: str, first: int, last: int, found: dict[str, Any]) -> int:
@@ -91,8 +100,11 @@ def _batch(kind: str, first: int, last: int, found: dict[str, Any]) -> int:
     command = [sys.executable, __file__, "--worker", kind, str(first), str(last)]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
-    reached, begun = first, time.monotonic()
+    reached = first
     with child.stdout as lines:
+        select.select([lines], [], [], WARM_UP_LIMIT_S)
+        lines.readline()  # kernels are compiled
+        begun = time.monotonic()
         while True:
             ready, _, _ = select.select([lines], [], [], TIME_LIMIT_S + GRACE_S)
             line = lines.readline() if ready else ""
@@ -129,6 +141,10 @@ def work(kind: str, first: int, last: int) -> int:
         data = sound.read_bytes()
         path = folder / "m" / FILE_NAMES[kind]
         path.parent.mkdir()
+        for mutant in range(WARM_UP):  # those of salvage, too
+            path.write_bytes(mutated(data, np.random.default_rng(mutant)))
+            _outcome(path)
+        print("{}", flush=True)
         idle_mb = _peak_mb()
         for mutant in range(first, last):
             path.write_bytes(mutated(data, np.random.default_rng(mutant)))

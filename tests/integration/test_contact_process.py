@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,12 +15,12 @@ from spikingtac.live.factory import Factory
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, long_failure, moving_ur, paced, stops
 from stand_ins.moving_rims import PERIOD_US
-from stand_ins.ur_controller import URController
+from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
 
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 """What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
 STALE_S = 2.0
-"""Far above the 10 ms that a robot is given, so that a busy machine's pauses are no silence."""
+"""Far above the 25 ms that a robot is given, so that a busy machine's pauses are no silence."""
 PATIENCE_S = 90.0
 TOUCH = 300
 """Window at which something happens: 1.5 s after the stream was opened."""
@@ -86,7 +87,7 @@ def test_a_stream_that_stalls_stops_the_arm_in_the_stated_time(guard: Any, notes
 def test_a_leap_of_the_sensors_clock_stops_the_arm(guard: Any, notes: Path) -> None:
     status = wait(guard(leap=TOUCH), "ended", "failed")
     assert (status["phase"], status["health"]) == ("ended", "time_jump")
-    assert "leapt ahead by 600.0 s" in status["reason"]
+    assert re.search(r"leapt ahead by (599|600)\.\d s", status["reason"])  # late windows: less
     assert len(stops(notes)) == 2
 
 
@@ -162,6 +163,44 @@ def test_the_real_driver_stops_when_the_stream_stalls(
     until(lambda: still(controller))
     assert len(controller.stop_times_s) >= 1
     assert controller.twin.true_position_mm()[0] < 100.0 + 790.0
+
+
+def test_a_contact_process_that_is_told_to_end_stops_the_arm(
+    moving: Any, controller: URController
+) -> None:
+    process = moving()
+    wait(process, "ready")
+    stops_before = len(controller.stop_times_s)
+    controller.deaf_to = frozenset({WATCHDOG})  # it is not the robot that notices
+    process.close()
+    assert still(controller)
+    assert len(controller.stop_times_s) > stops_before
+
+
+def test_a_contact_process_that_hangs_is_stopped_and_ended(
+    moving: Any, controller: URController
+) -> None:
+    process = moving(stall=2 * TOUCH)
+    wait(process, "ready")
+    controller.deaf_to = frozenset({WATCHDOG})
+    process.close()
+    assert still(controller)
+    assert not process.alive()
+
+
+@pytest.mark.parametrize("stream", [{"touch": 2 * TOUCH}, {"end": 2 * TOUCH}])
+def test_an_arm_that_ignores_the_stop_is_told(
+    moving: Any, controller: URController, stream: dict[str, int]
+) -> None:
+    process = moving(**stream)
+    wait(process, "ready")
+    controller.deaf_to = EVERYTHING
+    begun = len(controller.scripts)
+    status = wait(process, "ended", "failed")
+    assert "the arm still moves at 40 mm/s" in status["stop_failure"]
+    assert (status["contact"] is not None) == ("touch" in stream)
+    assert status["health"] == ("not_stopped" if "touch" in stream else "disconnected")
+    assert any("spikingtac_protect" in script for script in controller.scripts[begun:])
 
 
 def test_the_robot_stops_when_the_contact_process_dies(

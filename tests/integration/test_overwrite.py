@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
+from spikingtac.cli.registry import VERBS, module_of
+from spikingtac.errors import ConfigError
+from spikingtac.experiments.harness.run_folder import begin_run
 
 
 @pytest.fixture
@@ -61,3 +68,65 @@ def test_a_simulation_is_replaced_only_when_asked(
     assert "--overwrite" in capsys.readouterr().err
     assert main([*given, "--overwrite"]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
+
+
+WRITTEN = {"output", "picture", "target", "export"}
+"""Names of the arguments that say where something is written."""
+
+
+def arguments_of(kind: object) -> list[type]:
+    """Return the dataclasses of a verb's arguments, those of its subcommands included."""
+    if is_dataclass(kind) and isinstance(kind, type):
+        return [kind]
+    return [found for part in get_args(kind) for found in arguments_of(part)]
+
+
+def test_every_verb_that_writes_has_the_flag() -> None:
+    writing, without = 0, []
+    for verb in VERBS:
+        for kind in arguments_of(importlib.import_module(module_of(verb)).Args):
+            names = {field.name for field in fields(kind)}
+            writing += bool(names & WRITTEN)
+            if names & WRITTEN and "overwrite" not in names:
+                without.append(f"{verb}: {kind.__name__}")
+    assert writing >= 13  # it looks at something
+    assert without == []
+
+
+@pytest.mark.parametrize(
+    ("verb", "flag", "name"),
+    [("demo", "-o", "x.png"), ("view", "-o", "x.png"), ("view", "--export", "x.gif")],
+)
+def test_a_showing_is_not_begun_where_its_file_would_replace_one(
+    recording: Path,
+    tmp_path: Path,
+    verb: str,
+    flag: str,
+    name: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / name).write_bytes(b"mine")
+    source = [] if verb == "demo" else [str(recording)]
+    assert main([verb, *source, flag, str(tmp_path / name)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert (tmp_path / name).read_bytes() == b"mine"
+
+
+def test_a_run_is_removed_only_when_asked_and_nothing_else_ever_is(tmp_path: Path) -> None:
+    run, other = tmp_path / "run", tmp_path / "other"
+    begin_run(run, {"seed": 1}, resume=False)
+    (run / "report.json").write_text("{}")
+    (run / "tables").mkdir()
+    for settings in ({"seed": 1}, {"seed": 2}):
+        with pytest.raises(ConfigError, match="--overwrite"):
+            begin_run(run, settings, resume=False)
+    with pytest.raises(ConfigError, match="give one of them"):
+        begin_run(run, {"seed": 1}, resume=True, overwrite=True)
+    begin_run(run, {"seed": 2}, resume=False, overwrite=True)
+    assert [path.name for path in run.iterdir()] == ["run.json"]
+    assert json.loads((run / "run.json").read_text()) == {"seed": 2}
+    other.mkdir()
+    (other / "thesis.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="holds no run"):
+        begin_run(other, {"seed": 1}, resume=False, overwrite=True)
+    assert (other / "thesis.txt").read_text() == "mine"

@@ -183,7 +183,7 @@ def test_a_fault_of_an_arm(
     if fault is whole:
         monkeypatch.setattr("spikingtac.cli.robot.probe_arm.make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
-    given = ["--arm", "192.0.2.1", *finger, "--detector", "event_count"]
+    given = ["--arm", "192.0.2.1", *finger, "--rehearsal", "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)
     assert found[0] == code, found
     assert message in found[2]

@@ -69,12 +69,15 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[P
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-def test_demo_replaces_its_own_files(demo: tuple[Path, Done], tmp_path: Path) -> None:
+def test_demo_replaces_its_own_files_when_told_to(demo: tuple[Path, Done], tmp_path: Path) -> None:
     for written in (demo[0], demo[0].with_name("demo.tracks.npz")):
         (tmp_path / written.name).write_bytes(written.read_bytes())
     picture, tracks = tmp_path / "demo.png", tmp_path / "demo.tracks.npz"
     before = tracks.read_bytes()
-    again = spikingtac("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
+    short = ("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
+    assert spikingtac(*short).returncode == 2
+    assert tracks.read_bytes() == before
+    again = spikingtac(*short, "--overwrite")
     assert again.returncode == 0, again.stderr
     assert tracks.read_bytes() != before
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.errors import DeviceError
 from spikingtac.live.contact_loop import Arrival
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.types import EventPacket, Pose
@@ -39,6 +41,9 @@ class NotingArm:
     def stop(self) -> None:
         with self._notes.open("a", encoding="utf-8") as file:
             file.write(f"{time.monotonic()}\n")
+
+    def confirm_stop(self) -> None:
+        """It rests at once."""
 
     def pose(self) -> Pose:
         return Pose(np.zeros(3))
@@ -99,14 +104,16 @@ class MovingArm:
     def __init__(self, arm: Arm, speed_mm_s: float) -> None:
         self._arm, self._speed_mm_s, self._moving = arm, speed_mm_s, False
         self.pose, self.stop, self.close = arm.pose, arm.stop, arm.close
+        self.confirm_stop = arm.confirm_stop
         self.speed_mm_s, self.move_linear = arm.speed_mm_s, arm.move_linear
 
     def state(self) -> ArmState:
         state = self._arm.state()
         if not self._moving and state is ArmState.IDLE:
             far = self._arm.pose().position_mm + np.array([800.0, 0.0, 0.0])
-            self._arm.move_linear(far, self._speed_mm_s)
-            self._moving = True
+            with contextlib.suppress(DeviceError):  # a busy machine: at the next look
+                self._arm.move_linear(far, self._speed_mm_s)
+                self._moving = True
         return state
 
 

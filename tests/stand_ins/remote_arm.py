@@ -58,6 +58,9 @@ class RemoteArm:
     def stop(self) -> None:
         self._call("stop")
 
+    def confirm_stop(self) -> None:
+        self._call("confirm_stop")
+
     def reconnect(self) -> None:
         self._call("reconnect")
 
@@ -100,13 +103,17 @@ class RemoteArm:
 def main() -> None:
     """Drive one arm as told on the standard input."""
     from spikingtac.robot.ur import URArm, URConfig
+    from spikingtac.robot.verified_stop import StopConfig
 
     arm = None
 
     def serve(name: str, *arguments: Any) -> Any:
         nonlocal arm
         if arm is None:
-            arm = URArm(sys.argv[1], URConfig(**json.loads(sys.argv[2])))
+            given = json.loads(sys.argv[2])
+            if "react_s" in given:
+                given["stop"] = StopConfig(react_s=tuple(given.pop("react_s")))
+            arm = URArm(sys.argv[1], URConfig(**given))
             time.sleep(0.05)
             return None
         value = getattr(arm, name)(*arguments)

@@ -24,6 +24,7 @@ class FakeGripper:
         self.values |= dict.fromkeys(("POS", "PRE", "OBJ"), 3)
         self.silent = False
         self.bare_ack = False
+        self.byte_period_s = 0.0
         self.answer_instead: str | None = None
         self._start = (0.0, 3)
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -65,7 +66,16 @@ class FakeGripper:
         with contextlib.suppress(OSError, ValueError), connection, connection.makefile() as lines:
             for line in lines:
                 if not self.silent:
-                    connection.sendall(self._answer(line.split()).encode())
+                    self._send(connection, self._answer(line.split()).encode())
+
+    def _send(self, connection: socket.socket, answer: bytes) -> None:
+        """Send an answer, byte by byte where it is asked to be slow."""
+        if self.byte_period_s == 0.0:
+            connection.sendall(answer)
+            return
+        for byte in answer:
+            time.sleep(self.byte_period_s)
+            connection.sendall(bytes([byte]))
 
     def _answer(self, words: list[str]) -> str:
         if self.answer_instead is not None:

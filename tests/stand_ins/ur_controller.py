@@ -27,8 +27,13 @@ READY, DONE = 1, 2
 NO_CMD, MOVE_L, STOP_SCRIPT, STOP_L, SET_WATCHDOG = 0, 3, 255, 33, 35
 POWER_ON, PROGRAM_RUNNING = 1, 2
 NORMAL_MODE, PROTECTIVE_STOPPED = 1, 4
+STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER = (
+    "stopl", "stop script", "protective stop", "dashboard stop", "watchdog", "power off",
+)  # fmt: skip
+"""Means to stop that a controller can be deaf to: it acknowledges them, and moves on."""
+EVERYTHING = frozenset((STOPL, SCRIPT, PROTECTIVE, DASHBOARD, WATCHDOG, POWER))
 ROTATION_VECTOR = (0.0, np.pi, 0.0)
-_addresses = itertools.count(2)
+_addresses = itertools.count()
 
 
 class URController:
@@ -43,11 +48,16 @@ class URController:
         self, e_series: bool = False, start_mm: tuple[float, float, float] = (100.0, 200.0, 300.0)
     ) -> None:
         process = os.getpid()  # its own addresses, so that two test runs do not meet
-        self.host = f"127.{1 + process // 256 % 254}.{process % 256}.{next(_addresses)}"
+        self.host = f"127.{1 + process // 256 % 254}.{process % 256}.{2 + next(_addresses) % 250}"
         self.frequency_hz = 500.0 if e_series else 125.0
         self.version = (5, 12, 0, 1) if e_series else (3, 15, 8, 106339)
         self.scripts: list[str] = []
         self.stalled = False
+        self.deaf_to: frozenset[str] = frozenset()
+        self.half_open = False
+        self.swallowed = False
+        self.dashboard_commands: list[str] = []
+        self.powered = True
         self.asked_rates_hz: list[float] = []
         cycle_s = 1.0 / self.frequency_hz
         config = UR3Config(network_s=0.0, repeatability_mm=0.0, cycle_s=cycle_s)
@@ -105,6 +115,21 @@ class URController:
             self.twin.protective_stop()
             self._program = False
 
+    def move(self, by_mm: tuple[float, float, float], speed_mm_s: float) -> None:
+        """Move the arm as another program would."""
+        with self._lock:
+            self._advance()
+            self.twin.move_linear(self.twin.true_position_mm() + np.array(by_mm), speed_mm_s)
+
+    def _stop_unless_deaf(self, means: str, stop: Callable[[], None]) -> bool:
+        """Stop the arm, or acknowledge and go on where told to; return whether it was stopped."""
+        if means in self.deaf_to:
+            return False
+        self._advance()
+        self.stop_times_s.append(time.monotonic())
+        stop()
+        return True
+
     def _start_listening(self) -> None:
         serve = {RTDE_PORT: self._serve_rtde, DASHBOARD_PORT: self._serve_dashboard}
         serve |= dict.fromkeys(SCRIPT_PORTS, self._serve_script)
@@ -140,34 +165,58 @@ class URController:
     def _serve_script(self, connection: socket.socket) -> None:
         text = ""
         while data := connection.recv(65536):
+            if self.half_open:
+                continue
             text += data.decode(errors="replace")
             if text.rstrip().endswith("end") or text.endswith("\n\n"):
                 self.scripts.append(text)
-                with self._lock:
-                    self._program, self._state, self._watchdog_s = True, READY, None
-                    if "stopl" in text.split("\n")[1:2][0]:
-                        self._advance()
-                        self.twin.stop()
-                        self._program = False
+                self._play(text.split("\n")[1])
                 text = ""
 
+    def _play(self, first_line: str) -> None:
+        """Play a program that was sent; it replaces the one that runs."""
+        with self._lock:
+            if "stopl" in first_line:
+                if self._stop_unless_deaf(SCRIPT, self.twin.stop):
+                    self._program = False
+            elif "protective_stop()" in first_line:
+                if self._stop_unless_deaf(PROTECTIVE, self.twin.protective_stop):
+                    self._program = False
+            else:
+                self._program, self._state, self._watchdog_s = True, READY, None
+
     def _serve_dashboard(self, connection: socket.socket) -> None:
-        connection.sendall(b"Connected: Universal Robots Dashboard Server\n")
+        if not self.half_open:
+            connection.sendall(b"Connected: Universal Robots Dashboard Server\n")
         version = ".".join(map(str, self.version))
         answers = {
             "PolyscopeVersion": f"URSoftware {version} (Jan 01 2024)",
             "is in remote control": "true",
             "get serial number": "2024000001",
             "stop": "Stopped",
+            "power off": "Powering off",
             "unlock protective stop": "Protective stop releasing",
         }
         for line in connection.makefile():  # closed with its connection
-            reply = answers.get(line.strip(), "could not understand: " + line.strip())
-            if line.strip() == "stop":
-                self._program = False
-            if line.strip() == "unlock protective stop":
-                self.twin.recover()
+            command = line.strip()
+            if self.half_open:
+                continue
+            self.dashboard_commands.append(command)
+            reply = answers.get(command, "could not understand: " + command)
+            with self._lock:
+                self._command(command)
             connection.sendall((reply + "\n").encode())
+
+    def _command(self, command: str) -> None:
+        """Obey a command of the dashboard."""
+        if command == "stop" and self._stop_unless_deaf(DASHBOARD, self.twin.stop):
+            self._program = False
+        if command == "power off":
+            self.powered = False
+            if self._stop_unless_deaf(POWER, self.twin.protective_stop):
+                self._program = False
+        if command == "unlock protective stop":
+            self.twin.recover()
 
     def _serve_rtde(self, connection: socket.socket) -> None:
         stream = connection.makefile("rb")
@@ -177,6 +226,8 @@ class URController:
         while header := stream.read(HEADER.size):
             size, letter = HEADER.unpack(header)
             payload, letter = stream.read(size - HEADER.size), chr(letter)
+            if self.half_open:
+                continue
             if letter == "V":
                 connection.sendall(frame("V", b"\x01"))
             elif letter == "v":
@@ -206,7 +257,7 @@ class URController:
         recipe, rate_hz = output
         due_s = time.monotonic()
         while self._open:
-            if not self.stalled:
+            if not (self.stalled or self.half_open):
                 connection.sendall(frame("U", b"\x01" + recipe.pack(self._outputs())))
             due_s += 1.0 / rate_hz
             time.sleep(max(due_s - time.monotonic(), 0.0))
@@ -237,6 +288,8 @@ class URController:
             self._advance()
             self._heard_s = time.monotonic()
             self._registers |= registers
+            if self.swallowed:
+                return
             command = self._registers.get("input_int_register_0", NO_CMD)
             if command == NO_CMD:
                 self._state = READY
@@ -250,8 +303,7 @@ class URController:
             if self.twin.state() is ArmState.IDLE:
                 self.twin.move_linear(np.array(value[:3]) * 1e3, value[6] * 1e3)
         elif command == STOP_L:
-            self.stop_times_s.append(time.monotonic())
-            self.twin.stop()
+            self._stop_unless_deaf(STOPL, self.twin.stop)
         elif command == SET_WATCHDOG:
             self._watchdog_s = 1.0 / value[0]
         elif command == STOP_SCRIPT:
@@ -261,9 +313,8 @@ class URController:
         limit_s = self._watchdog_s
         if limit_s is not None and time.monotonic() - self._heard_s > limit_s:
             self._watchdog_s = None
-            self.stop_times_s.append(time.monotonic())
-            self.twin.protective_stop()
-            self._program = False
+            if self._stop_unless_deaf(WATCHDOG, self.twin.protective_stop):
+                self._program = False
 
 
 def _quietly(session: Callable[..., None], *arguments: object) -> None:

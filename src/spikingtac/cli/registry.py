@@ -9,7 +9,9 @@ VERBS: dict[str, str] = {
     "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
     "info": "print the content of an event file: format, size, counts, rates, damage",
     "convert": "write an event file in another format, or a part of it",
+    "record": "record a camera into a folder: lossless, in files, readable after a crash",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
+    "design": "compute a sensor from its parameters, check it, and write its parts and drawings",
     "calibrate": "learn where the markers rest from bootstrap slides",
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
@@ -23,17 +25,18 @@ VERBS: dict[str, str] = {
     "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "experiment": "run one of the paper's experiments again: every method, every case, one report",
     "bench": "measure how fast this machine tracks, beside tuned peers on the same stream",
-    "doctor": "check this machine: Python, kernel cache, extras, CPU governor, USB memory, ports",
+    "cameras": "list the cameras that are plugged in, and the ways to reach one",
+    "doctor": "check this machine: extras, CPU governor, USB, cameras, clock; measure a camera",
 }
 """Verb -> one line of help."""
 
 FOLDERS: dict[str, tuple[str, ...]] = {
-    "files": ("info", "convert"),
+    "files": ("info", "convert", "record"),
     "robot": ("probe", "guard"),
     "sensing": ("calibrate", "track", "contact", "touch", "force"),
     "studies": ("train", "experiment", "bench"),
-    "system": ("doctor",),
-    "twin": ("demo", "simulate"),
+    "system": ("cameras", "doctor"),
+    "twin": ("demo", "design", "simulate"),
     "viewing": ("view", "plot", "compare"),
 }
 """Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from spikingtac.contact.window import Window
+from spikingtac.errors import DeviceError
+from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.live.contact_loop import Arrival
+from spikingtac.live.stream_clock import StreamClock
 from spikingtac.types import LossCounters
 
 SILENCE_US = 500_000
 """Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner, and
 the empty windows of a leap would only delay the ones after it)."""
+LEARNED_WINDOWS = 50
+"""Windows before the guard arms: one of them at least arrives without delay (ours)."""
+LEAST_PACE = 0.9
+"""Host time over sensor time of these windows from which on they are no pile that is read off."""
+CATCH_UP_S = 10.0
+"""Longest time that a stream may take to catch up with its sensor after it was opened, s (ours)."""
 
 
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
@@ -26,14 +36,20 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
     A window is complete when an event after its end has come, which the sensor's noise ensures. To
     the watchdog, a camera that is wholly silent is a stalled stream.
 
+    A camera that is unplugged is an error, and never waited for: the watchdog has to trip.
+
     Args:
-        path: Named pipe, or anything that :func:`~spikingtac.events.open.open_events` reads.
+        path: Named pipe, address of a camera, or anything that
+            :func:`~spikingtac.events.open.open_events` reads.
         period_us: Length of a window, us.
 
     Raises:
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
+        DeviceError: There is no such camera; CameraLostError where it is gone.
     """
     source = open_events(path)
+    if isinstance(source, CameraSource):
+        source.when_lost = "raise"
     regular = windows(source, period_us, silence_limit_us=SILENCE_US)
     return timed(((window,) for window in regular), source.losses)
 
@@ -48,3 +64,47 @@ def timed(stream: Iterable[Window], losses: LossCounters | None = None) -> Itera
     counted = LossCounters() if losses is None else losses
     for window in stream:
         yield Arrival(window, time.monotonic(), counted["time_jump"])
+
+
+def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) -> None:
+    """Read on until a stream is at its pace; what piled up while it was opened is dropped.
+
+    Args:
+        stream: Just opened.
+        clock: Learns how sensor time maps to host time, from windows at the stream's own pace.
+        backlog_s: The stream is at its pace where it lags less than half of this.
+
+    Raises:
+        DeviceError: The stream ended, or it stays behind.
+    """
+    last: deque[Arrival] = deque(maxlen=LEARNED_WINDOWS)
+    until_s, behind_s = float("inf"), 0.0
+    for arrival in stream:
+        last.append(arrival)
+        if len(last) == LEARNED_WINDOWS and _at_pace(last):
+            behind_s = _learnt(StreamClock(), last)
+            if behind_s < backlog_s / 2.0:
+                _learnt(clock, last)
+                return
+        until_s = min(until_s, arrival.received_s + CATCH_UP_S)
+        if arrival.received_s > until_s:
+            raise DeviceError(
+                f"the event stream stays {behind_s * 1e3:.0f} ms behind; "
+                "give the machine less other work, or lower the sensor's event rate"
+            )
+    raise DeviceError("the event stream ended before the guard was ready")
+
+
+def _at_pace(last: Sequence[Arrival]) -> bool:
+    """Return whether windows came in the time that they span, not all at once from a pile."""
+    spanned_s = (last[-1].end_us - last[0].end_us) * 1e-6
+    return last[-1].received_s - last[0].received_s >= LEAST_PACE * spanned_s
+
+
+def _learnt(clock: StreamClock, last: Iterable[Arrival]) -> float:
+    """Teach a clock some arrivals and return how far the last one is behind, s."""
+    behind_s = 0.0
+    for arrival in last:
+        clock.arrive(arrival.end_us, arrival.received_s)
+        behind_s = clock.backlog_s(arrival.end_us, arrival.received_s)
+    return behind_s

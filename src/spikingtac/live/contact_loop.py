@@ -78,6 +78,8 @@ class GuardReport:
         decision_p50_us: Median time to decide over the recent windows, us.
         decision_p99_us: 99th percentile of the same, us.
         lost: How many windows each subscriber did not take.
+        stop_failure: Why the arm is not known to rest after a stop; empty where it rests, or where
+            nothing has stopped it.
     """
 
     health: Health
@@ -89,6 +91,7 @@ class GuardReport:
     decision_p50_us: float
     decision_p99_us: float
     lost: tuple[int, ...]
+    stop_failure: str
 
 
 class BoundedQueue(Protocol):
@@ -178,7 +181,7 @@ class ContactLoop:
 
     def report(self) -> GuardReport:
         """Return the state now."""
-        p50_us, p99_us = self._percentiles_us()
+        p50_us, p99_us = _percentiles(self._recent_us or (0.0,))
         return GuardReport(
             health=self._watchdog.health,
             reason=self._watchdog.reason,
@@ -189,6 +192,7 @@ class ContactLoop:
             decision_p50_us=p50_us,
             decision_p99_us=p99_us,
             lost=tuple(subscriber.lost for subscriber in self._subscribers),
+            stop_failure=failure_words(self._watchdog.stop_failure),
         )
 
     def _process(self, arrival: Arrival) -> None:
@@ -197,6 +201,7 @@ class ContactLoop:
         contact = self._detector.update(arrival.window)
         decided_s = self._clock_s()
         if contact is not None:
+            self._watchdog.disarm()  # nothing beats while the arm brakes
             self._stop()
             self.contact = contact
             stopped_s = self._clock_s()
@@ -226,8 +231,13 @@ class ContactLoop:
             stop_us=(stopped_s - decided_s) * US_PER_S,
         )
 
-    def _percentiles_us(self) -> tuple[float, float]:
-        if not self._recent_us:
-            return 0.0, 0.0
-        p50_us, p99_us = np.percentile(np.array(self._recent_us), (50, 99))
-        return float(p50_us), float(p99_us)
+
+def _percentiles(values: Sequence[float] | deque[float]) -> tuple[float, float]:
+    """Return median and 99th percentile of some values."""
+    p50, p99 = np.percentile(np.array(values), (50, 99))
+    return float(p50), float(p99)
+
+
+def failure_words(failure: Exception | None) -> str:
+    """Return a failed stop in words; nothing where none failed."""
+    return "" if failure is None else f"{type(failure).__name__}: {failure}"

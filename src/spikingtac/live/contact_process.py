@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -13,12 +15,26 @@ from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
-from spikingtac.live.contact_loop import Arrival, ContactLoop, GuardReport, Subscriber
+from spikingtac.live.arrivals import catch_up
+from spikingtac.live.contact_loop import (
+    Arrival,
+    ContactLoop,
+    GuardReport,
+    Subscriber,
+    failure_words,
+)
 from spikingtac.live.factory import Factory
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot.watchdog import (
+    Health,
+    Watchdog,
+    WatchdogConfig,
+    WatchdogThread,
+    exempt_from_collection,
+    take_precedence,
+)
 
 STATUS_BYTES = 1 << 14
 LONGEST_REASON = 1_000
@@ -27,10 +43,6 @@ STATUS_PERIOD_S = 0.02
 """Period at which the guard checks controller and parent, and publishes its status."""
 CUT_MARK = "... (cut)"
 """End of a reason that was too long for the status."""
-LEARNED_WINDOWS = 50
-"""Windows before the guard arms: one of them at least arrives without delay (ours)."""
-CATCH_UP_S = 10.0
-"""Longest time that a stream may take to catch up with its sensor after it was opened, s (ours)."""
 SHUTDOWN_S = 5.0
 
 
@@ -55,7 +67,7 @@ class ContactProcess:
     ) -> None:
         context = multiprocessing.get_context("spawn")
         self._ring = SharedRing.create(STATUS_BYTES)
-        self._seen = 0
+        self._seen, self._closed = 0, False
         self._last: dict[str, Any] = {}
         work = (arrivals, detector, arm, watchdog or WatchdogConfig(), recorder, self._ring.name)
         self._process = context.Process(target=_guard, args=work, daemon=True, name="contact")
@@ -65,7 +77,9 @@ class ContactProcess:
         """Return the latest state without waiting; empty before the first.
 
         ``phase`` is ``ready`` (the self-test has passed, the guard watches), ``tripped`` (the arm
-        was commanded to stop, the loop may hang), ``ended`` or ``failed``; ``reason`` says why.
+        was commanded to stop, the loop may hang), ``ended`` or ``failed``; ``reason`` says why, and
+        ``stop_failure`` whether the arm is not known to rest. ``precedes`` says whether the system
+        lets the guard run before ordinary work; a busy machine may trip one that does not.
         The rest are the fields of :class:`GuardReport`, and ``at_s`` on the monotonic clock.
         """
         found = self._ring.latest(self._seen)
@@ -84,9 +98,17 @@ class ContactProcess:
         self._process.join(SHUTDOWN_S)
 
     def close(self) -> None:
-        """End the process, if it still runs, and release the shared memory."""
+        """Let the process stop the arm and end, if it still runs, and release the shared memory.
+
+        Harmless when repeated.
+        """
+        if self._closed:
+            return
+        self._closed = True
         self._process.terminate()
         self._process.join(SHUTDOWN_S)
+        if self._process.is_alive():
+            self.kill()
         self._ring.close()
 
 
@@ -95,6 +117,9 @@ class GuardStatus:
 
     Args:
         ring: Where the parent reads the state; its slots hold :data:`STATUS_BYTES`.
+
+    Attributes:
+        precedes: Whether the guard runs before ordinary work.
     """
 
     def __init__(self, ring: SharedRing) -> None:
@@ -102,6 +127,7 @@ class GuardStatus:
         self._lock = threading.Lock()  # the watchdog's thread publishes too
         self._fields: dict[str, Any] = {}
         self._due_s = 0.0
+        self.precedes = False
         self._parent = multiprocessing.parent_process()
 
     def check(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
@@ -117,24 +143,32 @@ class GuardStatus:
         if watchdog.health is Health.OK:
             self.publish("ready", loop.report())
 
+    def rehearse(self, loop: ContactLoop, arm: Arm) -> None:
+        """Do once what takes long the first time, and take precedence, before the watch begins."""
+        arm.state()
+        self.precedes = take_precedence()
+        status_message({**asdict(loop.report()), "health": "ok", "reason": ""})
+
     def tripped(self, watchdog: Watchdog) -> None:
         """Publish a trip from whichever thread it happens in: the loop itself may hang."""
-        reason, failure = watchdog.reason, watchdog.stop_failure
-        if failure is not None:
-            reason += f"; the stop failed: {type(failure).__name__}: {failure}"
-        health = {"health": watchdog.health.value}
-        self._publish({**self._fields, **health, "phase": "tripped", "reason": reason})
+        reason, failure = watchdog.reason, failure_words(watchdog.stop_failure)
+        known = {"health": watchdog.health.value, "stop_failure": failure[:LONGEST_REASON]}
+        if failure:
+            reason += f"; the stop failed: {failure}"
+        self._publish({**self._fields, **known, "phase": "tripped", "reason": reason})
 
     def publish(self, phase: str, report: GuardReport | None = None, reason: str = "") -> None:
         """Publish a phase with the loop's report; ``reason`` stands before the report's own."""
         if report is not None:
             self._fields = asdict(report) | {"health": report.health.value}
+            self._fields["stop_failure"] = report.stop_failure[:LONGEST_REASON]
         reason = reason or (report.reason if report is not None else "")
         self._publish({**self._fields, "phase": phase, "reason": reason})
 
     def _publish(self, state: dict[str, Any]) -> None:
         with self._lock:
-            self._ring.publish(status_message({**state, "at_s": time.monotonic()}))
+            known = {"precedes": self.precedes, "at_s": time.monotonic()}
+            self._ring.publish(status_message({**state, **known}))
 
 
 def status_message(state: dict[str, Any]) -> bytes:
@@ -156,22 +190,28 @@ def _guard(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     status = GuardStatus(SharedRing.attach(ring_name, STATUS_BYTES))
     try:
-        detector, arm = make_detector(), make_arm()
+        detector, stream = make_detector(), arrivals()
+        _prepare(stream, detector)
+        arm = make_arm()
     except Exception as error:  # the parent has no other way to learn of it
         status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
     subscribers = [] if recorder is None else [Subscriber(recorder)]
-    watchdog = Watchdog(config, arm.stop, time.monotonic, lambda: status.tripped(watchdog))
+    watchdog = Watchdog(
+        config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
+    )
+    threading.Thread(target=_brake, args=(watchdog, _sigterm_pipe()), daemon=True).start()
     clock = StreamClock()
     loop = ContactLoop(detector, watchdog, arm.stop, subscribers, stream_clock=clock)
     try:
         watchdog.self_test()  # a stop takes longer than the allowed silence, so it comes first
-        stream = arrivals()
-        catch_up(stream, detector, clock, config.backlog_s)
+        catch_up(stream, clock, config.backlog_s)
+        status.rehearse(loop, arm)
         watchdog.arm()
         with WatchdogThread(watchdog):
-            report = loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        status.publish("ended", report)
+            loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
+        _confirm_stop(loop, arm, watchdog)
+        status.publish("ended", loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
         status.publish("failed", loop.report())
@@ -181,33 +221,50 @@ def _guard(
             recorder.cancel_join_thread()  # a recorder that hangs must not keep the process
 
 
-def catch_up(
-    stream: Iterator[Arrival], detector: ContactDetector, clock: StreamClock, backlog_s: float
-) -> None:
-    """Read on until a stream is at its pace; what piled up while it was opened is dropped.
+def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
+    """Tell the watchdog where the arm does not rest after a contact."""
+    if loop.contact is None:
+        return
+    try:
+        arm.confirm_stop()
+    except Exception as error:  # whatever the driver raises, the arm is not known to rest
+        watchdog.stop_failed(error)
 
-    Args:
-        stream: Just opened.
-        detector: Gets the first window, which compiles its kernels, and is reset.
-        clock: Learns how sensor time maps to host time.
-        backlog_s: The stream is at its pace where it lags less than half of this.
+
+def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
+    """Get the process ready for an arm, whose controller has to hear from it all the time.
+
+    What stops all threads comes first: the first window, which compiles the detector's kernels or
+    loads them, and a garbage collection.
 
     Raises:
-        DeviceError: The stream ended, or it stays behind.
+        DeviceError: The stream ended.
     """
-    until_s = float("inf")
-    for count, arrival in enumerate(stream, 1):
-        clock.arrive(arrival.end_us, arrival.received_s)
-        behind_s = clock.backlog_s(arrival.end_us, arrival.received_s)
-        if count == 1:
-            detector.update(arrival.window)
-            detector.reset()
-            until_s = arrival.received_s + CATCH_UP_S
-        elif count >= LEARNED_WINDOWS and behind_s < backlog_s / 2.0:
-            return
-        if arrival.received_s > until_s:
-            raise DeviceError(
-                f"the event stream stays {behind_s * 1e3:.0f} ms behind; "
-                "give the machine less other work, or lower the sensor's event rate"
-            )
-    raise DeviceError("the event stream ended before the guard was ready")
+    first = next(stream, None)
+    if first is None:
+        raise DeviceError("the event stream ended before the guard was ready")
+    detector.update(first.window)
+    detector.reset()
+    exempt_from_collection()
+
+
+def _sigterm_pipe() -> socket.socket:
+    """Return what becomes readable when SIGTERM comes, whichever thread it comes to.
+
+    A mask would not do: libraries have begun threads of their own by now (OpenBLAS), which would
+    take the signal and end the process with the arm in motion. The wake-up file is written even
+    while the main thread hangs.
+    """
+    readable, writable = socket.socketpair()
+    writable.setblocking(False)
+    signal.set_wakeup_fd(writable.detach(), warn_on_full_buffer=False)
+    signal.signal(signal.SIGTERM, lambda number, frame: None)
+    return readable
+
+
+def _brake(watchdog: Watchdog, told: socket.socket) -> None:
+    """Stop the arm once SIGTERM came, then end the process, also where its loop hangs."""
+    while told.recv(1) != bytes([signal.SIGTERM]):
+        pass
+    watchdog.disconnected("the guard was told to end")
+    os._exit(0)

@@ -6,7 +6,6 @@ waits for the camera.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
@@ -129,9 +128,10 @@ class Approacher(Generic[W]):
             read = self._arm.pose().position_mm if contact else None
             true = _true_position(self._arm) if contact else None
             self._wait(lambda: self._arm.state() is not ArmState.MOVING)
-        except BaseException:
-            with contextlib.suppress(DeviceError):  # the first fault is the one to report
-                self._arm.stop()
+            if contact is not None:
+                self._arm.confirm_stop()
+        except BaseException as fault:
+            _stop_after(self._arm, fault)
             raise
         stop, true_stop = self._arm.pose().position_mm, _true_position(self._arm)
         return Approach(contact, read, true, stop, true_stop, self._pulled, direction)
@@ -187,6 +187,20 @@ class Approacher(Generic[W]):
         if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
             raise DeviceError(f"the arm stopped by itself: {state.value}")
         return state
+
+
+def _stop_after(arm: Arm, fault: BaseException) -> None:
+    """Stop the arm after a fault, which is the one to report unless the arm moves on.
+
+    Raises:
+        DeviceError: The arm is not known to rest.
+    """
+    try:
+        arm.stop()
+        arm.confirm_stop()
+    except DeviceError as failure:
+        if arm.state() is not ArmState.DISCONNECTED:
+            raise DeviceError(f"{failure} (the first fault: {fault})") from fault
 
 
 def _true_position(arm: Arm) -> FloatArray | None:

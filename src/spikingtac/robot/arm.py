@@ -53,7 +53,15 @@ class Arm(Protocol):
         """Brake along the path and return at once; harmless when the arm is at rest.
 
         Raises:
-            DeviceError: The command could not be handed over.
+            DeviceError: The arm is not connected any more.
+        """
+        ...
+
+    def confirm_stop(self) -> None:
+        """Wait for the outcome of the last stop, within the driver's limits (UR: 0.2 s).
+
+        Raises:
+            DeviceError: The arm moves on, or nothing says that it rests.
         """
         ...
 
@@ -62,7 +70,7 @@ class Arm(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop and let go of the controller; harmless when repeated."""
+        """Stop, confirm it, and let go of the controller; harmless when repeated."""
         ...
 
 

@@ -17,6 +17,8 @@ from spikingtac.errors import ConfigError, DeviceError
 
 PORT = 63352
 FULL_SCALE = 255
+LONGEST_ANSWER = 1024
+"""Bytes that may come before the end of an answer."""
 ACTIVE = 3
 """Value of ``STA`` once the activation has ended."""
 FAULTS_THAT_STOP = 8
@@ -38,7 +40,7 @@ class RobotiqConfig:
 
     Attributes:
         port: Port of the URCap's socket.
-        timeout_s: Longest wait for an answer, s.
+        timeout_s: Longest wait for an answer, s; to its end, however slowly it comes.
         activation_s: Longest wait for the activation, s.
         motion_s: Longest wait for a motion, s.
         poll_s: Time between two looks, s.
@@ -143,7 +145,7 @@ class RobotiqGripper:
             raise DeviceError(f"the gripper answered {answer!r} to SET {name} {value}")
 
     def get(self, name: str) -> int:
-        """Return one variable.
+        """Return one variable, 0 to 255.
 
         Raises:
             DeviceError: The answer is none.
@@ -151,18 +153,30 @@ class RobotiqGripper:
         answer = self._ask(f"GET {name}").split()
         if len(answer) != 2 or answer[0] != name or not answer[1].isdecimal():
             raise DeviceError(f"the gripper answered {' '.join(answer)!r} to GET {name}")
-        return int(answer[1])
+        value = int(answer[1])
+        if value > FULL_SCALE:
+            raise DeviceError(
+                f"the gripper answered {' '.join(answer)!r} to GET {name}; valid is up to "
+                f"{FULL_SCALE}"
+            )
+        return value
 
     def _ask(self, line: str) -> str:
+        until_s = time.monotonic() + self._config.timeout_s
         try:
+            self._socket.settimeout(self._config.timeout_s)
             self._socket.sendall(line.encode() + b"\n")
-            return self._read()
+            return self._read(until_s)
         except OSError as error:
             raise DeviceError(f"the gripper does not answer to {line!r}: {error}") from error
 
-    def _read(self) -> str:
+    def _read(self, until_s: float) -> str:
         """Return one answer; ``ack`` may come without an end of line."""
         while b"\n" not in self._rest and self._rest != b"ack":
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0 or len(self._rest) > LONGEST_ANSWER:
+                raise TimeoutError("no whole answer came in time")
+            self._socket.settimeout(left_s)
             data = self._socket.recv(1024)
             if not data:
                 raise ConnectionResetError("the connection was closed")

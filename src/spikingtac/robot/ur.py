@@ -1,37 +1,35 @@
 """A real UR arm through ur_rtde (the extra ``[robot]``); see :class:`~spikingtac.robot.arm.Arm`.
 
 Not a safety function. The driver adds to ur_rtde what an unattended loop needs: reading a pose
-that is too old raises an error, a lost connection is reported at once, and the controller stops by
-itself when this computer sends nothing (URScript's watchdog, action "stop").
+that is too old raises an error, a lost connection is reported at once, the controller stops by
+itself when this computer sends nothing (URScript's watchdog, action "stop"), a stop is verified by
+the arm's reported speed, and no call waits without limit.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.robot.arm import ArmState
+from spikingtac.robot.bounded_calls import BoundedCalls
+from spikingtac.robot.ur_client import DISCONNECT_S, connect, disconnect
+from spikingtac.robot.ur_stop import StopLink, verified_stop
+from spikingtac.robot.verified_stop import Report, StopConfig
 from spikingtac.types import Pose
 
 Vector = NDArray[np.float64]
 
-RECEIVED = [
-    "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_status_bits",
-    "safety_status_bits", "runtime_state",
-]  # fmt: skip
-"""What is asked of the controller: enough for the protocol, little enough for CB3 at 125 Hz."""
 MM_PER_M = 1000.0
-SCRIPT_PORT = 30002
 PROGRAM_RUNNING = 0b10
 """Bit of the robot's status: a program runs."""
 REST_MM_S = 0.01
@@ -44,21 +42,29 @@ class URConfig:
 
     Attributes:
         acceleration_m_s2: Acceleration of ``movel``, m/s2 (URScript's default).
-        deceleration_m_s2: Deceleration of a stop, m/s2 (contract.md: 8).
+        stop: When a stop counts as obeyed, and how long each means to stop has.
+        power_off: Whether an arm that is seen to move after every means to stop is switched off at
+            the dashboard; its brakes then hold it.
         speed_limit_mm_s: Fastest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
         patience_s: Age of the last report at which the stream counts as lost, s (ours: 12 cycles
             of CB3).
         start_patience_s: Longest wait for a commanded motion to begin, s.
         watchdog_hz: Least rate at which the controller must hear from this computer, Hz; it makes
             a protective stop otherwise. None leaves the controller without one.
+        call_limit_s: Longest wait for a command, s (ours: 60 cycles of CB3). A controller that
+            takes longer counts as lost, until :meth:`URArm.reconnect`.
+        connect_limit_s: Longest wait for each port's first answer, s.
     """
 
     acceleration_m_s2: float = 1.2
-    deceleration_m_s2: float = 8.0
+    stop: StopConfig = field(default_factory=StopConfig)
+    power_off: bool = True
     speed_limit_mm_s: float = 1000.0
     patience_s: float = 0.1
     start_patience_s: float = 0.5
     watchdog_hz: float | None = 10.0
+    call_limit_s: float = 0.5
+    connect_limit_s: float = 2.0
 
 
 class URArm:
@@ -83,7 +89,6 @@ class URArm:
         self._host = host
         self._config = config or URConfig()
         self._clock_s = clock_s
-        self._lock = threading.RLock()
         self._open()
 
     def pose(self) -> Pose:
@@ -117,31 +122,41 @@ class URArm:
         goal = [*(target / MM_PER_M).tolist(), *rotation]
         speed, acceleration = speed_mm_s / MM_PER_M, config.acceleration_m_s2
         self._commanded_s, self._began = self._clock_s(), False
-        if not self._call(lambda: self._control.moveL(goal, speed, acceleration, True)):
-            self._began = True
+        try:
+            begun = self._call(
+                lambda: self._control.moveL(goal, speed, acceleration, True), self._stopping.begin
+            )
+        except DeviceError:
+            self.stop()  # it may begin yet
+            raise
+        if not begun:
+            self.stop()  # ur_rtde does not say whether the command was sent
             raise DeviceError("the controller refused the motion; look at its teach pendant")
 
     def stop(self) -> None:
         """Brake; see :class:`~spikingtac.robot.arm.Arm`.
 
-        Where the control script does not answer, a stop script is sent on the script port instead,
-        which ends the control script.
+        The arm is watched from here on, and stopped more firmly where its speed does not fall:
+        ``stopl`` in the control script; a program of its own on the script port, which ends the
+        control script; a protective stop; and at last its power is switched off.
         """
         self._began = True
         if self._closed:
             raise DeviceError("the arm is not connected any more; make a new one")
-        deceleration = self._config.deceleration_m_s2
-        if not self._is_fresh() or not self._scripted():
-            self._stop_by_script(deceleration)
-            return
-        self._call(lambda: self._control.stopL(deceleration, True))
+        self._stopping.begin()
+
+    def confirm_stop(self) -> None:
+        """Wait until the arm rests; see :class:`~spikingtac.robot.arm.Arm`."""
+        self._stopping.confirm()
 
     def state(self) -> ArmState:
         """Return what the arm does, as last reported."""
-        if self._closed or not self._is_fresh():
+        if self._closed or self._is_lost() or not self._is_fresh():
             return ArmState.DISCONNECTED
         if self._receive.isProtectiveStopped() or self._receive.isEmergencyStopped():
             return ArmState.PROTECTIVE_STOP
+        if self._stopping.running:
+            return ArmState.MOVING
         setpoint = np.array(self._receive.getTargetTCPSpeed()[:3]) * MM_PER_M
         if float(np.linalg.norm(setpoint)) > REST_MM_S:
             self._began = True
@@ -160,42 +175,86 @@ class URArm:
         self._open()
 
     def close(self) -> None:
-        """Stop and let go of the controller."""
+        """Stop, wait until the arm rests, and let go of the controller.
+
+        Raises:
+            DeviceError: It moves on, or nothing says that it rests.
+        """
         if not self._closed:
-            with contextlib.suppress(DeviceError):
+            try:
                 self.stop()
-            self._let_go()
+                self.confirm_stop()
+            finally:
+                self._let_go()
+
+    def _close_at_exit(self) -> None:
+        with contextlib.suppress(DeviceError):  # nobody is left who could be told
+            self.close()
 
     def _open(self) -> None:
-        self._receive, self._control = _connect(self._host)
+        config = self._config
+        self._receive, self._control = connect(self._host, config.connect_limit_s)
+        self._calls = BoundedCalls(f"the controller at {self._host}", self._clock_s)
+        self._lost = False
         self._stamp, self._stamp_seen_s = -1.0, self._clock_s()
         self._commanded_s = -np.inf
         self._began = True
         self._closed = False
+        link = StopLink(
+            host=self._host,
+            by_control_script=self._stop_by_control_script,
+            hush=self._hush,
+            report=self._report,
+            limit_s=config.call_limit_s,
+        )
+        self._stopping = verified_stop(link, config.stop, config.power_off, self._clock_s)
         self._end_heartbeat = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="ur-heartbeat", daemon=True)
-        if self._config.watchdog_hz is not None:
-            self._call(lambda: self._control.setWatchdog(self._config.watchdog_hz))
+        if config.watchdog_hz is not None:
+            self._call(lambda: self._control.setWatchdog(config.watchdog_hz))
             self._heartbeat.start()
-        atexit.register(self.close)  # ur_rtde's threads crash an interpreter that ends before them
+        atexit.register(self._close_at_exit)  # ur_rtde's threads crash an interpreter that ends
 
     def _let_go(self) -> None:
         self._closed = True
-        atexit.unregister(self.close)
+        atexit.unregister(self._close_at_exit)
         self._end_heartbeat.set()
         if self._heartbeat.is_alive():
-            self._heartbeat.join()
+            self._heartbeat.join(self._config.call_limit_s)
+        # An interpreter that ends while a native call returns to it is aborted: it is waited for.
+        hangs = not self._calls.end(DISCONNECT_S)
         for interface in (self._control, self._receive):
-            with contextlib.suppress(Exception):  # whatever a broken native client raises
-                interface.disconnect()
+            disconnect(interface, hangs)
 
     def _beat(self) -> None:
         """Keep the controller's watchdog quiet, at three times the rate that it asks for."""
         period_s = 1.0 / (3.0 * (self._config.watchdog_hz or 1.0))
         while not self._end_heartbeat.wait(period_s):
-            if self._is_fresh() and self._scripted():
+            if self._is_fresh() and self._scripted() and not self._is_lost():
                 with contextlib.suppress(DeviceError):
                     self._call(self._control.kickWatchdog)
+
+    def _hush(self) -> None:
+        """Let the controller hear nothing more, so that its own watchdog stops the arm."""
+        self._end_heartbeat.set()
+
+    def _stop_by_control_script(self) -> bool:
+        """Give the control script a stop; return False where there is none to give it to."""
+        if self._is_lost() or not (self._is_fresh() and self._scripted()):
+            return False
+        self._call(lambda: self._control.stopL(self._config.stop.deceleration_m_s2, True))
+        return True
+
+    def _report(self) -> Report:
+        """Return the last report, for the stop."""
+        self._is_fresh()
+        speed_mm_s = np.linalg.norm(self._receive.getActualTCPSpeed()[:3]) * MM_PER_M
+        return Report(self._stamp_seen_s, float(speed_mm_s))
+
+    def _is_lost(self) -> bool:
+        """Return whether a command hung; what a client does after that is not known."""
+        self._lost |= self._calls.running_s() > self._config.call_limit_s
+        return self._lost
 
     def _is_fresh(self) -> bool:
         """Return whether the controller's own time advanced lately."""
@@ -216,40 +275,13 @@ class URArm:
     def _scripted(self) -> bool:
         return bool(self._receive.getRobotStatus() & PROGRAM_RUNNING)
 
-    def _call(self, command: Callable[[], Any]) -> Any:
-        try:
-            with self._lock:
-                return command()
-        except Exception as error:  # ur_rtde raises RuntimeError, logic_error and others
-            raise DeviceError(f"the controller at {self._host} failed: {error}") from error
-
-    def _stop_by_script(self, deceleration_m_s2: float) -> None:
-        script = f"def spikingtac_stop():\n  stopl({deceleration_m_s2})\nend\n"
-        try:
-            timeout_s = self._config.patience_s
-            with socket.create_connection((self._host, SCRIPT_PORT), timeout_s) as connection:
-                connection.sendall(script.encode())
-        except OSError as error:
-            raise DeviceError(f"the stop could not be sent to {self._host}: {error}") from error
-
-
-def _connect(host: str) -> tuple[Any, Any]:
-    """Return ur_rtde's receive and control interfaces."""
-    try:
-        import rtde_control
-        import rtde_receive
-    except ImportError as error:
-        raise MissingExtraError(
-            "the UR driver needs ur_rtde; install it with: pip install 'spikingtac[robot]'"
-        ) from error
-    try:
-        receive = rtde_receive.RTDEReceiveInterface(host, -1.0, RECEIVED)
-        return receive, rtde_control.RTDEControlInterface(host)
-    except Exception as error:  # ur_rtde raises RuntimeError, logic_error and others
-        raise DeviceError(
-            f"no UR controller answers at {host}: {error}; "
-            "check address, power and that remote control is on"
-        ) from error
+    def _call(self, command: Callable[[], Any], late: Callable[[], None] = lambda: None) -> Any:
+        """Give the control interface a command; ``late`` is called if it returns after its time."""
+        if self._is_lost():
+            raise DeviceError(
+                f"the controller at {self._host} left a command unanswered; reconnect"
+            )
+        return self._calls.call(command, self._config.call_limit_s, late)
 
 
 def rotation_matrix(vector_rad: Vector) -> Vector:

@@ -1,5 +1,7 @@
 """The gripper's driver against a fake that speaks its ASCII socket."""
 
+import time
+
 import pytest
 
 from spikingtac.errors import ConfigError, DeviceError
@@ -75,3 +77,20 @@ def test_nobody_there() -> None:
         port = fake.port
     with pytest.raises(DeviceError, match="URCap"):
         RobotiqGripper("127.0.0.1", RobotiqConfig(port=port, timeout_s=0.2))
+
+
+def test_the_limit_holds_against_an_answer_that_comes_byte_by_byte() -> None:
+    with FakeGripper() as fake, connect(fake) as gripper:
+        fake.byte_period_s = 0.15  # each byte comes within the limit of 0.2 s, the answer does not
+        begun_s = time.monotonic()
+        with pytest.raises(DeviceError, match="does not answer"):
+            gripper.position()
+        assert time.monotonic() - begun_s < 0.6  # "POS 3" would take 0.9 s
+
+
+@pytest.mark.parametrize("answer", ["POS 300", "POS -1", "POS 3.5", "POS"])
+def test_an_impossible_position_is_refused(answer: str) -> None:
+    with FakeGripper() as fake, connect(fake) as gripper:
+        fake.answer_instead = answer
+        with pytest.raises(DeviceError, match=f"{answer!r} to GET POS"):
+            gripper.position()

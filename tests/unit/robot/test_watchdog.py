@@ -1,12 +1,19 @@
 """The watchdog trips, latches, needs its self-test, and never swallows a failed stop."""
 
+import subprocess
+import sys
 import threading
 import time
 
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot.watchdog import (
+    Health,
+    Watchdog,
+    WatchdogConfig,
+    WatchdogThread,
+)
 
 
 class Bench:
@@ -37,12 +44,12 @@ def bench() -> Bench:
 
 def test_silence_of_the_transport_trips_once_and_latches(bench: Bench) -> None:
     watchdog = bench.armed()
-    bench.now_s += 0.009
+    bench.now_s += 0.024
     assert watchdog.check() is Health.OK
     bench.now_s += 0.002
     assert watchdog.check() is Health.STALE
     assert bench.stops == 1
-    assert "11.0 ms" in watchdog.reason
+    assert "26.0 ms" in watchdog.reason
     watchdog.beat()
     assert watchdog.check() is Health.STALE
     assert not watchdog.armed
@@ -140,3 +147,55 @@ def test_its_thread_catches_a_loop_that_hangs() -> None:
 def test_impossible_limits_are_refused(changes: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="positive"):
         WatchdogConfig(**changes)
+
+
+def test_a_stop_that_is_not_confirmed_is_a_failure_and_is_told_again(bench: Bench) -> None:
+    told: list[str] = []
+    stuck = [True]
+
+    def confirm() -> None:
+        if stuck[0] and watchdog.armed is False and told:
+            raise DeviceError("it moves")
+
+    watchdog = Watchdog(
+        WatchdogConfig(),
+        bench.stop,
+        lambda: bench.now_s,
+        lambda: told.append(str(watchdog.stop_failure)),
+        confirm,
+    )
+    watchdog.self_test()
+    watchdog.arm()
+    bench.now_s += 1.0
+    assert watchdog.check() is Health.STALE
+    assert told == ["None", "it moves"]  # the trip at once, the failure when it is known
+    watchdog.check()
+    assert told == ["None", "it moves"]
+    stuck[0] = False
+    watchdog.check()
+    assert told[-1] == "None"
+    assert watchdog.stop_failure is None
+
+
+def test_a_stop_that_failed_at_a_contact_is_told_and_tried_again(bench: Bench) -> None:
+    watchdog = bench.armed()
+    watchdog.stop_failed(DeviceError("it moves"))
+    assert (watchdog.health, watchdog.armed) == (Health.NOT_STOPPED, False)
+    assert "at a contact" in watchdog.reason
+    watchdog.check()
+    assert bench.stops == 1
+    assert watchdog.stop_failure is None
+
+
+def test_what_was_there_before_the_watch_is_not_visited_by_collections() -> None:
+    """A collection of everything stops all threads for longer than the watchdog waits."""
+    script = (
+        "import gc, numpy\n"
+        "from spikingtac.robot.watchdog import exempt_from_collection\n"
+        "before = len(gc.get_objects())\n"
+        "exempt_from_collection()\n"
+        "print(before, len(gc.get_objects()))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    before, after = map(int, done.stdout.split())
+    assert after < 100 < before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
+from spikingtac.cli.robot.termination import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 
@@ -29,6 +31,10 @@ TRIPPED_S = 0.5
 """Wait after a trip for the end of the guarding process, s: its loop may hang."""
 NOT_A_SAFETY_FUNCTION = (
     "note: this is no safety function: it does not replace the robot's protective stop"
+)
+NO_PRECEDENCE = (
+    "note: the system does not give the guard real-time priority, so that other work on this "
+    "machine may stop the arm; permit it with a line in /etc/security/limits.conf: USER - rtprio 20"
 )
 
 
@@ -74,18 +80,17 @@ def run(args: Args) -> int:
             "to find the contacts in a recording: spikingtac contact RECORDING"
         )
     remark(NOT_A_SAFETY_FUNCTION)
-    process = start(args)
-    try:
+    with ended_by_sigterm(), contextlib.closing(start(args)) as process:
         status = _wait(process)
-    finally:
-        process.close()
+    if status.get("stop_failure"):
+        raise DeviceError(f"the arm was NOT stopped: {status['reason']}: {status['stop_failure']}")
     if status["phase"] != "ended" or status["contact"] is None:
         raise DeviceError(f"the guard stopped the arm without a contact: {status['reason']}")
     summary = {name: status[name] for name in ("contact", "latency", "windows", "health")}
     if args.json:
         emit_json(summary)
     else:
-        remark(f"contact at {summary['contact']['t_us']} us, the arm was commanded to stop")
+        remark(f"contact at {summary['contact']['t_us']} us, the arm was stopped")
     return 0
 
 
@@ -155,4 +160,6 @@ def _wait(process: ContactProcess) -> dict[str, Any]:
         if status and not ready:
             ready = True
             remark("watching: the self-test has told the arm to stop; start its motion now")
+            if not status.get("precedes", False):
+                remark(NO_PRECEDENCE)
         time.sleep(POLL_S)

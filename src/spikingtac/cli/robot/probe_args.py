@@ -30,7 +30,10 @@ class ProbeArgs:
     arm: str | None = None
     """Address of a UR arm in remote control; the twin is used unless given."""
     events: Path | None = None
-    """With --arm: source of the finger's events, a camera's named pipe or a recording."""
+    """With --arm: the finger's camera, a named pipe; a recording only with --rehearsal."""
+    rehearsal: bool = False
+    """With --arm: allow --events to be a recording. The arm then moves by what was felt earlier,
+    and feels nothing: no contact stops it."""
     calibration: Path | None = None
     """With --arm: calibration.json of that finger."""
     gripper: bool = False

@@ -17,6 +17,7 @@ from spikingtac.cli.robot.probe_search import (
     resolved_config,
     search,
 )
+from spikingtac.cli.robot.termination import ended_by_sigterm
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of
@@ -25,7 +26,12 @@ from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
-from spikingtac.robot.watchdog import Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.robot.watchdog import (
+    Watchdog,
+    WatchdogConfig,
+    WatchdogThread,
+    exempt_from_collection,
+)
 
 if TYPE_CHECKING:
     from spikingtac.live.threaded_source import ThreadedSource
@@ -60,7 +66,7 @@ def on_arm(args: ProbeArgs) -> ProbedHole:
     travel = TravelModel.of(
         Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
     )
-    with contextlib.ExitStack() as stack:
+    with ended_by_sigterm(), contextlib.ExitStack() as stack:
         gripper = None
         grip = None
         if args.gripper:
@@ -87,13 +93,17 @@ def _search_hole(
 ) -> tuple[Circle, Sequence[Touched]]:
     """Learn from the quiet stream, connect the arm, and search under the watchdog."""
     arms: list[Arm] = []
-    watchdog = Watchdog(LIVE, lambda: _stop(arms), time.monotonic)
+    watchdog = Watchdog(
+        LIVE, lambda: _stop(arms), time.monotonic, confirm=lambda: _confirm_stop(arms)
+    )
     stream = listen(args, calibration)
     live = _live_source(args, stream, watchdog)
     if live is not None:
         stack.callback(live.close)
         stream = iter(live)
     detector = learn_detector(args, calibration, stream)
+    if live is not None:
+        exempt_from_collection()
     arm = connect(args)
     stack.callback(arm.close)
     arms.append(arm)
@@ -109,6 +119,11 @@ def _search_hole(
 def _stop(arms: Sequence[Arm]) -> None:
     for arm in arms:
         arm.stop()
+
+
+def _confirm_stop(arms: Sequence[Arm]) -> None:
+    for arm in arms:
+        arm.confirm_stop()
 
 
 def connect_gripper(args: ProbeArgs) -> RobotiqGripper:

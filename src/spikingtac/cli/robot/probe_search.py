@@ -51,6 +51,8 @@ def check(args: ProbeArgs) -> None:
         raise ConfigError(f"--start-mm is {args.start_mm}; it must be two finite numbers, mm")
     if args.arm is not None:
         _check_arm(args)
+    elif args.rehearsal:
+        raise ConfigError("--rehearsal is for an arm; give its address: --arm HOST")
     elif args.gripper:
         raise ConfigError("--gripper is for an arm; give its address: --arm HOST")
     if args.release and not args.gripper:
@@ -60,9 +62,16 @@ def check(args: ProbeArgs) -> None:
 
 
 def _check_arm(args: ProbeArgs) -> None:
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+
     if args.events is None or args.calibration is None:
         raise ConfigError(
             "--arm needs --events and --calibration: those of the finger that holds the probe"
+        )
+    if not args.rehearsal and not is_stream(args.events):
+        raise ConfigError(
+            f"--events is {str(args.events)!r}, which is no camera's named pipe: an arm that moves "
+            "by a recording feels nothing. Give the pipe, or --rehearsal if nothing can be touched"
         )
     if args.start_mm is not None:
         raise ConfigError(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 from spikingtac.markers.calibration.reference import Method
@@ -27,7 +28,7 @@ class Args:
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file or recording folder."""
+    """Event file, recording folder, or a camera: its address, a named pipe, or -."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
     """File to write."""
     grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
@@ -70,7 +71,7 @@ def run(args: Args) -> int:
         allow_missing=args.allow_missing,
     )
     source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
-    with progress(f"calibrating from {args.recording.name}"):
+    with ending_on_interrupt(source), progress(f"calibrating from {args.recording.name}"):
         calibration = calibrate(source, config)
     calibration.provenance["recording"] = args.recording.name
     calibration.save(args.output)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import CalibrationError, ConfigError
 
@@ -35,8 +36,8 @@ class Args:
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a named
-    pipe or - for RAW as it comes, with --quiet."""
+    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a a
+    camera's address, a named pipe or - for events as they come, with --quiet."""
     calibration: tuple[Path, ...] = ()
     """calibration.json of each sensor; unless given, calibration.json and calibration_1.json beside
     the recording are used."""
@@ -74,7 +75,8 @@ def run(args: Args) -> int:
     detector = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
     found = []
-    with progress(f"finding contacts in {args.recording.name}") as advance:
+    what = f"finding contacts in {args.recording.name}"
+    with ending_on_interrupt(sources[0]), progress(what) as advance:
         for contact in find_contacts(sources, detector):
             found.append(contact)
             if live:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from spikingtac.atomic_files import require_free
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 
@@ -84,10 +85,7 @@ def _fit(args: Args) -> int:
     from spikingtac.touch.force.files.model_file import save_force
     from spikingtac.touch.force.fit import fit_force
 
-    if args.output.exists() and not args.overwrite:
-        raise ConfigError(
-            f"{str(args.output)!r} exists; choose another name, or give --overwrite to replace it"
-        )
+    require_free(args.output, args.overwrite)
     creep = CreepConfig(fractions=args.creep_fractions, times_s=args.creep_times_s)
     with progress("learning forces"):
         series = _series(args) if args.files else _drawn(args)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.atomic_files import require_free
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 
@@ -28,7 +30,7 @@ class Args:
     """
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
-    """Event file or recording folder, with --calibration; or tracks.npz, or arrays t_us,
+    """Event file, recording folder or camera, with --calibration; or tracks.npz, or arrays t_us,
     reference_mm, displacement_mm."""
     calibration: Path | None = None
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
@@ -63,10 +65,8 @@ def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
     from spikingtac.touch.touches.detector import TouchDetector
 
-    if args.output is not None and args.output.exists() and not args.overwrite:
-        raise ConfigError(
-            f"{str(args.output)!r} exists; choose another name, or give --overwrite to replace it"
-        )
+    if args.output is not None:
+        require_free(args.output, args.overwrite)
     with progress(f"watching {args.source.name}") as advance:
         watched = _watch(args, advance)
         detector = TouchDetector(watched.reference, _config(watched))
@@ -146,10 +146,11 @@ def _track(args: Args, advance: Any) -> _Watched:
     anomalies: dict[str, int] = {}
 
     def frames() -> Iterator[MarkerFrame]:
-        for index, frame in enumerate(follow(source, tracker, config.tracking.rate_hz)):
-            if index % PROGRESS_EVERY == 0:
-                advance(source.progress)
-            yield frame
+        with ending_on_interrupt(source):
+            for index, frame in enumerate(follow(source, tracker, config.tracking.rate_hz)):
+                if index % PROGRESS_EVERY == 0:
+                    advance(source.progress)
+                yield frame
         anomalies.update(source.losses.kinds())
 
     return _Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, anomalies)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.types import LawName, Polarity
 
@@ -17,7 +18,7 @@ class Args:
     """Follow every marker through a recording and write its displacement over time."""
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file or recording folder."""
+    """Event file, recording folder, or a camera: its address, a named pipe, or -."""
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tracks.npz")
@@ -61,7 +62,8 @@ def run(args: Args) -> int:
 
         force = load_force(args.force)
     source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
-    with progress(f"tracking {args.recording.name}") as advance:
+    name = f"tracking {args.recording.name}"
+    with ending_on_interrupt(source), progress(name) as advance:
         summary = track_to_file(
             source,
             args.output,

@@ -28,6 +28,8 @@ class Args:
     """Seed of the stream."""
     resume: bool = False
     """Continue a bench that was interrupted."""
+    overwrite: bool = False
+    """Remove the run that is in the folder, and begin anew."""
     json: bool = False
     """Print one JSON object on stdout."""
 

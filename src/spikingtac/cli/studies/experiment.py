@@ -34,6 +34,8 @@ class Args:
     """Names of the methods to run; all unless given."""
     resume: bool = False
     """Continue a run that was interrupted."""
+    overwrite: bool = False
+    """Remove the run that is in the folder, and begin anew."""
     workers: int | None = None
     """Number of processes; one for each CPU unless given."""
     json: bool = False

@@ -37,6 +37,8 @@ class Args:
     """Number of times each recording is degraded anew; the configuration's unless given."""
     device: str | None = None
     """cpu or cuda; the configuration's unless given."""
+    overwrite: bool = False
+    """Remove the run that is in the folder, and begin anew; rendered scenes stay."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -47,6 +49,10 @@ def run(args: Args) -> int:
     config = session.load_training_config(
         args.config, seed=args.seed, rounds=args.rounds, device=args.device
     )
+    if args.overwrite:
+        from spikingtac.denoise.training.train import forget_run
+
+        forget_run(args.output)
     with progress("preparing recordings") as advance:
         if args.recordings:
             from spikingtac.denoise.training.training_set import from_recordings

@@ -38,6 +38,8 @@ class Args:
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a summary picture (.png, .svg, .pdf); the tracks are written beside it. Nothing is
     written unless given."""
+    overwrite: bool = False
+    """Replace files that are already there."""
     json: bool = False
     """Print one JSON object at the end."""
 

@@ -21,11 +21,11 @@ class Args:
     """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """Event file, recording folder, a camera's named pipe, or name of a scene (spikingtac simulate
-    --list)."""
+    """Event file, recording folder, a camera's address or named pipe, or name of a scene
+    (spikingtac simulate --list)."""
     calibration: Path | None = None
     """calibration.json of this sensor; a folder's own unless given. Without one the
-    events of a recording are shown, with rate, noise and hot pixels."""
+    events alone are shown, with rate, noise and hot pixels."""
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -51,7 +51,7 @@ class Args:
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
     overwrite: bool = False
-    """Replace an existing export."""
+    """Replace files that are already there."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -120,6 +120,7 @@ def show_source(
         repeat=repeat,
         picture=args.picture,
         tracks=tracks,
+        overwrite=args.overwrite,
     )
     opener = open_felt_source if "force" in arguments else open_view_or_events
     open_view = Factory(function=opener, arguments=arguments)

@@ -42,7 +42,7 @@ def fill_influence_kernel(
                 out[table, other, slot] = unrolled[table, center - offset]
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, forceinline=True)
 def product_kernel(matrix: SingleMatrix, vector: SingleVector) -> SingleVector:
     """Return the product of a matrix's leading square with a vector.
 

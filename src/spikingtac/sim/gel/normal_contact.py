@@ -35,7 +35,7 @@ def residual_kernel(error: SingleVector, pressure: SingleVector) -> tuple[np.flo
     return worst, square
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, forceinline=True)
 def dot_kernel(one: SingleVector, other: SingleVector) -> np.float32:
     """Return the inner product of two ``(c,)`` vectors."""
     total = np.float32(0.0)

@@ -126,6 +126,9 @@ class UR3Twin:
         self._require_connection()
         self._brake(self._command_time_s())
 
+    def confirm_stop(self) -> None:
+        """Return at once: the twin always obeys, and its time passes elsewhere."""
+
     def state(self) -> ArmState:
         """Return the state of the arm at the last controller cycle."""
         if self._fault is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.schema import build, read_toml, to_mapping
+from spikingtac.schema import build, merged, read_toml, to_mapping
 from spikingtac.sim.camera.config import CameraConfig, load_camera
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
@@ -91,8 +90,8 @@ class CameraChoice:
         Raises:
             ConfigError: The preset or a setting is unknown or out of range.
         """
-        preset = _merged(to_mapping(load_camera(self.preset)), _STEP_SETTINGS)
-        return build(CameraConfig, _merged(preset, self.settings) | {"size": size}, "camera")
+        preset = merged(to_mapping(load_camera(self.preset)), _STEP_SETTINGS)
+        return build(CameraConfig, merged(preset, self.settings) | {"size": size}, "camera")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -229,12 +228,3 @@ def load_scene(path: str | Path) -> Scene:
             key and what is valid.
     """
     return build(Scene, read_toml(path), str(path))
-
-
-def _merged(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in top.items():
-        below = merged.get(key)
-        nested = isinstance(below, Mapping) and isinstance(value, Mapping)
-        merged[key] = _merged(below, value) if nested else value  # type: ignore[arg-type]
-    return merged

@@ -52,7 +52,26 @@ def arm_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     prober = IdealProber(2.0, center_mm=(0.3, -0.2))
     monkeypatch.setattr(probe_arm, "ArmProber", lambda *parts: prober)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
-    return ["probe", "--arm", HOST, *finger, "--detector", "event_count"]
+    return ["probe", "--arm", HOST, *finger, "--rehearsal", "--detector", "event_count"]
+
+
+def test_an_arm_moves_by_a_recording_only_in_a_rehearsal(
+    arm_arguments: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def moves(args: Args) -> None:
+        raise AssertionError("the arm was asked")
+
+    (tmp_path / "finger.raw").write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    assert main(arm_arguments) == 0
+    monkeypatch.setattr(probe_arm, "connect", moves)
+    arm_arguments.remove("--rehearsal")
+    assert main(arm_arguments) == 2
+    assert "feels nothing" in capsys.readouterr().err
+    assert main(["probe", "--rehearsal"]) == 2
 
 
 def test_an_arm_needs_a_finger_that_listens() -> None:

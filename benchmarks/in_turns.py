@@ -1,0 +1,166 @@
+"""What do the checks cost? Decoding and steps of two checkouts of this project, in turns.
+
+    git worktree add ../before 4cc7516        # the state before input was checked
+    python benchmarks/in_turns.py ../before ../shared/data/v2e [--rounds 21]
+
+The folder of recordings holds ``bootstrap.raw`` and ``mix.raw``. Each checkout works in a process
+of its own that stays warm; they take turns within each round, in an order that changes, so that a
+machine whose speed drifts slows both. Printed is the median of the rounds' ratios, this checkout's
+time over the other's, with a 95 % interval (bootstrap over rounds). The aims: 1.05 for decoding,
+1.03 for steps; the exit code is 1 where a median is above its aim.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+ENCODINGS = ("evt2", "evt21", "evt3")
+PRESETS = ("default", "fast")
+AIMS = {f"decode {name}": 1.05 for name in ENCODINGS} | {f"step {name}": 1.03 for name in PRESETS}
+"""Largest ratio of times that counts as met (issue: checks cost at most 5 % and 3 %)."""
+EVENTS = 2_000_000
+STEP_US = {"default": 1_000, "fast": 1_000}
+STEPS = 1_500
+RESAMPLES = 2_000
+
+
+def main() -> int:
+    """Run both checkouts in turns and print the ratios."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("other", type=Path, help="checkout to compare with")
+    parser.add_argument("recordings", type=Path, help="folder with bootstrap.raw and mix.raw")
+    parser.add_argument("--rounds", type=int, default=21)
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.worker:
+        return work(args.recordings)
+    trees = {"this": ROOT, "other": args.other.resolve()}
+    workers = {name: start(tree, args.recordings) for name, tree in trees.items()}
+    for name, worker in workers.items():
+        print(f"{name}: {trees[name]}, warm after {answer(worker)['warm_s']:.0f} s", flush=True)
+    rounds: list[dict[str, dict[str, float]]] = []
+    for number in range(args.rounds):
+        order = list(workers) if number % 2 == 0 else list(workers)[::-1]
+        found: dict[str, dict[str, float]] = {}
+        for name in order:
+            stream = workers[name].stdin
+            assert stream is not None
+            print("go", file=stream, flush=True)
+            found[name] = answer(workers[name])
+        rounds.append(found)
+    for worker in workers.values():
+        worker.kill()
+    return report(rounds)
+
+
+def start(tree: Path, recordings: Path) -> subprocess.Popen[str]:
+    """Start the worker of a checkout."""
+    environment = os.environ | {"PYTHONPATH": str(tree / "src"), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, str(tree), str(recordings.resolve()), "--worker"]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True)
+
+
+def answer(worker: subprocess.Popen[str]) -> dict[str, float]:
+    """Return the next line of a worker."""
+    assert worker.stdout is not None
+    line = worker.stdout.readline()
+    if not line:
+        raise SystemExit(f"a worker ended with {worker.wait()}")
+    return json.loads(line)
+
+
+def report(rounds: list[dict[str, dict[str, float]]]) -> int:
+    """Print each task's ratio; return 1 where one is above its aim."""
+    rng, above = np.random.default_rng(0), 0
+    for task, aim in AIMS.items():
+        this, other = (np.array([found[name][task] for found in rounds]) for name in rounds[0])
+        ratio = this / other
+        drawn = np.median(rng.choice(ratio, (RESAMPLES, len(ratio))), axis=1)
+        low, high = np.percentile(drawn, (2.5, 97.5))
+        median = float(np.median(ratio))
+        above += median > aim
+        print(
+            f"{task:14} {np.median(this):12.4g} against {np.median(other):12.4g}: "
+            f"{median:.3f} ({low:.3f} to {high:.3f}), aim {aim}"
+        )
+    return int(above > 0)
+
+
+def work(recordings: Path) -> int:
+    """Time every task once for each line of the standard input; s for decoding, us for a step."""
+    begun_s = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        tasks = decoding(Path(folder)) | stepping(recordings)
+        for task in tasks.values():
+            task()
+        print(json.dumps({"warm_s": time.perf_counter() - begun_s}), flush=True)
+        for _ in sys.stdin:
+            print(json.dumps({name: task() for name, task in tasks.items()}), flush=True)
+    return 0
+
+
+def decoding(folder: Path) -> dict[str, Callable[[], float]]:
+    """Return what times the reading of two million events in each encoding."""
+    import spikingtac as st
+
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.integers(0, EVENTS, EVENTS))
+    x, y = (rng.integers(0, 320, EVENTS).astype(np.uint16) for _ in range(2))
+    packet = st.EventPacket(x, y, rng.random(EVENTS) < 0.5, t, 0, int(t[-1]) + 1, (320, 320))
+    tasks: dict[str, Callable[[], float]] = {}
+    for name in ENCODINGS:
+        path = folder / f"{name}.raw"
+        with st.create_events(path, (320, 320), encoding=name) as writer:
+            writer.write(packet)
+
+        def read(path: Path = path) -> float:
+            begun_s = time.perf_counter()
+            assert sum(len(packet) for packet in st.open_events(path)) == EVENTS
+            return time.perf_counter() - begun_s
+
+        tasks[f"decode {name}"] = read
+    return tasks
+
+
+def stepping(recordings: Path) -> dict[str, Callable[[], float]]:
+    """Return what times a step of each preset: a window cut, absorbed and estimated."""
+    import spikingtac as st
+
+    calibration = st.calibrate(st.open_events(recordings / "bootstrap.raw"))
+    packets = list(st.open_events(recordings / "mix.raw"))
+    tasks: dict[str, Callable[[], float]] = {}
+    for name in PRESETS:
+
+        def run(name: str = name) -> float:
+            tracker = st.make_tracker(st.load_config(name).tracking, calibration)
+            source = st.PacketSource(packets, packets[0].size)
+            steps_us: list[float] = []
+            begun_s = time.perf_counter()
+            for window in st.windows(source, STEP_US[name]):
+                tracker.absorb(window)
+                tracker.estimate(window.t_end_us)
+                now_s = time.perf_counter()
+                steps_us.append((now_s - begun_s) * 1e6)
+                begun_s = now_s
+                if len(steps_us) == STEPS:
+                    break
+            return float(np.median(steps_us))
+
+        tasks[f"step {name}"] = run
+    return tasks
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,205 @@
+"""A stop that is believed when the arm's own reports say so, and is told more firmly until then.
+
+"Sent" is not "stopped": a controller may acknowledge a command and not brake. So the reported speed
+is watched. Where it does not fall in time, the next means is used; where the last one has failed,
+that is told at once. Not a safety function.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from spikingtac.errors import ConfigError, DeviceError
+
+POLL_S = 0.002
+"""Time between two looks at the reported speed, s: a quarter of a cycle of CB3."""
+BRAKING_SHARE = 0.5
+"""Least share of the asked deceleration that counts as braking (ours: jerk and servo lag)."""
+SPEED_NOISE_MM_S = 2.0
+"""What a reported speed may rise by without a motion, mm/s (ours)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopConfig:
+    """When an arm counts as stopped, and when as not obeying.
+
+    Attributes:
+        deceleration_m_s2: Deceleration that is asked for, m/s2 (contract.md: 8).
+        rest_mm_s: Reported speed below which the arm rests, mm/s (ours: measured speeds of an arm
+            at rest stay below 0.5).
+        confirm_s: Rest counts once it is reported so long after the stop, s (ours: two cycles of
+            CB3, within which a motion that was commanded just before would begin).
+        react_s: Time that each means has until the speed must fall, s (ours: the first one passes
+            through the control script, 8 ms; then a cycle of 8 ms, a servo lag of up to 12 ms, the
+            jerk limit's 16 ms and the report's 8 ms. All together leave 0.06 s of the 0.2 s within
+            which a failure is to be reported).
+    """
+
+    deceleration_m_s2: float = 8.0
+    rest_mm_s: float = 1.0
+    confirm_s: float = 0.02
+    react_s: tuple[float, ...] = (0.055, 0.045, 0.035)
+
+    def __post_init__(self) -> None:
+        values = (self.deceleration_m_s2, self.rest_mm_s, self.confirm_s, *self.react_s)
+        if not self.react_s or not all(0.0 < value < float("inf") for value in values):
+            raise ConfigError("all values of a StopConfig must be positive, react_s not empty")
+
+    def allowed_mm_s(self, top_mm_s: float, since_s: float, react_s: float) -> float:
+        """Return the largest speed with which an arm still counts as braking, mm/s.
+
+        Args:
+            top_mm_s: Largest speed since the means was used, mm/s.
+            since_s: Time since then, s.
+            react_s: What this means has until the speed must fall, s.
+        """
+        braked = BRAKING_SHARE * self.deceleration_m_s2 * 1e3 * max(since_s - react_s, 0.0)
+        return max(top_mm_s + SPEED_NOISE_MM_S - braked, self.rest_mm_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """One way to stop an arm.
+
+    Attributes:
+        name: For the report.
+        use: Uses it; may raise and may take its time, since nobody waits for it.
+    """
+
+    name: str
+    use: Callable[[], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The arm's last report.
+
+    Attributes:
+        seen_s: When it came, on the clock of the stop, s.
+        speed_mm_s: Speed of the tool, mm/s.
+    """
+
+    seen_s: float
+    speed_mm_s: float
+
+
+class VerifiedStop:
+    """Stops one arm, by one means after the other until it rests.
+
+    Args:
+        means: The gentlest first; as many as ``config.react_s`` has values.
+        report: Returns the arm's last report.
+        config: When it counts as stopped.
+        last_resort: Used where an arm is seen to move after all means; not waited for.
+        clock_s: A monotonic clock, s; that of the reports.
+    """
+
+    def __init__(
+        self,
+        means: Sequence[Means],
+        report: Callable[[], Report],
+        config: StopConfig,
+        last_resort: Means | None = None,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if len(means) != len(config.react_s):
+            raise ConfigError(f"{len(means)} means to stop need as many react_s: {config.react_s}")
+        self._means, self._last_resort = tuple(means), last_resort
+        self._report, self._config, self._clock_s = report, config, clock_s
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._failure: str | None = None
+        self._refusals: list[str] = []
+        self._running = False
+
+    @property
+    def running(self) -> bool:
+        """Return whether a stop is being watched; a motion that begins now would be stopped."""
+        return self._running
+
+    def begin(self) -> None:
+        """Begin to stop and return at once; a stop that is under way goes on."""
+        with self._lock:
+            if not self._running:
+                self._running = True
+                self._thread = threading.Thread(target=self._run, name="verified-stop", daemon=True)
+                self._thread.start()
+
+    def confirm(self) -> None:
+        """Wait for the outcome of the last stop.
+
+        Raises:
+            DeviceError: The arm moves on, or nothing says that it rests.
+        """
+        thread = self._thread
+        if thread is not None:
+            thread.join()
+        if self._failure is not None:
+            raise DeviceError(self._failure)
+
+    def _run(self) -> None:
+        try:
+            self._failure = self._outcome()
+        except Exception as error:  # a broken client raises what it likes
+            self._failure = f"the arm's reports cannot be read: {error}; press the emergency stop"
+        finally:
+            with self._lock:
+                self._running = False
+
+    def _outcome(self) -> str | None:
+        """Use one means after the other; return what failed, or None."""
+        self._refusals = []
+        last: Report | None = None
+        for means, react_s in zip(self._means, self._config.react_s, strict=True):
+            begun_s = self._clock_s()
+            self._use(means)
+            rests, last = self._watch(begun_s, react_s)
+            if rests:
+                return None
+        if last is not None and self._last_resort is not None:
+            self._use(self._last_resort)
+        return self._words(last)
+
+    def _watch(self, begun_s: float, react_s: float) -> tuple[bool, Report | None]:
+        """Watch one means; return whether the arm rests, and its last report since."""
+        config, top_mm_s = self._config, 0.0
+        latest: Report | None = None
+        while True:
+            report = self._report()
+            now_s = self._clock_s()
+            if report.seen_s > begun_s:
+                latest = report
+                top_mm_s = max(top_mm_s, report.speed_mm_s)
+                confirmed = report.seen_s - begun_s >= config.confirm_s
+                if confirmed and report.speed_mm_s <= config.rest_mm_s:
+                    return True, latest
+            if now_s - begun_s > react_s:
+                allowed_mm_s = config.allowed_mm_s(top_mm_s, now_s - begun_s, react_s)
+                if latest is None or latest.speed_mm_s > allowed_mm_s:
+                    return False, latest
+                if now_s - latest.seen_s > react_s:  # the reports have ended meanwhile
+                    return False, None
+            time.sleep(POLL_S)
+
+    def _use(self, means: Means) -> None:
+        """Use a means without waiting for it."""
+
+        def use() -> None:
+            try:
+                means.use()
+            except Exception as error:  # the next means follows whatever this one raises
+                self._refusals.append(f"{means.name}: {error}")
+
+        threading.Thread(target=use, name=f"stop: {means.name}", daemon=True).start()
+
+    def _words(self, last: Report | None) -> str:
+        names = ", ".join(means.name for means in self._means)
+        if last is None:
+            told = "nothing is heard of the arm, so that nobody knows whether it rests"
+        else:
+            told = f"the arm still moves at {last.speed_mm_s:.0f} mm/s"
+        refusals = "".join(f"; {refusal}" for refusal in self._refusals)
+        return f"{told} after {names}; press the emergency stop{refusals}"

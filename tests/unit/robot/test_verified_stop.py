@@ -1,0 +1,134 @@
+"""A stop is watched by the reported speed, on arms that obey one means and not another."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.robot.bounded_calls import BoundedCalls
+from spikingtac.robot.verified_stop import Means, Report, StopConfig, VerifiedStop
+
+SPEED_MM_S = 40.0
+CONFIG = StopConfig(react_s=(0.05, 0.05), confirm_s=0.01)
+
+
+class Arm:
+    """An arm that obeys some means at once, and reports each time that it is asked."""
+
+    def __init__(self, obeys: str = "", silent: bool = False) -> None:
+        self.obeys, self.silent = obeys, silent
+        self.speed_mm_s = SPEED_MM_S
+        self.used: list[str] = []
+        self.made_s = time.monotonic()
+
+    def means(self, name: str) -> Means:
+        def use() -> None:
+            self.used.append(name)
+            if name == self.obeys:
+                self.speed_mm_s = 0.0
+
+        return Means(name, use)
+
+    def report(self) -> Report:
+        return Report(self.made_s if self.silent else time.monotonic(), self.speed_mm_s)
+
+    def stop(self) -> VerifiedStop:
+        means = self.means("gentle"), self.means("firm")
+        return VerifiedStop(means, self.report, CONFIG, self.means("last"))
+
+
+@pytest.mark.parametrize(("obeys", "used"), [("gentle", ["gentle"]), ("firm", ["gentle", "firm"])])
+def test_the_next_means_is_used_where_the_speed_does_not_fall(obeys: str, used: list[str]) -> None:
+    arm = Arm(obeys)
+    stop = arm.stop()
+    stop.begin()
+    stop.confirm()
+    assert arm.used == used
+
+
+def test_what_does_not_stop_is_told_and_the_last_resort_is_used() -> None:
+    arm = Arm()
+    stop = arm.stop()
+    stop.begin()
+    with pytest.raises(DeviceError, match="still moves at 40 mm/s after gentle, firm;"):
+        stop.confirm()
+    assert arm.used[:2] == ["gentle", "firm"]
+    arm.obeys = "gentle"
+    stop.begin()  # tried again
+    stop.confirm()
+
+
+def test_an_arm_that_is_not_heard_of_is_not_said_to_rest_and_not_switched_off() -> None:
+    arm = Arm(silent=True)
+    arm.speed_mm_s = 0.0  # an old report
+    stop = arm.stop()
+    stop.begin()
+    with pytest.raises(DeviceError, match="nobody knows whether it rests"):
+        stop.confirm()
+    time.sleep(0.05)
+    assert "last" not in arm.used
+
+
+def test_a_means_that_hangs_or_fails_keeps_nothing_up() -> None:
+    arm, end = Arm("firm"), threading.Event()
+    hangs = Means("hangs", lambda: end.wait(10.0))
+    stop = VerifiedStop((hangs, arm.means("firm")), arm.report, CONFIG)
+    stop.begin()
+    stop.confirm()
+    end.set()
+
+    def fails() -> None:
+        raise DeviceError("the port is closed")
+
+    broken = VerifiedStop((Means("a", fails), Means("b", fails)), Arm().report, CONFIG)
+    broken.begin()
+    with pytest.raises(DeviceError, match="a: the port is closed; b: the port is closed"):
+        broken.confirm()
+
+
+def test_reports_that_cannot_be_read_are_told() -> None:
+    def broken() -> Report:
+        raise RuntimeError("not connected")
+
+    stop = VerifiedStop((Means("a", list), Means("b", list)), broken, CONFIG)
+    stop.begin()
+    with pytest.raises(DeviceError, match="cannot be read: not connected"):
+        stop.confirm()
+
+
+def test_a_fast_arm_has_the_time_that_braking_takes() -> None:
+    config = StopConfig()
+    assert config.allowed_mm_s(1000.0, 0.05, 0.055) > 1000.0
+    assert config.allowed_mm_s(1000.0, 0.155, 0.055) == pytest.approx(602.0)
+    assert config.allowed_mm_s(40.0, 0.1, 0.055) == config.rest_mm_s
+
+
+def test_impossible_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="positive"):
+        StopConfig(rest_mm_s=0.0)
+    with pytest.raises(ConfigError, match="react_s"):
+        VerifiedStop((Means("a", list),), Arm().report, CONFIG)
+
+
+def test_calls_are_waited_for_within_their_limit_and_never_run_late() -> None:
+    end, ran, late = threading.Event(), [], []
+    calls = BoundedCalls("client")
+    assert calls.call(lambda: 7, 1.0) == 7
+    with pytest.raises(DeviceError, match="client: broken"):
+        calls.call(lambda: _raise(RuntimeError("broken")), 1.0)
+    with pytest.raises(DeviceError, match="no answer within"):
+        calls.call(lambda: end.wait(10.0), 0.05, lambda: late.append(1))
+    assert calls.running_s() > 0.0
+    with pytest.raises(DeviceError, match="no answer within"):
+        calls.call(lambda: ran.append(1), 0.05)
+    end.set()
+    assert calls.call(lambda: 8, 5.0) == 8
+    assert (ran, late) == ([], [1])
+    assert calls.end(5.0)
+
+
+def _raise(error: Exception) -> None:
+    raise error
