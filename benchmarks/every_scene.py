@@ -1,6 +1,7 @@
 """Simulate, calibrate and track every scene of the twin; errors against truth (simulated).
 
-    python benchmarks/every_scene.py [--camera typical] [--preset default] [--seed 1] [SCENE ...]
+    python benchmarks/every_scene.py [--camera typical] [--preset default] [--seed 1]
+        [--design paper-size] [SCENE ...]
 
 A sensor is calibrated once, from slides on it. ``after`` is the error at the end of the scene,
 ``true`` what the gel itself still holds there.
@@ -17,6 +18,8 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.design.parameters.design import load_design
+from spikingtac.design.twin import scene_with_design
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.recording import Recording
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
@@ -72,12 +75,15 @@ def main() -> None:
     parser.add_argument("--camera", default="typical")
     parser.add_argument("--preset", default="default")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--design", help="put the scenes on the sensor of a design")
     options = parser.parse_args()
     sensors: dict[str, Calibration] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for scene_name in options.scenes or catalog.names():
             scene = catalog.load(scene_name).with_camera(options.camera)
+            if options.design:
+                scene = scene_with_design(scene, load_design(options.design))
             sensor = repr((scene.skin, scene.optics, scene.camera))
             try:
                 if sensor not in sensors:

@@ -56,6 +56,10 @@ class DeviceError(SpikingTacError):
     exit_code = 3
 
 
+class CameraLostError(DeviceError):
+    """A camera that was delivering is gone: unplugged, switched off, or its sender ended."""
+
+
 class SearchError(SpikingTacError):
     """A search by touch cannot go on: no wall, no room, or contacts that make no hole."""
 

@@ -2,7 +2,7 @@
 
 A package registers a part under an entry point group of its ``pyproject.toml``, and it can be
 named wherever one of this package's own can. The how-to pages ``add-a-tracker.md``,
-``add-a-detector.md`` and ``add-a-format.md`` show each kind.
+``add-a-detector.md``, ``add-a-format.md`` and ``add-a-camera.md`` show each kind.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ TRACKERS = "spikingtac.trackers"
 """Group of trackers: builder ``(TrackingConfig, Calibration, OutputLaw) -> MarkerTracker``."""
 DETECTORS = "spikingtac.contact_detectors"
 """Group of contact detectors: the builder of :mod:`spikingtac.contact.registry`."""
+CAMERAS = "spikingtac.cameras"
+"""Group of cameras: the kind in an address -> a class like ``spikingtac.cameras.camera.Camera``."""
 READERS = "spikingtac.readers"
 """Group of event formats to read: the ending without its dot -> a class like ``FileSource``."""
 WRITERS = "spikingtac.writers"

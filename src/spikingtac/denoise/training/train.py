@@ -121,6 +121,12 @@ def train(
     return weights
 
 
+def forget_run(folder: Path) -> None:
+    """Remove a run, so that the folder can take another; what else is in the folder stays."""
+    for name in (STATE_FILE, LOG_FILE, WEIGHTS_FILE, CONFIG_FILE):
+        (folder / name).unlink(missing_ok=True)
+
+
 class _Run:
     def __init__(self, config: TrainConfig, folder: Path) -> None:
         torch.set_num_threads(config.threads)

@@ -52,7 +52,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         "methods": names,
         **asdict(config),
     }
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     approaches, stretches = run_all(options, config, names)
     report = make_report(approaches, stretches, provenance(options.command(NAME), settings))
     write_report(report, options.output)

@@ -79,7 +79,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     seeds = tuple(FIRST_SEED + options.seed + number for number in range(count))
     config = replace(DenoiseConfig(seeds=seeds), **(QUICK if options.quick else {}))
     settings = {"experiment": NAME, "quick": options.quick, **to_mapping(config)}
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     parts = list(_in_processes(_jobs(config, options.data), options))
     rows = report_rows(parts)
     report = Report(

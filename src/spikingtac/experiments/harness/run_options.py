@@ -23,6 +23,7 @@ class RunOptions:
         seed: First seed.
         seeds: Number of seeds; None takes the experiment's own number.
         resume: Continue a run that was interrupted.
+        overwrite: Remove the run that is in the folder, and begin anew.
         workers: Number of processes; None takes one for each CPU.
         methods: Names of the methods to run; empty runs all.
         ablations: Run the ablations instead of the main tables, where there are any.
@@ -35,6 +36,7 @@ class RunOptions:
     seed: int = 0
     seeds: int | None = None
     resume: bool = False
+    overwrite: bool = False
     workers: int | None = None
     methods: tuple[str, ...] = ()
     ablations: bool = False

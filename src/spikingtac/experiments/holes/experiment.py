@@ -51,7 +51,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         "methods": names,
         "detector": DETECTOR,
     }
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     calibrations, records = touch_all(options, range(options.seed, options.seed + count))
     rows = hole_rows(records, calibrations, names)
     report = Report(

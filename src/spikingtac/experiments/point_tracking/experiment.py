@@ -62,7 +62,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         "first_seed": options.seed,
         "seeds": count,
     }
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     jobs = [
         TrialJob(
             trial=trial,

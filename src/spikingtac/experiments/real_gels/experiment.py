@@ -56,7 +56,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     data = _recordings(options.data)
     names = select_methods(main_methods(), options.methods)
     settings = {"experiment": NAME, "quick": options.quick, "methods": names}
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     cases = [case for case in CASES if case.is_there(data)]
     cases = [case for case in cases if not options.quick or case.name in QUICK_CASES]
     jobs = [GelJob(case=case, data=data, folder=options.output) for case in cases]

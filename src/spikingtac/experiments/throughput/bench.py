@@ -63,7 +63,7 @@ UNITS = {"error_mean_px": "px", "speedup_vs_opencv_tuned": "times", "paced_1khz_
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     rows: list[Row] = []
     rates = {}
     for number, camera in enumerate(CAMERAS, 1):

@@ -43,7 +43,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     names = select_methods(METHODS, options.methods)
     seeds = range(options.seed, options.seed + (options.seeds or (1 if options.quick else SEEDS)))
     settings = {"experiment": NAME, "quick": options.quick, "methods": names}
-    begin_run(options.output, settings, options.resume)
+    begin_run(options.output, settings, options.resume, options.overwrite)
     records = _records(options, names, seeds)
     rows = rows_of(records, METRICS, {}, paper_case="")
     report = Report(

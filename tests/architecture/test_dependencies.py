@@ -1,0 +1,58 @@
+"""What the package imports is declared, and what is declared is used."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[2]
+PACKAGE = PROJECT / "src" / "spikingtac"
+DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "cv2": "opencv-python-headless",
+    "mcap_ros2": "mcap-ros2-support",
+    "rtde_control": "ur-rtde",
+    "rtde_receive": "ur-rtde",
+}
+"""Names of distributions that differ from what they are imported as."""
+BY_NAME_ONLY = {
+    "build123d": "imported by a name in a string",
+    "dv-processing": "imported by a name in a string",
+    "neuromorphic-drivers": "imported by a name in a string",
+    "openmv": "imported by a name in a string",
+    "onnxscript": "torch exports networks through it",
+    "rerun-sdk": "imported by a name in a string",
+    "spikingtac": "extras that name other extras",
+    "trimesh": "imported by a name in a string",
+    "websockets": "uvicorn loads it as its protocol",
+}
+"""Declared, and used without an import statement."""
+
+
+def imported() -> set[str]:
+    """Return the distributions that the package imports, wherever the import stands."""
+    names: set[str] = set()
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                names.add(node.module.split(".")[0])
+    own = names - set(sys.stdlib_module_names) - {"spikingtac"}
+    return {DISTRIBUTIONS.get(name, name) for name in own}
+
+
+def declared() -> set[str]:
+    """Return the distributions that a user may install, those of the extra [dev] left out."""
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    lists = [project["dependencies"], *(extras[name] for name in extras if name != "dev")]
+    return {re.split(r"[^A-Za-z0-9._-]", text)[0] for each in lists for text in each}
+
+
+def test_imports_and_declarations_agree() -> None:
+    assert imported() - declared() == set(), "declare it in pyproject.toml"
+    assert declared() - imported() - set(BY_NAME_ONLY) == set(), "nothing imports it"
