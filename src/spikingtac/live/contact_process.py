@@ -44,6 +44,9 @@ STATUS_PERIOD_S = 0.02
 CUT_MARK = "... (cut)"
 """End of a reason that was too long for the status."""
 SHUTDOWN_S = 5.0
+INSISTENCE_S = 4.0
+"""Time for which a guard that was told to end stops an arm that moves on again and again; less than
+:data:`SHUTDOWN_S`, after which its parent ends it."""
 
 
 class ContactProcess:
@@ -267,4 +270,7 @@ def _brake(watchdog: Watchdog, told: socket.socket) -> None:
     while told.recv(1) != bytes([signal.SIGTERM]):
         pass
     watchdog.disconnected("the guard was told to end")
+    until_s = time.monotonic() + INSISTENCE_S
+    while watchdog.stop_failure is not None and time.monotonic() < until_s:
+        watchdog.check()  # stops again, and waits for the outcome
     os._exit(0)
