@@ -38,6 +38,7 @@ from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.live.contact_loop import Arrival  # noqa: E402
 from spikingtac.live.contact_process import ContactProcess  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
+from spikingtac.live.real_time import take_precedence  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
@@ -307,6 +308,7 @@ def main() -> int:
     parser.add_argument("--attacks", default=",".join(ATTACKS))
     parser.add_argument("--quiet-minutes", type=float)
     args = parser.parse_args()
+    take_precedence()  # it plays the robot, whose controller waits for nobody's turn
     if args.quiet_minutes:
         return keep_quiet(args.quiet_minutes)
     report: dict[str, Any] = {"limit_s": LIMIT_S, "attacks": {}}

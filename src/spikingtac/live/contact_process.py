@@ -24,6 +24,7 @@ from spikingtac.live.contact_loop import (
     failure_words,
 )
 from spikingtac.live.factory import Factory
+from spikingtac.live.real_time import exempt_from_collection, take_precedence
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
@@ -32,8 +33,6 @@ from spikingtac.robot.watchdog import (
     Watchdog,
     WatchdogConfig,
     WatchdogThread,
-    exempt_from_collection,
-    take_precedence,
 )
 
 STATUS_BYTES = 1 << 14

@@ -8,20 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import gc
-import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from spikingtac.errors import DeviceError
-
-PRIORITY = 10
-"""Real-time priority of the guard, 1 to 99 (ours: above ordinary work, below drivers)."""
-THREADS = Path("/proc/self/task")
-"""Where Linux lists the threads of this process."""
 
 
 class Health(enum.Enum):
@@ -221,32 +213,6 @@ class Watchdog:
     def _clear(self) -> None:
         self.health, self.reason, self.stop_failure = Health.OK, "", None
         self.armed = False
-
-
-def exempt_from_collection() -> None:
-    """Exempt what is there by now from garbage collection; to be called before an arm is connected.
-
-    A collection visits everything that was imported and stops all threads meanwhile (measured: 170
-    to 230 ms on a busy machine, beside Numba and SciPy), longer than any watchdog waits.
-    """
-    gc.collect()
-    gc.freeze()
-
-
-def take_precedence() -> bool:
-    """Let this process run before ordinary work, where that is permitted; return whether it is.
-
-    Within 25 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
-    turn. All threads take part: one that waits for its turn while it holds the interpreter would
-    hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
-    (``rtprio``).
-    """
-    try:
-        for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except (AttributeError, OSError):  # no such system, or not permitted
-        return False
-    return True
 
 
 def _failure_of(command: Callable[[], None]) -> Exception | None:
