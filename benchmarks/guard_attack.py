@@ -35,10 +35,10 @@ from spikingtac.contact.details import ContactDetails  # noqa: E402
 from spikingtac.contact.detector import ContactDetector, DetectorSummary  # noqa: E402
 from spikingtac.contact.registry import DetectionConfig, make_detector  # noqa: E402
 from spikingtac.contact.window import Window  # noqa: E402
-from spikingtac.live.contact_loop import Arrival  # noqa: E402
-from spikingtac.live.contact_process import ContactProcess  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
-from spikingtac.live.real_time import take_precedence  # noqa: E402
+from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
+from spikingtac.live.guard.contact_process import ContactProcess  # noqa: E402
+from spikingtac.live.guard.real_time import take_precedence  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402

@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from spikingtac.contact.registry import DetectionConfig, make_detector  # noqa: E402
 from spikingtac.events import create_events  # noqa: E402
-from spikingtac.live.contact_loop import Arrival, ContactLoop  # noqa: E402
+from spikingtac.live.guard.contact_loop import Arrival, ContactLoop  # noqa: E402
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig  # noqa: E402
 from spikingtac.types import EventPacket  # noqa: E402
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from spikingtac.live.contact_process import ContactProcess
 from spikingtac.live.factory import Factory
+from spikingtac.live.guard.contact_process import ContactProcess
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, long_failure, moving_ur, paced, stops
 from stand_ins.moving_rims import PERIOD_US

@@ -8,8 +8,8 @@ import pytest
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import guard
 from spikingtac.events.create import create_events
-from spikingtac.live.contact_process import ContactProcess
 from spikingtac.live.factory import Factory
+from spikingtac.live.guard.contact_process import ContactProcess
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows

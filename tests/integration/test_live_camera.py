@@ -19,9 +19,9 @@ from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.create import create_events
-from spikingtac.live.arrivals import stream_arrivals
-from spikingtac.live.contact_process import ContactProcess
 from spikingtac.live.factory import Factory
+from spikingtac.live.guard.arrivals import stream_arrivals
+from spikingtac.live.guard.contact_process import ContactProcess
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.session.events_only import open_view_or_events

@@ -17,7 +17,7 @@ from spikingtac.errors import ConfigError, DeviceError, named
 
 if TYPE_CHECKING:
     from spikingtac.contact.detector import ContactDetector
-    from spikingtac.live.contact_process import ContactProcess
+    from spikingtac.live.guard.contact_process import ContactProcess
     from spikingtac.robot.arm import Arm
 
 POLL_S = 0.02
@@ -96,9 +96,9 @@ def run(args: Args) -> int:
 
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
-    from spikingtac.live.arrivals import stream_arrivals
-    from spikingtac.live.contact_process import ContactProcess
     from spikingtac.live.factory import Factory
+    from spikingtac.live.guard.arrivals import stream_arrivals
+    from spikingtac.live.guard.contact_process import ContactProcess
     from spikingtac.robot.ur import URArm
 
     learning = {

@@ -24,17 +24,17 @@ from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import CalibrationError, DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
+from spikingtac.live.guard.real_time import exempt_from_collection
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
 from spikingtac.robot.watchdog import (
     Watchdog,
     WatchdogConfig,
     WatchdogThread,
-    exempt_from_collection,
 )
 
 if TYPE_CHECKING:
-    from spikingtac.live.threaded_source import ThreadedSource
+    from spikingtac.live.guard.threaded_source import ThreadedSource
     from spikingtac.robot.arm import Arm
 
 QUIET_WINDOWS = 4000
@@ -178,8 +178,8 @@ def _live_source(
 ) -> ThreadedSource | None:
     """Return a thread that reads the stream of a camera; None for a file, which waits."""
     from spikingtac.events.formats.evt.raw_stream import is_stream
-    from spikingtac.live.arrivals import timed
-    from spikingtac.live.threaded_source import ThreadedSource
+    from spikingtac.live.guard.arrivals import timed
+    from spikingtac.live.guard.threaded_source import ThreadedSource
 
     assert args.events is not None
     if not is_stream(args.events):

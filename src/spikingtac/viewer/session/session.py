@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.live.event_store import EventStore
+from spikingtac.live.guard.stream_health import StreamHealth
 from spikingtac.live.loop_timer import LoopTimer
 from spikingtac.live.playback import Playback
 from spikingtac.live.ring import Publisher
-from spikingtac.live.stream_health import StreamHealth
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
 from spikingtac.types import MarkerFrame

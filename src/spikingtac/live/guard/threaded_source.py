@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 
 from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
-from spikingtac.live.contact_loop import Arrival
+from spikingtac.live.guard.contact_loop import Arrival
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.watchdog import Watchdog
 

@@ -15,16 +15,16 @@ from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
-from spikingtac.live.arrivals import catch_up
-from spikingtac.live.contact_loop import (
+from spikingtac.live.factory import Factory
+from spikingtac.live.guard.arrivals import catch_up
+from spikingtac.live.guard.contact_loop import (
     Arrival,
     ContactLoop,
     GuardReport,
     Subscriber,
     failure_words,
 )
-from spikingtac.live.factory import Factory
-from spikingtac.live.real_time import exempt_from_collection, take_precedence
+from spikingtac.live.guard.real_time import exempt_from_collection, take_precedence
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState

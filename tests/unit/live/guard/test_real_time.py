@@ -11,7 +11,7 @@ def test_what_was_there_before_the_watch_is_not_visited_by_collections() -> None
     """A collection of everything stops all threads for longer than the watchdog waits."""
     script = (
         "import gc, numpy\n"
-        "from spikingtac.live.real_time import exempt_from_collection\n"
+        "from spikingtac.live.guard.real_time import exempt_from_collection\n"
         "before = len(gc.get_objects())\n"
         "exempt_from_collection()\n"
         "print(before, len(gc.get_objects()))\n"
@@ -27,7 +27,7 @@ def test_memory_is_kept_in_place_where_that_is_permitted() -> None:
         pytest.skip("this system does not tell how much memory is locked")
     script = (
         "from pathlib import Path\n"
-        "from spikingtac.live.real_time import lock_memory\n"
+        "from spikingtac.live.guard.real_time import lock_memory\n"
         "given = lock_memory()\n"
         f"lines = Path({str(status)!r}).read_text().splitlines()\n"
         "print(int(given), *[line.split()[1] for line in lines if line.startswith('VmLck')])\n"

@@ -12,7 +12,7 @@ from spikingtac.errors import DeviceError
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.live.contact_loop import Arrival
+from spikingtac.live.guard.contact_loop import Arrival
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.types import LossCounters
 
@@ -30,7 +30,7 @@ CATCH_UP_S = 10.0
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
     """Yield the regular windows of a camera's pipe as they become complete.
 
-    A :class:`~spikingtac.live.contact_process.ContactProcess` takes it as
+    A :class:`~spikingtac.live.guard.contact_process.ContactProcess` takes it as
     ``Factory(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
     process that guards.
     A window is complete when an event after its end has come, which the sensor's noise ensures. To

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import pytest
 
 from spikingtac.errors import DeviceError, RecordingError
-from spikingtac.live.contact_loop import Arrival
-from spikingtac.live.threaded_source import ThreadedSource
+from spikingtac.live.guard.contact_loop import Arrival
+from spikingtac.live.guard.threaded_source import ThreadedSource
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from stand_ins.moving_rims import windows
 
