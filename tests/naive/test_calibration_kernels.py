@@ -31,6 +31,11 @@ from spikingtac.markers.calibration.following import (
     pull_kernel,
 )
 from spikingtac.markers.calibration.swings import count_swings_kernel, steps_of_counts
+from spikingtac.markers.calibration_check import (
+    NEIGHBOUR_US,
+    NEIGHBOURS,
+    _note_first_kernel,
+)
 from spikingtac.markers.profile import DiscProfile
 
 SIZE = (40, 30)
@@ -297,3 +302,28 @@ def test_steps_solve_both_equations() -> None:
     on, off = steps_of_counts(np.array([8.0, 3.0]), np.array([2.0, 3.0]))
     np.testing.assert_allclose(on * (np.array([8.0, 3.0]) + 0.5) + off / 2, 1.0)
     np.testing.assert_allclose(off * (np.array([2.0, 3.0]) + 0.5) + on / 2, 1.0)
+
+
+def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
+    rng = np.random.default_rng(5)
+    height, width, count = 6, 7, 600
+    x, y = rng.integers(0, width, count), rng.integers(0, height, count)
+    rises, t = rng.random(count) < 0.5, np.sort(rng.integers(0, 400_000, count))
+    asked = rng.random((height, width)) < 0.7
+    first, last_us = np.zeros((height, width), np.int8), np.full((2, height, width), -(10**12))
+    events = (x.astype(np.uint16), y.astype(np.uint16), rises, t.astype(np.int64))
+    _note_first_kernel(events, asked, first, last_us)
+    expected = np.zeros((height, width), np.int8)
+    for i in range(count):
+        before = [
+            (x[k], y[k])
+            for k in range(i)
+            if rises[k] == rises[i]
+            and max(abs(int(x[k]) - x[i]), abs(int(y[k]) - y[i])) == 1
+            and t[i] - t[k] < NEIGHBOUR_US
+        ]
+        company = len(set(before))
+        if asked[y[i], x[i]] and not expected[y[i], x[i]] and company >= NEIGHBOURS:
+            expected[y[i], x[i]] = 1 if rises[i] else -1
+    assert (first == expected).all()
+    assert set(np.unique(first)) == {-1, 0, 1}

@@ -16,6 +16,7 @@ from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
@@ -31,6 +32,7 @@ def track_to_file(
     calibration: Calibration,
     advance: Callable[[float], None] = lambda share: None,
     force: ForceModel | None = None,
+    strict: bool = False,
 ) -> dict[str, Any]:
     """Track a recording at constant memory and write the tracks.
 
@@ -41,12 +43,15 @@ def track_to_file(
         calibration: The sensor's calibration.
         advance: Told the share that is done, 0 to 1.
         force: Tells the wrench of every frame, too (``.npz`` only).
+        strict: Whether a calibration that does not fit the recording is an error.
 
     Returns:
-        A summary: counts, largest displacement, markers never observed, anomalies.
+        A summary: counts, largest displacement, markers never observed, anomalies, and what the
+        recording has against the calibration.
 
     Raises:
-        CalibrationError: The recording's size is not the calibration's.
+        CalibrationError: The recording's size is not the calibration's, or, where ``strict``, it
+            is of another sensor.
         ConfigError: The force model is of another sensor, or the output is no ``.npz``.
     """
     require_same_size(source.size, calibration.size)
@@ -54,8 +59,10 @@ def track_to_file(
     estimator = _estimator(force, Path(output), len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
+    misfits: list[str] = []
+    checked = CheckedSource(source, calibration, _refuse if strict else misfits.append)
     try:
-        for frame in follow(source, tracker, config.rate_hz):
+        for frame in follow(checked, tracker, config.rate_hz):
             if estimator is not None and isinstance(writer, NpzTracksWriter):
                 moved = frame.detected_px - calibration.reference_px
                 writer.measure(_columns(estimator.update(frame.t_us, moved)))
@@ -63,7 +70,8 @@ def track_to_file(
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
-        writer.close({**_provenance(source, config), **calibration.scale()})
+        meta = {**_provenance(source, config), **calibration.scale()}
+        writer.close({**meta, "calibration_misfit": "".join(misfits) or None})
     except BaseException:
         writer.abandon()
         raise
@@ -71,6 +79,7 @@ def track_to_file(
         **counts.summary(),
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
+        "calibration_misfit": "".join(misfits) or None,
         "output": str(output),
     }
 
@@ -90,6 +99,10 @@ def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
         "wrench_half_width": wrench.half_width,
         "wrench_distance": np.array(wrench.distance),
     }
+
+
+def _refuse(why: str) -> None:
+    raise CalibrationError(why)
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:

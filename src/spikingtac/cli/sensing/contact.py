@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from spikingtac.contact.recording import FoundContact
     from spikingtac.contact.registry import DetectionConfig
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.events.source import EventSource
 
 SECOND_SENSOR = "events_1.raw"
 CALIBRATION_NAMES = "calibration.json", "calibration_1.json"
@@ -52,7 +53,8 @@ class Args:
     budget: float | None = None
     """Allowed false contacts per hour of free motion; the preset's (1) unless given."""
     strict: bool = False
-    """Refuse a damaged recording instead of repairing it."""
+    """Refuse a damaged recording instead of repairing it, and the calibration of another sensor
+    instead of a warning."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -74,10 +76,12 @@ def run(args: Args) -> int:
     name = config.detector or ("default" if calibrations else "event_count")
     detector = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
+    misfits: list[str] = []
+    checked = _checked(sources, calibrations, args.strict, misfits)
     found = []
     what = f"finding contacts in {args.recording.name}"
     with ending_on_interrupt(sources[0]), progress(what) as advance:
-        for contact in find_contacts(sources, detector):
+        for contact in find_contacts(checked, detector):
             found.append(contact)
             if live:
                 remark(f"contact at {contact.contact.t_us} us")
@@ -90,12 +94,32 @@ def run(args: Args) -> int:
         "rule": learned.rule,
         "quiet": _quiet(args, learned),
         "anomalies": _anomalies(sources),
+        "calibration_misfit": " ".join(misfits) or None,
     }
     if args.json:
         emit_json(summary)
     else:
         _print(summary, args, fallback=config.detector is None and not calibrations)
     return 0
+
+
+def _checked(
+    sources: Sequence[FileSource],
+    calibrations: Sequence[Calibration],
+    strict: bool,
+    misfits: list[str],
+) -> Sequence[EventSource]:
+    """Return the sources such that a calibration of another sensor is noticed."""
+    from spikingtac.pipeline.checked_source import CheckedSource
+
+    def tell(why: str) -> None:
+        if strict:
+            raise CalibrationError(why)
+        misfits.append(why)
+        remark(f"warning: {why}")
+
+    pairs = zip(sources, calibrations, strict=False)
+    return [CheckedSource(source, own, tell) for source, own in pairs] or sources
 
 
 def _config(args: Args) -> DetectionConfig:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ import tyro
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
-from spikingtac.errors import ConfigError
+from spikingtac.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.touch.touches.touch import Touch
@@ -134,6 +135,7 @@ def _track(args: Args, advance: Any) -> _Watched:
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
     from spikingtac.markers.registry import make_tracker
+    from spikingtac.pipeline.checked_source import CheckedSource
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
 
@@ -143,17 +145,24 @@ def _track(args: Args, advance: Any) -> _Watched:
     source = open_events(args.source, strict=args.strict, sensor=args.sensor)
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
+    checked = CheckedSource(source, calibration, partial(_warn, args.strict))
     anomalies: dict[str, int] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            for index, frame in enumerate(follow(source, tracker, config.tracking.rate_hz)):
+            for index, frame in enumerate(follow(checked, tracker, config.tracking.rate_hz)):
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
         anomalies.update(source.losses.kinds())
 
     return _Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, anomalies)
+
+
+def _warn(strict: bool, why: str) -> None:
+    if strict:
+        raise CalibrationError(why)
+    remark(f"warning: {why}")
 
 
 PROGRESS_EVERY = 256

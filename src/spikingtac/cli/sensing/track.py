@@ -38,7 +38,8 @@ class Args:
     overwrite: bool = False
     """Replace a file that is already there."""
     strict: bool = False
-    """Refuse a damaged recording instead of mending it."""
+    """Refuse a damaged recording instead of mending it, and the calibration of another sensor
+    instead of a warning."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -71,6 +72,7 @@ def run(args: Args) -> int:
             calibration.with_polarity(args.polarity),
             advance,
             force,
+            args.strict,
         )
     if args.json:
         emit_json(summary)
@@ -82,6 +84,8 @@ def run(args: Args) -> int:
 def _print(summary: dict[str, Any], args: Args) -> None:
     for kind, count in summary["anomalies"].items():
         remark(f"note: {kind} {count} times in the recording")
+    if summary["calibration_misfit"]:
+        remark(f"warning: {summary['calibration_misfit']}")
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(

@@ -50,6 +50,26 @@ class BufferedEvents:
         """Return how many events came before each time since the start."""
         return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
 
+    def packet(self, index: tuple[int, int], span_us: tuple[int, int]) -> EventPacket:
+        """Return the events from one index to another as a packet.
+
+        Args:
+            index: How many events came before the first one, and before the one after the last.
+            span_us: Begin and end of the packet, us since the start.
+        """
+        code = self.code[index[0] : index[1]]
+        pixel = code >> 1
+        width = self.size[0]
+        return EventPacket(
+            x=(pixel % width).astype(np.uint16),
+            y=(pixel // width).astype(np.uint16),
+            p=(code & 1).astype(bool),
+            t=self.time_us[index[0] : index[1]].astype(np.int64),
+            size=self.size,
+            t_start_us=int(span_us[0]),
+            t_end_us=int(span_us[1]),
+        )
+
     def inverted(self) -> BufferedEvents:
         """Return the same events with swapped polarities (dark markers become bright ones)."""
         return replace(self, code=self.code ^ np.uint32(1))

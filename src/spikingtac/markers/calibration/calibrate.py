@@ -33,6 +33,7 @@ from spikingtac.markers.calibration.quality import (
     Quality,
     judge,
     level_changes,
+    own_contradiction,
     provenance,
     refuse_without_grid,
 )
@@ -146,6 +147,8 @@ def calibrate(
     refuse_gaps(look.sighting.grid, look.events.size, missing, config.allow_missing)
     calibration = _assembled(look, (refined, learned), quality, config)
     calibration = with_step_scale(look.events, refined, calibration)
+    own = round(own_contradiction(look.events, calibration), 4)
+    calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})
     lag_us = estimate_lag(source, calibration) if estimate_lag else None
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
 

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_corrections import corrections
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, walk
 from spikingtac.markers.calibration.refinement import Refined
+from spikingtac.markers.calibration_check import CalibrationCheck
 
 FEWEST_EXPLAINED_SHARE = 0.5
 """A marker with few events is measured when its disc explains this share of what the median disc
@@ -25,6 +27,9 @@ markers that is enough in itself."""
 
 DOUBTFUL_SHARE = 0.5
 """A measured marker is doubtful when its disc explains less than this share of the median."""
+
+CHECKED_EVENTS = 1 << 16
+"""Events at a time that are compared with the calibration."""
 
 GRID_EXPLAINED = 0.15
 """Median of the explained shares below which no grid of discs was seen."""
@@ -112,6 +117,25 @@ def refuse_without_grid(quality: Quality) -> None:
             f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more; the "
             "recording seems to show something else"
         )
+
+
+def own_contradiction(events: BufferedEvents, calibration: Calibration) -> float:
+    """Return by how much a recording contradicts the calibration that was learned from it.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        calibration: What was learned.
+    """
+    check = CalibrationCheck(replace(calibration, polarity="white"))
+    check.limit = 1.0  # to the end, whatever is found
+    begin = 0
+    while begin < len(events) and not check.ended:
+        end = min(begin + CHECKED_EVENTS, len(events))
+        first_us, last_us = (int(events.time_us[i]) for i in (begin, end - 1))
+        check.absorb(events.packet((begin, end), (first_us, last_us + 1)))
+        begin = end
+    check.finish()
+    return check.contradiction
 
 
 def provenance(quality: Quality) -> dict[str, Any]:

@@ -127,24 +127,7 @@ def _windows(events: BufferedEvents, markers: int) -> Iterator[EventPacket]:
     for end in range(1, len(edges_us)):
         longest = edges_us[end] - edges_us[start] >= LONGEST_PERIOD_US
         if longest or index[end] - index[start] >= EVENTS_PER_MARKER * markers:
-            yield _window(events, (index[start], index[end]), (edges_us[start], edges_us[end]))
+            yield events.packet((index[start], index[end]), (edges_us[start], edges_us[end]))
             start = end
     if start < len(edges_us) - 1:
-        yield _window(events, (index[start], index[-1]), (edges_us[start], edges_us[-1]))
-
-
-def _window(
-    events: BufferedEvents, index: tuple[int, int], span_us: tuple[int, int]
-) -> EventPacket:
-    code = events.code[index[0] : index[1]]
-    pixel = code >> 1
-    width = events.size[0]
-    return EventPacket(
-        x=(pixel % width).astype(np.uint16),
-        y=(pixel // width).astype(np.uint16),
-        p=(code & 1).astype(bool),
-        t=events.time_us[index[0] : index[1]].astype(np.int64),
-        size=events.size,
-        t_start_us=int(span_us[0]),
-        t_end_us=int(span_us[1]),
-    )
+        yield events.packet((index[start], index[-1]), (edges_us[start], edges_us[-1]))

@@ -17,6 +17,7 @@ from spikingtac.live.loop_timer import LoopTimer
 from spikingtac.live.playback import Playback
 from spikingtac.live.ring import Publisher
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.schema import to_mapping
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.snapshot import greeting, images, moving
@@ -68,7 +69,11 @@ class Session:
             recorder: Takes every estimate; None records nothing.
         """
         self._recorder = recorder or NullTrackRecorder()
-        store = EventStore(view.source)
+        self._notice, self._retuned = view.notice, False
+        source = view.source
+        if len(view.calibration.reference_px):  # looking at events needs no calibration
+            source = CheckedSource(source, view.calibration, self._warn)
+        store = EventStore(source)
         if view.ends:
             store.extend_to_end()
         self._view, self._config = view, view.config
@@ -86,7 +91,6 @@ class Session:
         self._playhead_us = float(store.t_start_us)
         self._timer = LoopTimer(period_s=1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
-        self._notice, self._retuned = view.notice, False
         self._greeted_s = 0.0
         self.failure: Exception | None = None
         self._health = None if view.ends else StreamHealth(lambda: store.waited_s)
@@ -163,6 +167,9 @@ class Session:
 
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)
+
+    def _warn(self, why: str) -> None:
+        self._notice = f"{self._notice} {why}".strip()
 
     def _play(self, playing: bool) -> None:
         if playing and self._playhead_us >= self._last_us():

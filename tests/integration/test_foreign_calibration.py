@@ -1,0 +1,102 @@
+"""The calibration of another sensor of the same size is noticed by every verb that uses one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.main import main
+from spikingtac.sim.scene.catalog import load
+from spikingtac.sim.scene.render import simulate
+from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.session.session import Session
+
+
+@pytest.fixture(scope="module")
+def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("slides") / "one"
+    simulate(load("train-slides"), folder, seed=0, duration_s=1.6)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def own(slides: Path) -> Path:
+    return saved(slides, slides.parent / "own.json", moved_px=0.0)
+
+
+@pytest.fixture(scope="module")
+def foreign(slides: Path) -> Path:
+    """Another specimen: its markers were placed with a scatter of 1 px a direction."""
+    return saved(slides, slides.parent / "foreign.json", moved_px=1.0)
+
+
+def saved(recording: Path, path: Path, moved_px: float) -> Path:
+    with np.load(recording / "truth.npz") as truth:
+        reference_px, radius_px = truth["reference_px"], truth["radius_px"]
+    reference_px = reference_px + np.random.default_rng(3).normal(0, moved_px, reference_px.shape)
+    Calibration(reference_px=reference_px, radius_px=radius_px, grid=(8, 8), size=(320, 320)).save(
+        path
+    )
+    return path
+
+
+def arguments(verb: str, recording: Path, calibration: Path, folder: Path) -> list[str]:
+    given = [verb, str(recording), "--calibration", str(calibration)]
+    return [*given, "-o", str(folder / "tracks.npz")] if verb == "track" else given
+
+
+@pytest.mark.parametrize("verb", ["track", "contact", "touch"])
+def test_it_is_told_and_strict_refuses_it(
+    verb: str, slides: Path, foreign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = arguments(verb, slides, foreign, tmp_path)
+    assert main(line) == 0
+    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
+    assert main([*line, "--strict", *(["--overwrite"] if verb == "track" else [])]) == 1
+    assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["track", "contact", "touch"])
+def test_the_own_calibration_is_not_suspected(
+    verb: str, slides: Path, own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments(verb, slides, own, tmp_path), "--strict"]) == 0
+    assert "does not fit" not in capsys.readouterr().err
+
+
+def test_tracks_and_json_say_it(
+    slides: Path, foreign: Path, own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for calibration, misfits in ((foreign, True), (own, False)):
+        line = [*arguments("track", slides, calibration, tmp_path), "--json", "--overwrite"]
+        assert main(line) == 0
+        found: dict[str, Any] = json.loads(capsys.readouterr().out)
+        assert (found["calibration_misfit"] is not None) == misfits
+        with np.load(tmp_path / "tracks.npz") as tracks:
+            meta = json.loads(str(tracks["meta"]))
+        assert meta["calibration_misfit"] == found["calibration_misfit"]
+
+
+def test_the_page_says_it(slides: Path, foreign: Path, own: Path) -> None:
+    for calibration, misfits in ((foreign, True), (own, False)):
+        shown: list[bytes] = []
+        session = Session(
+            open_view_source(str(slides), calibration=str(calibration)), Ring(shown), Ring([])
+        )
+        session.step()
+        session.close()
+        assert (b"does not fit the calibration" in shown[-1]) == misfits
+
+
+class Ring:
+    def __init__(self, messages: list[bytes]) -> None:
+        self.messages = messages
+
+    def publish(self, message: bytes) -> bool:
+        self.messages.append(message)
+        return True
