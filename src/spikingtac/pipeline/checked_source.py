@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.types import EventPacket, LossCounters
@@ -20,16 +21,22 @@ class CheckedSource:
         source: Where the events come from.
         calibration: What they are tracked with.
         tell: Called once with a sentence where they contradict it; what it raises ends the stream.
+
+    Attributes:
+        misfit: That sentence, or None.
     """
 
     size: tuple[int, int]
     losses: LossCounters
 
     def __init__(
-        self, source: EventSource, calibration: Calibration, tell: Callable[[str], None]
+        self,
+        source: EventSource,
+        calibration: Calibration,
+        tell: Callable[[str], None] = lambda why: None,
     ) -> None:
         self._source, self._calibration, self._tell = source, calibration, tell
-        self._told = False
+        self.misfit: str | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copies ask before there is a source
@@ -49,6 +56,15 @@ class CheckedSource:
             self._judge(check)
 
     def _judge(self, check: CalibrationCheck) -> None:
-        if check.foreign and not self._told:
-            self._told = True
-            self._tell(check.words())
+        if check.foreign and self.misfit is None:
+            self.misfit = check.words()
+            self._tell(self.misfit)
+
+
+def refuse(why: str) -> None:
+    """Refuse a calibration that does not fit.
+
+    Raises:
+        CalibrationError: Always, with the reason.
+    """
+    raise CalibrationError(why)

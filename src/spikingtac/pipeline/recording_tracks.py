@@ -26,13 +26,12 @@ from spikingtac.types import MarkerFrame
 
 
 def track_to_file(
-    source: FileSource,
+    source: FileSource | CheckedSource,
     output: str | Path,
     config: TrackingConfig,
     calibration: Calibration,
     advance: Callable[[float], None] = lambda share: None,
     force: ForceModel | None = None,
-    strict: bool = False,
 ) -> dict[str, Any]:
     """Track a recording at constant memory and write the tracks.
 
@@ -43,15 +42,13 @@ def track_to_file(
         calibration: The sensor's calibration.
         advance: Told the share that is done, 0 to 1.
         force: Tells the wrench of every frame, too (``.npz`` only).
-        strict: Whether a calibration that does not fit the recording is an error.
 
     Returns:
         A summary: counts, largest displacement, markers never observed, anomalies, and what the
         recording has against the calibration.
 
     Raises:
-        CalibrationError: The recording's size is not the calibration's, or, where ``strict``, it
-            is of another sensor.
+        CalibrationError: The recording's size is not the calibration's.
         ConfigError: The force model is of another sensor, or the output is no ``.npz``.
     """
     require_same_size(source.size, calibration.size)
@@ -59,8 +56,7 @@ def track_to_file(
     estimator = _estimator(force, Path(output), len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
-    misfits: list[str] = []
-    checked = CheckedSource(source, calibration, _refuse if strict else misfits.append)
+    checked = CheckedSource(source, calibration)
     try:
         for frame in follow(checked, tracker, config.rate_hz):
             if estimator is not None and isinstance(writer, NpzTracksWriter):
@@ -71,7 +67,7 @@ def track_to_file(
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         meta = {**_provenance(source, config), **calibration.scale()}
-        writer.close({**meta, "calibration_misfit": "".join(misfits) or None})
+        writer.close({**meta, "calibration_misfit": checked.misfit})
     except BaseException:
         writer.abandon()
         raise
@@ -79,7 +75,7 @@ def track_to_file(
         **counts.summary(),
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
-        "calibration_misfit": "".join(misfits) or None,
+        "calibration_misfit": checked.misfit,
         "output": str(output),
     }
 
@@ -101,10 +97,6 @@ def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _refuse(why: str) -> None:
-    raise CalibrationError(why)
-
-
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
     """Refuse a recording ``(width, height)`` that another sensor's calibration is used for.
 
@@ -119,7 +111,7 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
         )
 
 
-def _provenance(source: FileSource, config: TrackingConfig) -> dict[str, Any]:
+def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,

@@ -76,8 +76,7 @@ def run(args: Args) -> int:
     name = config.detector or ("default" if calibrations else "event_count")
     detector = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
-    misfits: list[str] = []
-    checked = _checked(sources, calibrations, args.strict, misfits)
+    checked = _checked(sources, calibrations, args.strict)
     found = []
     what = f"finding contacts in {args.recording.name}"
     with ending_on_interrupt(sources[0]), progress(what) as advance:
@@ -94,7 +93,7 @@ def run(args: Args) -> int:
         "rule": learned.rule,
         "quiet": _quiet(args, learned),
         "anomalies": _anomalies(sources),
-        "calibration_misfit": " ".join(misfits) or None,
+        "calibration_misfit": _misfit(checked),
     }
     if args.json:
         emit_json(summary)
@@ -107,19 +106,20 @@ def _checked(
     sources: Sequence[FileSource],
     calibrations: Sequence[Calibration],
     strict: bool,
-    misfits: list[str],
 ) -> Sequence[EventSource]:
     """Return the sources such that a calibration of another sensor is noticed."""
-    from spikingtac.pipeline.checked_source import CheckedSource
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
 
-    def tell(why: str) -> None:
-        if strict:
-            raise CalibrationError(why)
-        misfits.append(why)
+    def warn(why: str) -> None:
         remark(f"warning: {why}")
 
+    tell = refuse if strict else warn
     pairs = zip(sources, calibrations, strict=False)
     return [CheckedSource(source, own, tell) for source, own in pairs] or sources
+
+
+def _misfit(checked: Sequence[EventSource]) -> str | None:
+    return " ".join(filter(None, (getattr(one, "misfit", None) for one in checked))) or None
 
 
 def _config(args: Args) -> DetectionConfig:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +13,7 @@ import tyro
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.touch.touches.touch import Touch
@@ -135,7 +134,7 @@ def _track(args: Args, advance: Any) -> _Watched:
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
     from spikingtac.markers.registry import make_tracker
-    from spikingtac.pipeline.checked_source import CheckedSource
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
 
@@ -145,7 +144,7 @@ def _track(args: Args, advance: Any) -> _Watched:
     source = open_events(args.source, strict=args.strict, sensor=args.sensor)
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
-    checked = CheckedSource(source, calibration, partial(_warn, args.strict))
+    checked = CheckedSource(source, calibration, refuse if args.strict else _warn)
     anomalies: dict[str, int] = {}
 
     def frames() -> Iterator[MarkerFrame]:
@@ -159,9 +158,7 @@ def _track(args: Args, advance: Any) -> _Watched:
     return _Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, anomalies)
 
 
-def _warn(strict: bool, why: str) -> None:
-    if strict:
-        raise CalibrationError(why)
+def _warn(why: str) -> None:
     remark(f"warning: {why}")
 
 

@@ -50,6 +50,7 @@ def run(args: Args) -> int:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
     require_free(args.output, args.overwrite)
@@ -63,6 +64,8 @@ def run(args: Args) -> int:
 
         force = load_force(args.force)
     source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
+    if args.strict:
+        source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
     name = f"tracking {args.recording.name}"
     with ending_on_interrupt(source), progress(name) as advance:
         summary = track_to_file(
@@ -72,7 +75,6 @@ def run(args: Args) -> int:
             calibration.with_polarity(args.polarity),
             advance,
             force,
-            args.strict,
         )
     if args.json:
         emit_json(summary)
