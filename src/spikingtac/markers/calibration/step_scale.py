@@ -1,16 +1,18 @@
-"""How much larger the tracker's steps should be than those that explain the events.
+"""How much larger or smaller the tracker's steps should be than those that explain the events.
 
 The tracker sees each event once and has no second look: a disc that lags behind its marker lets the
 map leak towards the wrong place. Where OFF events are rare, or where edges are so wide that no
 pixel swings fully, steps that explain the counts of events on the average let it lag. How far, the
 recording itself tells: all events together say where the markers went
-(:mod:`spikingtac.markers.calibration.refinement`), and the steps are enlarged while that brings the
-tracker nearer to it. Ours; on sensors like the twin's the steps stay as they are.
+(:mod:`spikingtac.markers.calibration.refinement`), and ON and OFF steps are scaled while that
+brings the tracker nearer to it. Ours; on sensors like the twin's the steps stay as they are, on the
+recorded one ON steps grow 2.4 times and OFF steps shrink by a third.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -24,12 +26,12 @@ from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
 from spikingtac.types import EventPacket
 
 GROWTH = 1.25
-"""Factor by which steps grow at a time."""
+"""Factor by which steps grow or shrink at a time."""
 
-MOST_GROWTH = 8
-"""Times that they grow at most: six-fold."""
+MOST_POWER = 8
+"""Times that they grow or shrink at most: six-fold."""
 
-LEAST_GAIN = 0.01
+LEAST_GAIN = 0.005
 """Share by which the distance must shrink: less is chance."""
 
 PERIOD_US = 4_000
@@ -93,15 +95,21 @@ def fit_step_scale(
         nearest = np.searchsorted(t_us, at_us).clip(0, len(t_us) - 1)
         return float(np.linalg.norm(center_px[nearest] - known_px, axis=2)[:, chosen].mean())
 
-    best, least_px = (1.0, 1.0), apart_px((1.0, 1.0))
-    for _ in range(MOST_GROWTH):
-        on, off = best
-        trials = [(GROWTH * on, off), (GROWTH * on, GROWTH * off)]
-        found = [apart_px(factors) for factors in trials]
-        if min(found) > (1.0 - LEAST_GAIN) * least_px:
-            break
-        best, least_px = trials[int(np.argmin(found))], min(found)
-    return best
+    on, off = _least(lambda power: apart_px((GROWTH ** power[0], GROWTH ** power[1])))
+    return GROWTH**on, GROWTH**off
+
+
+def _least(apart_px: Callable[[tuple[int, int]], float]) -> tuple[int, int]:
+    """Walk from (0, 0) to the neighbour with the least value, until no gain is worth a step."""
+    known = functools.cache(apart_px)
+    best = (0, 0)
+    while True:
+        around = [(best[0] + on, best[1] + off) for on in (-1, 0, 1) for off in (-1, 0, 1)]
+        within = [powers for powers in around if max(map(abs, powers)) <= MOST_POWER]
+        least = min(within, key=known)
+        if known(least) > (1.0 - LEAST_GAIN) * known(best):
+            return best
+        best = least
 
 
 def _tracked(
