@@ -31,6 +31,8 @@ EXTRAS = {
     "bench": ("cv2", "trackpy", "evt3"),
     "rerun": ("rerun",),
     "tables": ("pandas",),
+    "parquet": ("pyarrow",),
+    "cluster": ("distributed",),
     "design": ("build123d", "trimesh"),
     "openmv": ("openmv",),
     "dv": ("dv_processing",),
