@@ -33,6 +33,7 @@ EXTRAS = {
     "tables": ("pandas",),
     "parquet": ("pyarrow",),
     "cluster": ("distributed",),
+    "ros2": ("cyclonedds",),
     "design": ("build123d", "trimesh"),
     "openmv": ("openmv",),
     "dv": ("dv_processing",),
