@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from spikingtac.experiments.harness.worker_pool import cpu_count, worker_pool
+from spikingtac.batch.worker_pool import cpu_count, worker_pool
 
 ORPHANAGE = """
 import os, sys, time
-from spikingtac.experiments.harness.worker_pool import worker_pool
+from spikingtac.batch.worker_pool import worker_pool
 
 if __name__ == "__main__":
     with worker_pool(2, 2) as pool:

@@ -11,11 +11,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.registry import VERBS, module_of
 from spikingtac.errors import ConfigError
-from spikingtac.experiments.harness.run_folder import begin_run
 
 
 @pytest.fixture

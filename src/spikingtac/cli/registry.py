@@ -21,6 +21,7 @@ VERBS: dict[str, str] = {
     "guard": "watch a camera's stream and stop a moving arm at the first contact",
     "train": "train the denoising network on recordings, without labels",
     "view": "show a recording or a scene in the browser: replay, tune, measure",
+    "ros2": "publish a sensor to ROS 2, live; ROS need not be installed",
     "plot": "draw tracks: displacement over time, vector field, heat map, strain",
     "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "experiment": "run one of the paper's experiments again: every method, every case, one report",
@@ -37,7 +38,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {
     "studies": ("train", "experiment", "bench"),
     "system": ("cameras", "doctor"),
     "twin": ("demo", "design", "simulate"),
-    "viewing": ("view", "plot", "compare"),
+    "viewing": ("view", "ros2", "plot", "compare"),
 }
 """Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""
 

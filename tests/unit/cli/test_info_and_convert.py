@@ -83,7 +83,7 @@ def test_convert_cuts_and_flips(recorded: Path, name: str, capsys) -> None:
 
 def test_convert_writes_the_encoding_that_is_asked_for(recorded: Path) -> None:
     target = recorded.with_name("b.raw")
-    assert convert.run(convert.Args(source=recorded, target=target, encoding="evt21")) == 0
+    assert convert.run(convert.Args(files=(recorded, target), encoding="evt21")) == 0
     assert open_events(target).format == "EVT2.1"
 
 
@@ -91,11 +91,11 @@ def test_convert_refuses_what_makes_no_sense(recorded: Path) -> None:
     other = recorded.with_name("b.raw")
     before = recorded.read_bytes()
     for arguments in (
-        convert.Args(source=recorded, target=recorded),
-        convert.Args(source=recorded, target=recorded.parent),
-        convert.Args(source=recorded, target=recorded.parent / "no" / "b.raw"),
-        convert.Args(source=recorded, target=other, from_us=5, to_us=5),
-        convert.Args(source=recorded, target=other.with_suffix(".npz"), encoding="evt2"),
+        convert.Args(files=(recorded, recorded)),
+        convert.Args(files=(recorded, recorded.parent)),
+        convert.Args(files=(recorded, recorded.parent / "no" / "b.raw")),
+        convert.Args(files=(recorded, other), from_us=5, to_us=5),
+        convert.Args(files=(recorded, other.with_suffix(".npz")), encoding="evt2"),
     ):
         with pytest.raises(ConfigError):
             convert.run(arguments)

@@ -1,26 +1,39 @@
-"""``spikingtac convert``: write an event file in another format, or a part of it."""
+"""``spikingtac convert``: write event files in another format, or a part of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, nearest
+
+WORK = "spikingtac.cli.files.convert:convert_one"
+"""What a worker calls for each of many recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
-    """Write an event file in another format, chosen by the ending; damage is repaired."""
+class Args(ManyArgs):
+    """Write an event file in another format, chosen by the ending; damage is repaired.
 
-    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(name="in", metavar="IN")]
-    """Event file, recording folder, or camera to read: its address, a named pipe, or -."""
-    target: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(name="out", metavar="OUT")]
-    """File to write: .raw, .npz, .csv, .es, .h5 or .aedat4."""
+    Many files (with -o) go into a folder, with a table of all results and a report:
+    spikingtac convert DAY -o DAY_npz --to npz --workers 4
+    """
+
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="IN [OUT]")]
+    """Event file, recording folder, or camera to read (its address, a named pipe, or -), and the
+    file to write: .raw, .npz, .csv, .es, .h5 or .aedat4. With -o, all of them are read: files,
+    folders of recordings, patterns such as 'day/*.raw'."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Many files: the folder to write."""
+    to: Annotated[str | None, tyro.conf.arg(metavar="raw|npz|csv|es|h5|aedat4")] = None
+    """Many files: the format to write."""
     from_us: int | None = None
     """First microsecond to keep."""
     to_us: int | None = None
@@ -31,55 +44,126 @@ class Args:
     """Encoding of a .raw file; EVT3 unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
-    overwrite: bool = False
-    """Replace a file that is already there."""
     strict: bool = False
     """Refuse a damaged file instead of repairing it."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
     """Copy the events and print how many were written."""
+    if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
+        raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
+    if args.output is not None or args.to is not None:
+        return _run_many(args)
+    source, target = _pair(args)
     from spikingtac.atomic_files import require_free
+
+    _refuse_same_file(source, target)
+    require_free(target, args.overwrite)
+    with progress(f"writing {target.name}") as advance:
+        found = _convert(args, source, target, advance)
+    if args.json:
+        emit_json(found.document)
+        return 0
+    for note in found.notes:
+        remark(f"note: {note}")
+    for kind, count in found.document["anomalies"].items():
+        remark(f"note: {kind} {count} times in the input")
+    remark(f"{found.document['events']} events written to {target}")
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Converted:
+    document: dict[str, Any]
+    notes: list[str]
+
+
+def _pair(args: Args) -> tuple[Path, Path]:
+    if len(args.files) == 2 and not means_many(args, args.files[:1]):
+        return args.files[0], args.files[1]
+    raise ConfigError(
+        "convert takes a file to read and a file to write; of many files, it takes "
+        "all of them and the folder and format to write: -o FOLDER --to npz"
+    )
+
+
+def _convert(
+    args: Args, path: Path, target: Path, advance: Callable[[float], None] = lambda share: None
+) -> _Converted:
     from spikingtac.events.create import create_events
     from spikingtac.events.filters import flip_polarity, time_slice
     from spikingtac.events.open import open_events
 
-    _refuse_same_file(args.source, args.target)
-    require_free(args.target, args.overwrite)
-    if args.from_us is not None and args.to_us is not None and args.from_us >= args.to_us:
-        raise ConfigError(f"--from-us {args.from_us} must be before --to-us {args.to_us}")
-    source = open_events(args.source, strict=args.strict, sensor=args.sensor)
+    source = open_events(path, strict=args.strict, sensor=args.sensor)
     written = 0
     with (
         ending_on_interrupt(source),
-        create_events(args.target, source.size, encoding=args.encoding) as writer,
-        progress(f"writing {args.target.name}") as advance,
+        create_events(target, source.size, encoding=args.encoding) as writer,
     ):
         for packet in time_slice(source, args.from_us, args.to_us):
             writer.write(flip_polarity(packet) if args.flip_polarity else packet)
             written += len(packet)
             advance(source.progress)
-    anomalies = dict(source.losses.kinds())
-    if args.json:
-        emit_json(
-            {
-                "input": str(args.source),
-                "output": str(args.target),
-                "format": source.format,
-                "size": list(source.size),
-                "events": written,
-                "anomalies": anomalies,
-            }
+    document = {
+        "input": str(path),
+        "output": str(target),
+        "format": source.format,
+        "size": list(source.size),
+        "events": written,
+        "anomalies": dict(source.losses.kinds()),
+    }
+    return _Converted(document, source.notes)
+
+
+def _run_many(args: Args) -> int:
+    from spikingtac.batch.inputs import find_recordings
+    from spikingtac.batch.run import Batch
+
+    means_many(args, args.files)  # refuses options that do not go together
+    folder = require_folder(args.output, "convert")
+    if args.to is None:
+        raise ConfigError("of many files, convert needs the format to write: --to npz")
+    ending = _ending(args.to, args.encoding)
+    names = ("from_us", "to_us", "flip_polarity", "encoding", "sensor", "strict")
+    batch = Batch(
+        name="convert",
+        work=WORK,
+        recordings=find_recordings(args.files),
+        folder=folder,
+        ending=ending,
+        settings={name: getattr(args, name) for name in names},
+    )
+    return run_many(batch, args)
+
+
+def _ending(name: str, encoding: str | None) -> str:
+    """Return the ending of a format, before any file is written in it."""
+    from spikingtac import plugins
+    from spikingtac.events.create import WRITABLE
+
+    ending = "." + name.lower().removeprefix(".")
+    valid = [*WRITABLE, *(f".{foreign}" for foreign in plugins.with_plugins({}, plugins.WRITERS))]
+    if ending not in valid:
+        text = ", ".join(known.removeprefix(".") for known in valid)
+        raise ConfigError(
+            f"--to {name!r} cannot be written{nearest(ending, valid)} (valid: {text})"
         )
-        return 0
-    for note in source.notes:
-        remark(f"note: {note}")
-    for kind, count in anomalies.items():
-        remark(f"note: {kind} {count} times in the input")
-    remark(f"{written} events written to {args.target}")
-    return 0
+    if encoding is not None and ending != ".raw":
+        raise ConfigError(f"--encoding {encoding!r} is for --to raw, not for --to {name!r}")
+    return ending
+
+
+def convert_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+    """Convert one of many recordings and return its row of the table."""
+    _refuse_same_file(recording, output)
+    found = _convert(Args(files=(recording, output), **settings), recording, output).document
+    return {
+        "format": found["format"],
+        "width": found["size"][0],
+        "height": found["size"][1],
+        "events": found["events"],
+        "anomalies": sum(found["anomalies"].values()),
+    }
 
 
 def _refuse_same_file(source: Path, target: Path) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,30 +11,37 @@ import tyro
 
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.sensing.touch_rows import touch_row, write_rows
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.touches.touch import Touch
     from spikingtac.touch.touches.touch_config import TouchConfig
     from spikingtac.types import MarkerFrame
 
+WORK = "spikingtac.cli.sensing.touch:touch_one"
+"""What a worker calls for each of many recordings."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(ManyArgs):
     """List the touches in a recording: begin, end, place, area and peak of each.
 
     This verb tells touches apart and measures them, some ten milliseconds after they happen. To
     stop a robot within a millisecond, use: spikingtac contact.
+
+    Of many recordings, the lists go into a folder, with a table of all results and a report:
+    spikingtac touch DAY --calibration C -o DAY_touches --workers 4
     """
 
-    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
+    sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SOURCE...")]
     """Event file, recording folder or camera, with --calibration; or tracks.npz, or arrays t_us,
-    reference_mm, displacement_mm."""
+    reference_mm, displacement_mm. Several, folders of them, patterns such as 'day/*.raw'."""
     calibration: Path | None = None
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """CSV file to write, one line per touch."""
+    """CSV file to write, one line per touch; a folder for many."""
     preset: str = "default"
     """Tracker: default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -44,10 +50,6 @@ class Args:
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False
     """Refuse a damaged recording instead of repairing it."""
-    overwrite: bool = False
-    """Replace a file that is there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,31 +63,92 @@ class _Watched:
     anomalies: dict[str, int]
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """The touches of a recording as rows, and where they are from."""
+
+    rows: list[dict[str, Any]]
+    first_us: int | None
+    watched: _Watched
+
+
 def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
-    from spikingtac.touch.touches.detector import TouchDetector
-
+    if means_many(args, args.sources):
+        return _run_many(args)
+    source = args.sources[0]
     if args.output is not None:
         require_free(args.output, args.overwrite)
-    with progress(f"watching {args.source.name}") as advance:
-        watched = _watch(args, advance)
-        detector = TouchDetector(watched.reference, _config(watched))
-        found, first_us = [], None
-        for frame in watched.frames:
-            first_us = frame.t_us if first_us is None else first_us
-            touch = detector.update(frame)
-            if touch is not None:
-                found.append(touch)
+    with progress(f"watching {source.name}") as advance:
+        found = _find(args, source, advance)
+    if args.output is not None:
+        write_rows(args.output, found.rows)
+    if args.json:
+        anomalies = found.watched.anomalies
+        emit_json({"t_first_us": found.first_us, "touches": found.rows, "anomalies": anomalies})
+    else:
+        _print(found, source)
+    return 0
+
+
+def _run_many(args: Args) -> int:
+    from spikingtac.batch.inputs import SERIES_MEMBERS, find_recordings
+    from spikingtac.batch.run import Batch
+    from spikingtac.config import load_config
+
+    folder = require_folder(args.output, "touch")
+    load_config(args.preset)  # what is wrong for all of them is refused before any work is done
+    preset = Path(args.preset)
+    batch = Batch(
+        name="touch",
+        work=WORK,
+        recordings=find_recordings(args.sources, SERIES_MEMBERS),
+        folder=folder,
+        ending=".csv",
+        settings={
+            "calibration": None if args.calibration is None else str(args.calibration.absolute()),
+            "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
+            "rate_hz": args.rate_hz,
+            "sensor": args.sensor,
+            "strict": args.strict,
+        },
+    )
+    return run_many(batch, args)
+
+
+def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+    """List the touches of one of many recordings and return its row of the table."""
+    calibration = settings["calibration"]
+    path = None if calibration is None else Path(calibration)
+    found = _find(Args(**{"sources": (recording,), **settings, "calibration": path}), recording)
+    write_rows(output, found.rows)
+    ended = [row["duration_us"] for row in found.rows if row["duration_us"] is not None]
+    return {
+        "touches": len(found.rows),
+        "touching_s": sum(ended) / 1e6,
+        "peak_strength_max": max((row["peak_strength"] for row in found.rows), default=0.0),
+        "anomalies": sum(found.watched.anomalies.values()),
+    }
+
+
+def _find(
+    args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
+) -> _Found:
+    from spikingtac.touch.touches.detector import TouchDetector
+
+    watched = _watch(args, source, advance)
+    detector = TouchDetector(watched.reference, _config(watched))
+    found, first_us = [], None
+    for frame in watched.frames:
+        first_us = frame.t_us if first_us is None else first_us
+        touch = detector.update(frame)
+        if touch is not None:
+            found.append(touch)
     last = detector.finish()
     found += [last] if last is not None else []
-    rows = [_row(touch, watched) for touch in found]
-    if args.output is not None:
-        _write(args.output, rows)
-    if args.json:
-        emit_json({"t_first_us": first_us, "touches": rows, "anomalies": watched.anomalies})
-    else:
-        _print(rows, args, watched, first_us or 0)
-    return 0
+    return _Found(
+        [touch_row(touch, watched.unit, watched.px_per_mm) for touch in found], first_us, watched
+    )
 
 
 SCATTER_SHARE = 0.03
@@ -108,11 +171,11 @@ def _config(watched: _Watched) -> TouchConfig:
     return TouchConfig(least_displacement_px=SCATTER_SHARE * pitch, unseen=NOTHING_UNSEEN)
 
 
-def _watch(args: Args, advance: Any) -> _Watched:
+def _watch(args: Args, path: Path, advance: Any) -> _Watched:
     from spikingtac.touch.force.files.series_file import is_series, load_series
 
-    if is_series(args.source):
-        series = load_series(args.source).in_image()
+    if is_series(path):
+        series = load_series(path).in_image()
         scale = _px_per_mm(args)
         return _Watched(
             _frames(series),
@@ -126,10 +189,10 @@ def _watch(args: Args, advance: Any) -> _Watched:
             "events need the sensor's calibration: --calibration calibration.json; "
             "make one with: spikingtac calibrate RECORDING -o calibration.json"
         )
-    return _track(args, advance)
+    return _track(args, path, advance)
 
 
-def _track(args: Args, advance: Any) -> _Watched:
+def _track(args: Args, path: Path, advance: Any) -> _Watched:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
@@ -141,7 +204,7 @@ def _track(args: Args, advance: Any) -> _Watched:
     assert args.calibration is not None  # _watch() has asked for it
     calibration = Calibration.load(args.calibration)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
-    source = open_events(args.source, strict=args.strict, sensor=args.sensor)
+    source = open_events(path, strict=args.strict, sensor=args.sensor)
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
     checked = CheckedSource(source, calibration, refuse if args.strict else _warn)
@@ -186,62 +249,13 @@ def _frames(series: Any) -> Iterator[MarkerFrame]:
         yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
 
 
-def _row(touch: Touch, watched: _Watched) -> dict[str, Any]:
-    """Return a touch as plain values: in px, and in mm where the scale is known."""
-    row: dict[str, Any] = {
-        "begin_us": touch.begin_us,
-        "end_us": touch.end_us,
-        "duration_us": touch.duration_us,
-        "peak_us": touch.peak_us,
-        "peak_strength": round(touch.peak_strength, 6),
-    }
-    if watched.unit == "px":
-        row |= _lengths(touch, "px", 1.0)
-    if watched.px_per_mm is not None:
-        row |= _lengths(touch, "mm", watched.px_per_mm)
-    return row
-
-
-def _lengths(touch: Touch, unit: str, scale: float) -> dict[str, Any]:
-    return {
-        f"place_{unit}": (touch.place_px / scale).round(4).tolist(),
-        f"area_{unit}2": round(touch.area_px2 / scale**2, 4),
-        f"peak_displacement_{unit}": round(touch.peak_displacement_px / scale, 5),
-        f"outline_{unit}": (touch.outline_px / scale).round(3).tolist(),
-    }
-
-
-def _write(path: Path, rows: list[dict[str, Any]]) -> None:
-    flat = [_flat(row) for row in rows]
-    columns = list(flat[0]) if flat else ["begin_us", "end_us", "duration_us", "peak_us"]
-    beside = path.with_name(path.name + ".part")
-    try:
-        with beside.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(flat)
-        beside.replace(path)
-    except OSError as error:
-        raise ConfigError(f"cannot write {str(path)!r}: {error.strerror}") from error
-
-
-def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for key, value in row.items():
-        if key.startswith("place_"):
-            unit = key.removeprefix("place_")
-            out[f"place_x_{unit}"], out[f"place_y_{unit}"] = value
-        elif not key.startswith("outline_"):
-            out[key] = value
-    return out
-
-
-def _print(rows: list[dict[str, Any]], args: Args, watched: _Watched, first_us: int) -> None:
+def _print(found: _Found, source: Path) -> None:
+    rows, watched, first_us = found.rows, found.watched, found.first_us or 0
     for kind, count in watched.anomalies.items():
         remark(f"note: {kind} {count} times in the recording")
     unit = "mm" if watched.px_per_mm is not None else "px"
     emit_table(
-        f"touches in {args.source.name}, times from its first event",
+        f"touches in {source.name}, times from its first event",
         ("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}", "peak strain"),
         [
             (

@@ -1,7 +1,8 @@
-"""``spikingtac track``: follow every marker through a recording."""
+"""``spikingtac track``: follow every marker through a recording, or through many."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,20 +10,31 @@ from typing import Annotated, Any
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.types import LawName, Polarity
 
+WORK = "spikingtac.cli.sensing.track:track_one"
+"""What a worker calls for each of many recordings."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
-    """Follow every marker through a recording and write its displacement over time."""
+class Args(ManyArgs):
+    """Follow every marker through a recording and write its displacement over time.
 
-    recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -."""
+    Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
+    all results and a report: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
+    """
+
+    recordings: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING...")
+    ]
+    """Event file, recording folder, or a camera: its address, a named pipe, or -. Several, a folder
+    of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tracks.npz")
-    """File to write: .npz, or .csv in long form."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write: .npz, or .csv in long form; tracks.npz unless given. A folder for many."""
     preset: str = "default"
     """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None
@@ -35,25 +47,37 @@ class Args:
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     force: Path | None = None
     """force.json: tell the wrench of every frame, too; make one with: spikingtac force fit."""
-    overwrite: bool = False
-    """Replace a file that is already there."""
     strict: bool = False
     """Refuse a damaged recording instead of mending it, and the calibration of another sensor
     instead of a warning."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
+    if means_many(args, args.recordings):
+        return _run_many(args)
     from spikingtac.atomic_files import require_free
+
+    recording, output = args.recordings[0], args.output or Path("tracks.npz")
+    require_free(output, args.overwrite)
+    with progress(f"tracking {recording.name}") as advance:
+        summary = _track(args, recording, output, advance)
+    if args.json:
+        emit_json(summary)
+        return 0
+    _print(summary, recording)
+    return 0
+
+
+def _track(
+    args: Args, recording: Path, output: Path, advance: Callable[[float], None] = lambda share: None
+) -> dict[str, Any]:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
     from spikingtac.events.open import open_events
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
-    require_free(args.output, args.overwrite)
     calibration = Calibration.load(args.calibration)
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
@@ -63,27 +87,77 @@ def run(args: Args) -> int:
         from spikingtac.touch.force.files.model_file import load_force
 
         force = load_force(args.force)
-    source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
+    source = open_events(recording, strict=args.strict, sensor=args.sensor)
     if args.strict:
         source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
-    name = f"tracking {args.recording.name}"
-    with ending_on_interrupt(source), progress(name) as advance:
-        summary = track_to_file(
+    with ending_on_interrupt(source):
+        return track_to_file(
             source,
-            args.output,
+            output,
             config.tracking,
             calibration.with_polarity(args.polarity),
             advance,
             force,
         )
-    if args.json:
-        emit_json(summary)
-        return 0
-    _print(summary, args)
-    return 0
 
 
-def _print(summary: dict[str, Any], args: Args) -> None:
+def _run_many(args: Args) -> int:
+    from spikingtac.batch.inputs import find_recordings
+    from spikingtac.batch.run import Batch
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+
+    folder = require_folder(args.output, "track")
+    # What is wrong for all of them is refused before any work is done.
+    Calibration.load(args.calibration)
+    load_config(args.preset)
+    batch = Batch(
+        name="track",
+        work=WORK,
+        recordings=find_recordings(args.recordings),
+        folder=folder,
+        ending=".npz",
+        settings=_settings(args),
+    )
+    return run_many(batch, args)
+
+
+def _settings(args: Args) -> dict[str, Any]:
+    """Return what a worker needs to know, with paths that hold wherever it runs."""
+    preset = Path(args.preset)
+    return {
+        "calibration": str(args.calibration.absolute()),
+        "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
+        "rate_hz": args.rate_hz,
+        "polarity": args.polarity,
+        "hysteresis": args.hysteresis,
+        "sensor": args.sensor,
+        "force": None if args.force is None else str(args.force.absolute()),
+        "strict": args.strict,
+    }
+
+
+def track_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+    """Track one of many recordings and return its row of the table."""
+    paths = {
+        name: None if settings[name] is None else Path(settings[name])
+        for name in ("calibration", "force")
+    }
+    args = Args(**{"recordings": (recording,), "output": output, **settings, **paths})
+    summary = _track(args, recording, output)
+    return {
+        "markers": summary["markers"],
+        "estimates": summary["estimates"],
+        "duration_s": summary["estimates"] / summary["rate_hz"],
+        "held_share": summary["held_share"],
+        "displacement_max_px": summary["displacement_max_px"],
+        "never_observed": len(summary["never_observed"]),
+        "anomalies": sum(summary["anomalies"].values()),
+        "calibration_misfit": int(summary["calibration_misfit"] is not None),
+    }
+
+
+def _print(summary: dict[str, Any], recording: Path) -> None:
     for kind, count in summary["anomalies"].items():
         remark(f"note: {kind} {count} times in the recording")
     if summary["calibration_misfit"]:
@@ -91,7 +165,7 @@ def _print(summary: dict[str, Any], args: Args) -> None:
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(
-        f"tracks of {args.recording.name}",
+        f"tracks of {recording.name}",
         ("markers", "estimates", "rate Hz", "held", "largest displacement px", "output"),
         [
             (

@@ -10,6 +10,8 @@ from concurrent.futures import as_completed
 from dataclasses import asdict
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.collision.figures import figures
 from spikingtac.experiments.collision.findings import findings
 from spikingtac.experiments.collision.jobs import QUIET_STEPS, CollisionJob, run_job
@@ -34,9 +36,7 @@ from spikingtac.experiments.harness.records import Record
 from spikingtac.experiments.harness.report import Report, Table
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
-from spikingtac.experiments.harness.worker_pool import worker_pool
 
 NAME = "collision"
 RunJobs = Callable[[Sequence[CollisionJob]], list[Record]]

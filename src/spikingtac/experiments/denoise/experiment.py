@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.denoise.cases import (
     METHODS,
     UNITS,
@@ -29,9 +31,7 @@ from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.trials.trials import V2E
 from spikingtac.schema import to_mapping
 

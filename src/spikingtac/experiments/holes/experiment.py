@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.records import Record
 from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
-from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.holes.figures import error_figure, plate_figure
 from spikingtac.experiments.holes.jobs import (
     CYCLES,

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
 from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.published import POINT_TRACKING
 from spikingtac.experiments.harness.report import Report
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.point_tracking.ablation import (
     ABLATION_SCENES,

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import time_slice
@@ -14,9 +16,7 @@ from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
-from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.real_gels.cases import CASES, FOLDER, GelCase
 from spikingtac.experiments.real_gels.figures import course_figure, plateau_figure
 from spikingtac.experiments.real_gels.jobs import (

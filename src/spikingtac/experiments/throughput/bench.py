@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import write_json
+from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind, provenance
 from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions
 from spikingtac.experiments.throughput.bench_stream import BenchStream, kept_stream
 from spikingtac.experiments.throughput.decoding import decoder_rows

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from spikingtac.batch.run_folder import begin_run
 from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
 from spikingtac.experiments.touch import recorded_forces, twin_touches, twin_wrench
 

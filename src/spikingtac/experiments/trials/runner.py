@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.atomic_files import write_json
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind
 from spikingtac.experiments.harness.records import Record, load_record
 from spikingtac.experiments.harness.run_options import Advance
-from spikingtac.experiments.harness.worker_pool import worker_pool
 from spikingtac.experiments.trials.calibrations import calibration_digest, calibration_of
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.laws import LawMethod, apply_law

@@ -8,33 +8,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import MissingExtraError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
 from spikingtac.live.playback import Playback
-from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.export.ros_messages import DEFINITIONS, FLOAT32
-from spikingtac.viewer.export.stretch import US_PER_S, Stretch, open_stretch
+from spikingtac.ros2.definitions import full_definition, ros_type
+from spikingtac.ros2.messages import (
+    NS_PER_US,
+    Layout,
+    diagnostics_message,
+    events_message,
+    field_message,
+    header,
+)
+from spikingtac.types import EventPacket
+from spikingtac.viewer.export.stretch import Stretch, open_stretch
 from spikingtac.viewer.session.layers import grey_image
 from spikingtac.viewer.session.source import ViewSource
 
 MESSAGE_US = 10_000
 """Span of a message: 100 per second, what a display needs and a bag likes."""
-NS_PER_US = 1_000
-FRAME = "tactile_sensor"
 TYPES = {
-    "events": "event_camera_msgs/msg/EventPacket",
-    "field": "sensor_msgs/msg/PointCloud2",
-    "image": "sensor_msgs/msg/Image",
-    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "events": "event_camera_msgs/EventPacket",
+    "field": "sensor_msgs/PointCloud2",
+    "image": "sensor_msgs/Image",
+    "diagnostics": "diagnostic_msgs/DiagnosticArray",
 }
-"""Topic -> its message type."""
-FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
-"""A marker: rest position in mm about the image's centre (px where the scale is unknown), position
-u, v and displacement du, dv in px, and 1 where it was seen."""
+"""Topic -> its message."""
 
 
 def export_mcap(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
@@ -63,17 +63,16 @@ def export_mcap(view: ViewSource, path: str | Path, *, seconds: float | None = N
 def _write(topics: _Topics, stretch: Stretch) -> int:
     playback, encoder = stretch.playback, Evt3Encoder()
     store, start_us = playback.store, playback.position_us
+    layout = _layout(stretch.view.calibration)
     while start_us < stretch.end_us:
         advanced_us = stretch.advance(MESSAGE_US)
         now_us = start_us + advanced_us
         # The events after the last whole step belong to the last message.
         last = advanced_us < MESSAGE_US
         packet = store.between(start_us, stretch.end_us if last else now_us)
-        topics.write("events", now_us, _events(packet, encoder, store.t_start_us))
+        topics.write("events", now_us, events_message(packet, encoder, store.t_start_us))
         if playback.frame is not None:
-            topics.write(
-                "field", playback.frame.t_us, _field(playback.frame, stretch.view.calibration)
-            )
+            topics.write("field", playback.frame.t_us, field_message(playback.frame, layout))
         topics.write("image", now_us, _image(stretch.exposed()))
         topics.write("diagnostics", now_us, _diagnostics(stretch.view, playback))
         if last:
@@ -88,7 +87,8 @@ class _Topics:
     def __init__(self, writer: Any) -> None:
         self._writer = writer
         self._schemas = {
-            name: writer.register_msgdef(kind, DEFINITIONS[kind]) for name, kind in TYPES.items()
+            name: writer.register_msgdef(ros_type(message), full_definition(message))
+            for name, message in TYPES.items()
         }
         self._counts = dict.fromkeys(TYPES, 0)
 
@@ -99,11 +99,10 @@ class _Topics:
 
     def write(self, name: str, t_us: int, message: dict[str, Any]) -> None:
         """Append a message, stamped with its data time."""
-        stamp = {"sec": t_us // US_PER_S, "nanosec": t_us % US_PER_S * NS_PER_US}
-        message["header"] = {"stamp": stamp, "frame_id": FRAME}
+        t_ns = t_us * NS_PER_US
+        message["header"] = header(t_ns)
         if name == "events":
             message["seq"] = self._counts[name]
-        t_ns = t_us * NS_PER_US
         topic = "/diagnostics" if name == "diagnostics" else f"/tactile/{name}"
         self._writer.write_message(
             topic, self._schemas[name], message, t_ns, t_ns, self._counts[name]
@@ -111,43 +110,10 @@ class _Topics:
         self._counts[name] += 1
 
 
-def _events(packet: EventPacket, encoder: Evt3Encoder, origin_us: int) -> dict[str, Any]:
-    words = encoder.encode(packet.t - origin_us, packet.x, packet.y, packet.p)
-    return {
-        "height": packet.size[1],
-        "width": packet.size[0],
-        "time_base": origin_us * NS_PER_US,
-        "encoding": "evt3",
-        "is_bigendian": False,
-        "events": words.astype("<u2").tobytes(),
-    }
-
-
-def _field(frame: MarkerFrame, calibration: Calibration) -> dict[str, Any]:
-    cloud = np.zeros(len(frame.coasted), FIELD)
-    rest = _about_centre(calibration) / (calibration.px_per_mm or 1.0)
-    cloud["x"], cloud["y"] = rest.T
-    cloud["u"], cloud["v"] = frame.position_px.T
-    cloud["du"], cloud["dv"] = frame.displacement_px.T
-    cloud["valid"] = ~frame.coasted
-    fields = [
-        {"name": name, "offset": 4 * index, "datatype": FLOAT32, "count": 1}
-        for index, name in enumerate(FIELD.names or ())
-    ]
-    return {
-        "height": calibration.grid[0],
-        "width": calibration.grid[1],
-        "fields": fields,
-        "is_bigendian": False,
-        "point_step": FIELD.itemsize,
-        "row_step": FIELD.itemsize * calibration.grid[1],
-        "data": cloud.tobytes(),
-        "is_dense": True,
-    }
-
-
-def _about_centre(calibration: Calibration) -> NDArray[np.float64]:
-    return calibration.reference_px - (np.array(calibration.size) - 1) / 2
+def _layout(calibration: Calibration) -> Layout:
+    return Layout.of_image(
+        calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
+    )
 
 
 def _image(exposed: EventPacket) -> dict[str, Any]:
@@ -166,13 +132,5 @@ def _image(exposed: EventPacket) -> dict[str, Any]:
 def _diagnostics(view: ViewSource, playback: Playback) -> dict[str, Any]:
     p50_us, p99_us = playback.step_percentiles_us()
     figures = {"step_p50_us": p50_us, "step_p99_us": p99_us, **view.source.losses}
-    values = [{"key": key, "value": f"{value:g}"} for key, value in figures.items()]
     coasted = int(playback.frame.coasted.sum()) if playback.frame else 0
-    status = {
-        "level": 1 if coasted else 0,
-        "name": "spikingtac: tracking",
-        "message": f"{coasted} markers held" if coasted else "all markers seen",
-        "hardware_id": view.label,
-        "values": values,
-    }
-    return {"status": [status]}
+    return diagnostics_message(view.label, coasted, figures)

@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.batch.run_folder import begin_run
 from spikingtac.errors import ConfigError
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.harness.published import POINT_TRACKING
 from spikingtac.experiments.harness.report import Report, Table
 from spikingtac.experiments.harness.report_files import latex, write_report
 from spikingtac.experiments.harness.rows import Row, interval, rows_of
-from spikingtac.experiments.harness.run_folder import begin_run
 from spikingtac.experiments.point_tracking.findings import findings
 from spikingtac.experiments.point_tracking.tables import report_tables
 from spikingtac.experiments.trials.laws import LAW

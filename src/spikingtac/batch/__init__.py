@@ -1,0 +1,1 @@
+"""Many recordings: workers, a journal that is resumed, a table of all results, a report."""

@@ -1,0 +1,136 @@
+"""Which recordings are meant, and which file each result goes to."""
+
+from __future__ import annotations
+
+import glob
+import os
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.address import is_address
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
+from spikingtac.events.open import READABLE, RECORDING_NAME
+
+WILDCARDS = frozenset("*?[")
+TABLES = frozenset({".csv", ".txt"})
+"""Endings of many kinds of tables: in a folder they are no recordings, by name they may be."""
+BAG = "metadata.yaml"
+"""What a folder with a bag of ROS 2 holds."""
+EVENT_MEMBERS = ("x.npy", "events.npy")
+"""What tells an archive of events from one of tracks or of a truth."""
+SERIES_MEMBERS = (*EVENT_MEMBERS, "displacement_px.npy", "displacement_mm.npy")
+"""What tells an archive of events or of displacements over time."""
+
+
+def is_many(given: Sequence[Path]) -> bool:
+    """Return whether more than one recording is meant: several paths, a pattern, or a folder."""
+    return len(given) != 1 or _is_pattern(given[0]) or _is_plain_folder(given[0])
+
+
+def find_recordings(given: Sequence[Path], members: Sequence[str] = EVENT_MEMBERS) -> list[Path]:
+    """Return the recordings that files, folders and patterns name, each of them once.
+
+    A folder stands for every recording in it and below; a pattern is what a shell expands, ``**``
+    included. A path that is named itself is taken as it is, so that its error is told for it.
+
+    Args:
+        given: Paths and patterns.
+        members: In a folder, an archive with one of these arrays is meant.
+
+    Raises:
+        ConfigError: A folder or pattern holds no recording, or a camera is among them.
+    """
+    found: dict[Path, None] = {}
+    for path in given:
+        if str(path) == "-" or is_address(path):
+            raise ConfigError(
+                f"{str(path)!r} is a live source; many recordings must be files or folders"
+            )
+        several = list(_inside(path, members))
+        if not several:
+            raise ConfigError(
+                f"{str(path)!r} holds no recording; valid are folders with {RECORDING_NAME}, and "
+                f"files that end in {', '.join(e for e in READABLE if e not in TABLES)}"
+            )
+        found |= dict.fromkeys(several)
+    return list(found)
+
+
+def common_parent(recordings: Sequence[Path]) -> Path:
+    """Return the folder below which all recordings lie."""
+    return Path(os.path.commonpath([path.absolute().parent for path in recordings]))
+
+
+def outputs_of(recordings: Sequence[Path], folder: Path, ending: str) -> list[Path]:
+    """Return the file of each result: below ``folder`` as the recordings lie below their parent.
+
+    Raises:
+        ConfigError: Two recordings would have the same result.
+    """
+    whole = [path.absolute() for path in recordings]
+    parent = common_parent(recordings)
+    taken: dict[Path, Path] = {}
+    for path in whole:
+        inner = path.relative_to(parent)
+        # A folder's dots belong to its name: 2026.05.01 has no ending.
+        name = path.name if path.is_dir() else path.stem
+        output = folder / inner.with_name(name + ending)
+        if output in taken:
+            raise ConfigError(
+                f"{str(taken[output])!r} and {str(path)!r} would both be written to "
+                f"{str(output)!r}; rename one, or give it a folder of its own"
+            )
+        taken[output] = path
+    return list(taken)
+
+
+def identity(recording: Path) -> list[list[str | int]]:
+    """Return name, size and time of change of every file of a recording, ns."""
+    files = sorted(recording.iterdir()) if recording.is_dir() else [recording]
+    return [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
+
+
+def _inside(path: Path, members: Sequence[str]) -> Iterator[Path]:
+    if _is_pattern(path):
+        for match in sorted(glob.glob(str(path), recursive=True)):
+            yield from (
+                _below(Path(match), members) if _is_plain_folder(Path(match)) else [Path(match)]
+            )
+    elif _is_plain_folder(path):
+        yield from _below(path, members)
+    else:
+        yield path
+
+
+def _below(folder: Path, members: Sequence[str]) -> Iterator[Path]:
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if _is_plain_folder(path):
+            yield from _below(path, members)
+        elif path.is_dir() or _is_event_file(path, members):
+            yield path
+
+
+def _is_pattern(path: Path) -> bool:
+    return not path.exists() and bool(WILDCARDS & set(str(path)))
+
+
+def _is_plain_folder(path: Path) -> bool:
+    """Return whether a path is a folder that is no recording itself."""
+    return path.is_dir() and not any((path / n).is_file() for n in (RECORDING_NAME, BAG))
+
+
+def _is_event_file(path: Path, members: Sequence[str]) -> bool:
+    ending = path.suffix.lower()
+    if ending not in READABLE or ending in TABLES:
+        return False
+    if ending != ".npz":
+        return True
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name in members for name in archive.namelist())
+    except ARCHIVE_DAMAGE:
+        return True  # it is told as the failure that it is

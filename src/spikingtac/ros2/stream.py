@@ -1,0 +1,234 @@
+"""What is published of a sensor: which topics, how often, and with which times."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.ros2.messages import (
+    NS_PER_US,
+    Layout,
+    arrows_message,
+    diagnostics_message,
+    events_message,
+    field_message,
+    header,
+    wrench_message,
+)
+from spikingtac.touch.force.model import ForceEstimator
+from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.types import EventPacket, MarkerFrame
+
+US_PER_S, NS_PER_S = 1_000_000, 1_000_000_000
+ARROWS_US = 33_333
+"""Period of the arrows: 30 Hz, what a display shows."""
+DIAGNOSTICS_US = US_PER_S
+"""Period of /diagnostics; ROS tools call them stale after 5 s."""
+DIAGNOSTICS = "/diagnostics"
+
+
+class Publisher(Protocol):
+    """Sends messages; :class:`spikingtac.ros2.dds.DdsPublisher`, or a stand-in."""
+
+    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
+        """Announce a topic."""
+        ...
+
+    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
+        """Send a message."""
+        ...
+
+    def readers(self, topic: str) -> int:
+        """Return how many readers a topic has now."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StreamConfig:
+    """What is published.
+
+    Attributes:
+        prefix: Begins the name of every topic.
+        hardware: Name of the sensor in /diagnostics.
+        events: Publish the events, too.
+        wrench: Publish forces and moments, too.
+    """
+
+    prefix: str = "/tactile"
+    hardware: str = ""
+    events: bool = True
+    wrench: bool = False
+
+
+class SensorStream:
+    """Publishes frames and events of a sensor.
+
+    Data times become times of this host's clock: the first one is now, the others follow as the
+    sensor counts them.
+
+    Args:
+        publisher: Sends the messages.
+        layout: The markers at rest.
+        config: What is published.
+        force: Makes a wrench of every frame, where there is a force model.
+        clock_ns: Time of day, ns.
+    """
+
+    def __init__(
+        self,
+        publisher: Publisher,
+        layout: Layout,
+        config: StreamConfig,
+        force: ForceEstimator | None = None,
+        clock_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._publisher, self._layout, self._config = publisher, layout, config
+        self._force, self._clock_ns = force, clock_ns
+        self._offset_ns: int | None = None
+        self._due_us: dict[str, int] = {}
+        self._touching: bool | None = None
+        self._touches = _touch_detector(layout)
+        self._encoder, self._origin_us = Evt3Encoder(), 0
+        self.counts: Counter[str] = Counter()
+        self._announce()
+
+    def _announce(self) -> None:
+        topics = {"field": "sensor_msgs/PointCloud2", "arrows": "visualization_msgs/MarkerArray"}
+        if self._touches is not None:
+            topics["contact"] = "std_msgs/Bool"
+        if self._config.wrench or self._force is not None:
+            topics["wrench"] = "geometry_msgs/WrenchStamped"
+        if self._config.events:
+            topics["events"] = "event_camera_msgs/EventPacket"
+        for name, message in topics.items():
+            self._publisher.advertise(self._topic(name), message, state=name == "contact")
+        self._publisher.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray")
+
+    def frame(
+        self,
+        frame: MarkerFrame,
+        wrench: NDArray[np.floating] | None = None,
+        figures: Mapping[str, float] | None = None,
+    ) -> None:
+        """Publish a frame: its field, and whatever else is due.
+
+        Args:
+            frame: The frame.
+            wrench: Forces (N) and moments (Nm), where they are known already.
+            figures: What /diagnostics tells of the sensor.
+        """
+        stamp_ns = self._stamp_ns(frame.t_us)
+        self._send("field", field_message(frame, self._layout), stamp_ns)
+        if self._force is not None:
+            moved_px = frame.detected_px - self._layout.reference_px
+            wrench = self._force.update(frame.t_us, moved_px).values
+        if wrench is not None:
+            self._send("wrench", wrench_message(wrench), stamp_ns)
+        self._tell_contact(frame)
+        if self._due("arrows", frame.t_us, ARROWS_US):
+            arrows = arrows_message(frame, self._layout, stamp_ns)
+            self._publisher.publish(self._topic("arrows"), arrows)
+            self.counts["arrows"] += 1
+        if self._due("diagnostics", frame.t_us, DIAGNOSTICS_US):
+            self._diagnose(frame, stamp_ns, figures or {})
+
+    def events(self, packet: EventPacket) -> None:
+        """Publish events; nothing is sent where there are none."""
+        if not self._config.events or not len(packet):
+            return
+        if self.counts["events"] == 0:
+            self._origin_us = packet.t_start_us
+        message = events_message(packet, self._encoder, self._origin_us)
+        message["seq"] = self.counts["events"]
+        self._send("events", message, self._stamp_ns(int(packet.t[0])))
+
+    def _tell_contact(self, frame: MarkerFrame) -> None:
+        if self._touches is None:
+            return
+        self._touches.update(frame)
+        if self._touches.touching != self._touching:
+            self._touching = self._touches.touching
+            self._publisher.publish(self._topic("contact"), {"data": self._touching})
+            self.counts["contact"] += 1
+
+    def _diagnose(self, frame: MarkerFrame, stamp_ns: int, figures: Mapping[str, float]) -> None:
+        told = {
+            "frames": self.counts["field"],
+            "readers": self._publisher.readers(self._topic("field")),
+            "behind_ms": (self._clock_ns() - stamp_ns) / 1e6,
+            **figures,
+        }
+        coasted = int(frame.coasted.sum())
+        message = diagnostics_message(self._config.hardware, coasted, told)
+        self._publisher.publish(DIAGNOSTICS, message | {"header": header(stamp_ns)})
+        self.counts["diagnostics"] += 1
+
+    def _send(self, name: str, message: dict[str, Any], stamp_ns: int) -> None:
+        self._publisher.publish(self._topic(name), message | {"header": header(stamp_ns)})
+        self.counts[name] += 1
+
+    def _due(self, name: str, t_us: int, period_us: int) -> bool:
+        due_us = self._due_us.get(name, t_us)
+        if t_us < due_us:
+            return False
+        # The rate is kept on a coarser grid of frames; after a gap it starts anew.
+        self._due_us[name] = (due_us if t_us - due_us < period_us else t_us) + period_us
+        return True
+
+    def _stamp_ns(self, t_us: int) -> int:
+        if self._offset_ns is None:
+            self._offset_ns = self._clock_ns() - t_us * NS_PER_US
+        return t_us * NS_PER_US + self._offset_ns
+
+    def _topic(self, name: str) -> str:
+        return f"{self._config.prefix}/{name}"
+
+
+def _touch_detector(layout: Layout) -> TouchDetector | None:
+    try:
+        return TouchDetector(np.asarray(layout.reference_px, np.float64))
+    except ConfigError:  # too few markers to tell a strain
+        return None
+
+
+class Pace:
+    """Plays data at the speed at which they were recorded, and knows how far behind it is.
+
+    Args:
+        clock_s: A clock that never goes back, s.
+        sleep: Waits, s.
+    """
+
+    def __init__(
+        self,
+        clock_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._clock_s, self._sleep = clock_s, sleep
+        self._begun: tuple[int, float] | None = None
+        self.largest_lag_s = 0.0
+
+    def wait(self, t_us: int) -> None:
+        """Return when data of this time are due, at once where they are late."""
+        if self._begun is None:
+            self._begun = (t_us, self._clock_s())
+        first_us, begun_s = self._begun
+        early_s = begun_s + (t_us - first_us) / US_PER_S - self._clock_s()
+        if early_s > 0.0:
+            self._sleep(early_s)
+        self.largest_lag_s = max(self.largest_lag_s, -early_s)
+
+
+def paced(packets: Iterator[EventPacket], pace: Pace) -> Iterator[EventPacket]:
+    """Yield packets at the times at which they were complete."""
+    for packet in packets:
+        pace.wait(packet.t_end_us)
+        yield packet

@@ -1,0 +1,142 @@
+"""What every kind of crew must do with many recordings: worker processes, and a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.batch.cluster import run_on_cluster
+from spikingtac.batch.job import FileJob, Outcome
+from spikingtac.batch.processes import ATTEMPTS, run_in_processes
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
+from stand_ins.dask_cluster import DaskCluster
+
+WORK = "spikingtac.cli.files.convert:convert_one"
+SETTINGS = {
+    "from_us": None,
+    "to_us": None,
+    "flip_polarity": False,
+    "encoding": None,
+    "sensor": 0,
+    "strict": False,
+}
+EVENTS = 100
+
+Crew = Callable[[Sequence[FileJob]], Iterator[Outcome]]
+
+
+def recording(path: Path) -> Path:
+    t = np.arange(EVENTS, dtype=np.int64)
+    column = (t % 20).astype(np.uint16)
+    with create_events(path, (32, 24)) as writer:
+        writer.write(EventPacket(column, column, column < 5, t, 0, EVENTS, (32, 24)))
+    return path
+
+
+def job(source: Path) -> FileJob:
+    output = source.with_suffix(".npz")
+    name = source.stem
+    return FileJob(work=WORK, source=str(source), output=str(output), settings=SETTINGS, key=name)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    with DaskCluster(tmp_path_factory.mktemp("dask")) as running:
+        yield running
+
+
+@pytest.fixture(params=["processes", "cluster"])
+def crew(request: pytest.FixtureRequest) -> Crew:
+    if request.param == "processes":
+        return lambda jobs: run_in_processes(jobs, 1)
+    running: DaskCluster = request.getfixturevalue("cluster")
+    return lambda jobs: run_on_cluster(jobs, running.address)
+
+
+def test_every_job_has_its_outcome_once_and_failures_stop_nothing(
+    crew: Crew, tmp_path: Path
+) -> None:
+    jobs = [job(recording(tmp_path / f"{n}.raw")) for n in range(3)]
+    jobs.insert(1, job(tmp_path / "gone.raw"))
+    outcomes = {outcome.key: outcome for outcome in crew(jobs)}
+    assert sorted(outcomes) == ["0", "1", "2", "gone"]
+    assert [key for key, outcome in outcomes.items() if outcome.failed] == ["gone"]
+    for key in "012":
+        assert outcomes[key].figures["events"] == EVENTS
+        assert outcomes[key].output_bytes == (tmp_path / f"{key}.npz").stat().st_size
+        assert sum(map(len, open_events(outcomes[key].output))) == EVENTS
+
+
+def test_a_crew_that_is_given_up_ends(crew: Crew, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.raw"
+    os.mkfifo(pipe)
+    outcomes = crew([job(recording(tmp_path / "a.raw")), job(pipe)])
+    assert next(outcomes).key == "a"
+    outcomes.close()  # type: ignore[attr-defined]
+    assert not multiprocessing.active_children()
+    release(pipe)
+
+
+def release(pipe: Path) -> None:
+    """Let whoever waits for a writer of a pipe see its end."""
+    try:
+        os.close(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK))
+    except OSError:  # nobody waits
+        return
+
+
+def opened_by_a_worker(pipe: Path) -> int:
+    """Wait until a worker reads a pipe, and return the end to write to."""
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            assert time.monotonic() < deadline, "no worker opened the recording"
+            time.sleep(0.02)
+
+
+def kill_the_worker() -> None:
+    (worker,) = multiprocessing.active_children()
+    assert worker.pid is not None
+    os.kill(worker.pid, signal.SIGKILL)
+
+
+def watched(pipe: Path, jobs: Sequence[FileJob], deaths: int) -> dict[str, Outcome]:
+    """Run jobs on one worker, which is killed so many times while it reads the pipe."""
+    import threading
+
+    def reaper() -> None:
+        for _ in range(deaths):
+            end = opened_by_a_worker(pipe)
+            kill_the_worker()
+            time.sleep(0.2)
+            os.close(end)
+
+    thread = threading.Thread(target=reaper)
+    thread.start()
+    found = {outcome.key: outcome for outcome in run_in_processes(jobs, 1)}
+    thread.join()
+    return found
+
+
+def test_a_recording_that_kills_its_worker_is_given_up_and_the_rest_goes_on(
+    tmp_path: Path,
+) -> None:
+    pipe = tmp_path / "deadly.raw"
+    os.mkfifo(pipe)
+    jobs = [job(pipe), *(job(recording(tmp_path / f"{n}.raw")) for n in range(2))]
+    outcomes = watched(pipe, jobs, ATTEMPTS)
+    assert sorted(outcomes) == ["0", "1", "deadly"]
+    assert outcomes["deadly"].kind == "WorkerLost"
+    assert not outcomes["0"].failed
+    assert not outcomes["1"].failed

@@ -1,0 +1,188 @@
+"""Many recordings through the command line: equal to one by one, resumed, and never stopped."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
+from stand_ins.dask_cluster import DaskCluster
+from stand_ins.small_twin import calibration, touches
+
+COUNT = 4
+PART_US = 300_000
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four parts of a simulated recording, a file that is none, and a calibration."""
+    folder = tmp_path_factory.mktemp("day")
+    (folder / "recordings").mkdir()
+    film = touches()
+    whole = EventPacket.concatenate(list(film.packets))
+    for number in range(COUNT):
+        first_us = whole.t_start_us + number * PART_US
+        inside = (whole.t >= first_us) & (whole.t < first_us + PART_US)
+        with create_events(folder / "recordings" / f"{number}.raw", film.size) as writer:
+            writer.write(whole.select(inside))
+    (folder / "recordings" / "bad.raw").write_bytes(b"junk")
+    calibration().save(folder / "calibration.json")
+    return folder
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = sorted(folder.glob("[0-9].*"))
+    return {file.stem: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+@pytest.fixture(scope="module")
+def one_by_one(day: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("one")
+    for number in range(COUNT):
+        arguments = [str(day / "recordings" / f"{number}.raw"), "-o", str(folder / f"{number}.npz")]
+        assert main(["track", *arguments, "--calibration", str(day / "calibration.json")]) == 0
+    return digests(folder)
+
+
+def track(day: Path, output: Path, *options: str) -> list[str]:
+    given = ["--calibration", str(day / "calibration.json"), "-o", str(output), *options]
+    return ["track", str(day / "recordings"), *given]
+
+
+def test_many_are_tracked_as_each_would_be(
+    day: Path,
+    one_by_one: dict[str, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    capsys.readouterr()
+    assert main(track(day, tmp_path / "out", "--workers", "1", "--json")) == 1  # one failed
+    found = json.loads(capsys.readouterr().out)
+    assert (found["recordings"], found["done"], found["failed"]) == (COUNT + 1, COUNT, 1)
+    assert Path(found["rows"][0]["source"]).name == "bad.raw"
+    assert "names no encoding" in found["rows"][0]["error"]
+    assert {row["estimates"] for row in found["rows"][1:]} == {300}
+    assert Path(found["table"]).is_file()
+    assert Path(found["report"]).is_file()
+    assert digests(tmp_path / "out") == one_by_one
+    assert not list((tmp_path / "out").glob(".*"))
+    assert main([*track(day, tmp_path / "out", "--workers", "1", "--json"), "--resume"]) == 1
+    assert json.loads(capsys.readouterr().out)["kept"] == COUNT
+
+
+def test_touches_of_many_tracks_and_events_of_many_files(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recordings = str(day / "recordings" / "[01].raw")
+    given = ["--calibration", str(day / "calibration.json"), "--workers", "1"]
+    assert main(["touch", recordings, "-o", str(tmp_path / "touches"), *given]) == 0
+    with (tmp_path / "touches" / "1.csv").open(newline="") as file:
+        assert "begin_us" in next(csv.reader(file))
+    assert "2 of 2 recordings done" in capsys.readouterr().err
+    options = ["--to", "npz", "--workers", "1", "--json"]
+    assert main(["convert", recordings, "-o", str(tmp_path / "npz"), *options]) == 0
+    rows = {Path(r["source"]).stem: r for r in json.loads(capsys.readouterr().out)["rows"]}
+    for name in "01":
+        before = EventPacket.concatenate(list(open_events(day / "recordings" / f"{name}.raw")))
+        after = EventPacket.concatenate(list(open_events(tmp_path / "npz" / f"{name}.npz")))
+        np.testing.assert_array_equal(after.t, before.t)
+        assert rows[name]["events"] == len(before)
+
+
+def wait_for_lines(journal: Path, lines: int, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 120
+    while not journal.is_file() or journal.read_bytes().count(b"\n") < lines:
+        assert process.poll() is None, "it ended before its time"
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def start(arguments: list[str]) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "spikingtac", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_an_interrupted_run_goes_on_where_it_was(
+    day: Path, one_by_one: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = day / "recordings" / "pipe.raw"
+    os.mkfifo(pipe)  # a recording that never comes: the run cannot end by itself
+    given = track(day, tmp_path / "out", "--workers", "1")
+    given[1:2] = [str(day / "recordings" / "0.raw"), str(day / "recordings" / "1.raw"), str(pipe)]
+    process = start(given)
+    wait_for_lines(tmp_path / "out" / "journal.jsonl", 2, process)
+    process.send_signal(signal.SIGINT)
+    error = process.communicate(timeout=60)[1].decode()
+    pipe.unlink()
+    assert process.returncode == 130
+    assert "--resume" in error
+    assert "Traceback" not in error
+    given[3] = str(day / "recordings" / "2.raw")
+    capsys.readouterr()
+    assert main([*given, "--resume", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kept"] == 2
+    expected = {name: one_by_one[name] for name in "012"}
+    assert digests(tmp_path / "out") == expected
+
+
+def test_a_cluster_that_loses_worker_and_scheduler_gives_equal_results(
+    day: Path, one_by_one: dict[str, str], tmp_path: Path
+) -> None:
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    with DaskCluster(tmp_path, workers=1) as cluster:
+        process = start(track(day, tmp_path / "out", "--scheduler", cluster.address))
+        wait_for_lines(tmp_path / "out" / "journal.jsonl", 1, process)
+        cluster.workers[0].kill()
+        cluster.scheduler.kill()
+        cluster.scheduler.wait()
+        cluster.start_scheduler()
+        cluster.workers.append(cluster.start_worker())
+        error = process.communicate(timeout=120)[1].decode()
+    assert process.returncode == 1, error  # bad.raw
+    assert digests(tmp_path / "out") == one_by_one
+    assert "4 of 5 recordings done" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["track", "a.raw", "b.raw", "--calibration", "c.json"], "-o results"),
+        (["track", "a.raw", "b.raw", "--calibration", "c.json", "-o", "x.npz"], "-o results"),
+        (["track", "a.raw", "--calibration", "c.json", "-o", "x", "--workers", "0"], "at least 1"),
+        (["convert", "a.raw"], "-o FOLDER --to npz"),
+        (["convert", "a.raw", "b.raw", "-o", "x"], "--to npz"),
+        (["convert", "a.raw", "b.raw", "-o", "x", "--to", "nzp"], "did you mean"),
+        (["convert", "a.raw", "-o", "x", "--to", "npz", "--encoding", "evt2"], "--to raw"),
+        (["touch", "a.npz", "b.npz"], "-o results"),
+        (["touch", "a.npz", "-o", "x", "--scheduler", "tcp://10.0.0.1:1"], "without encryption"),
+        (["touch", "a.npz", "-o", "x", "--tls", "x"], "--scheduler"),
+        (
+            ["touch", "a.npz", "-o", "x", "--workers", "1", "--scheduler", "tcp://[::1]:1"],
+            "one of them",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(
+    arguments: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert told in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

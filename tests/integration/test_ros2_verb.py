@@ -1,0 +1,182 @@
+"""Frames reach an independent DDS participant in another process, as ROS 2 would read them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.ros2.messages import FIELD
+from stand_ins import ros2_subscriber
+from stand_ins.tracks import circling_tracks
+from stand_ins.viewer import record_circling
+
+pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+FRAMES, LONG = 500, 30_000
+FIELD_TYPE = "sensor_msgs/msg/PointCloud2"
+PATIENCE_S = 60
+
+
+@pytest.fixture
+def domain() -> str:
+    return str(1 + os.getpid() % 100)
+
+
+@pytest.fixture(scope="module")
+def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tracks") / "tracks.npz"
+    circling_tracks(estimates=FRAMES, px_per_mm=8.0).save(path)
+    return path
+
+
+class Crowd:
+    """Processes that end with the test."""
+
+    def __init__(self, domain: str, folder: Path) -> None:
+        self.domain, self.folder = domain, folder
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def subscriber(self, name: str, count: int, *options: str) -> subprocess.Popen[str]:
+        given = [self.domain, "rt/tactile/field", FIELD_TYPE, str(self.folder / name)]
+        script = ros2_subscriber.__file__
+        process = self._start([script, *given, str(count), str(PATIENCE_S), *options])
+        assert process.stdout is not None
+        assert process.stdout.readline().strip() == "READY"
+        return process
+
+    def publisher(self, tracks: Path, *options: str) -> subprocess.Popen[str]:
+        given = ["ros2", str(tracks), "--domain", self.domain, "--wait-s", str(PATIENCE_S)]
+        return self._start(["-m", "spikingtac", *given, "--reliable", "--json", *options])
+
+    def _start(self, arguments: list[str]) -> subprocess.Popen[str]:
+        process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, text=True)
+        self.processes.append(process)
+        return process
+
+    def read(self, name: str) -> dict[str, np.ndarray]:
+        with np.load(self.folder / name) as archive:
+            return dict(archive)
+
+
+@pytest.fixture
+def crowd(domain: str, tmp_path: Path) -> Iterator[Crowd]:
+    crowd = Crowd(domain, tmp_path)
+    yield crowd
+    for process in crowd.processes:
+        process.kill()
+        process.communicate()
+
+
+def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
+    crowd: Crowd, tracks: Path
+) -> None:
+    slow = crowd.subscriber("slow.npz", 1, "slow")
+    reader = crowd.subscriber("all.npz", FRAMES, "reliable")
+    publisher = crowd.publisher(tracks)
+    said = json.loads(publisher.communicate(timeout=PATIENCE_S)[0])
+    assert said["messages"]["field"] == FRAMES
+    assert reader.wait(timeout=PATIENCE_S) == 0
+    assert slow.poll() is None
+    found, known = crowd.read("all.npz"), circling_tracks(estimates=FRAMES, px_per_mm=8.0)
+    assert np.diff(found["t_ns"]).tolist() == (np.diff(known.t_us) * 1_000).tolist()
+    cloud = np.array([np.frombuffer(row.tobytes(), FIELD) for row in found["data"]])
+    np.testing.assert_array_equal(cloud["u"], known.position_px[..., 0])
+    np.testing.assert_array_equal(cloud["v"], known.position_px[..., 1])
+    np.testing.assert_array_equal(cloud["du"], known.displacement_px[..., 0])
+    np.testing.assert_array_equal(cloud["dv"], known.displacement_px[..., 1])
+    np.testing.assert_array_equal(cloud["valid"], ~known.coasted)
+    assert found["names"][0].tolist() == list(FIELD.names or ())
+    assert found["shape"][0].tolist() == [8, 8, FIELD.itemsize]
+    told = {topic: (kind, data) for topic, kind, data in found["told"].tolist()}
+    assert told["rt/tactile/field"] == (
+        "sensor_msgs::msg::dds_::PointCloud2_",
+        "typehash=RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5;",
+    )
+    assert set(told) >= {"rt/tactile/arrows", "rt/tactile/contact", "rt/diagnostics"}
+    assert all(data.startswith("typehash=RIHS01_") for _, data in told.values())
+
+
+def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, tmp_path: Path, tracks: Path) -> None:
+    long = tmp_path / "long.npz"
+    circling_tracks(estimates=LONG, px_per_mm=8.0).save(long)
+    first = crowd.publisher(long, "--wait-s", "0")
+    late = crowd.subscriber("late.npz", 100, "reliable")
+    assert late.wait(timeout=PATIENCE_S) == 0
+    assert first.poll() is None, "it published before anybody read, and goes on"
+    steps = np.diff(crowd.read("late.npz")["t_ns"])
+    assert (steps == 1_000_000).all()  # late, but then without a gap
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    again = crowd.subscriber("again.npz", FRAMES, "reliable")
+    assert crowd.publisher(tracks).wait(timeout=PATIENCE_S) == 0
+    assert again.wait(timeout=PATIENCE_S) == 0
+    assert len(crowd.read("again.npz")["t_ns"]) == FRAMES
+
+
+def test_ctrl_c_ends_with_a_summary(crowd: Crowd, tmp_path: Path) -> None:
+    long = tmp_path / "long.npz"
+    circling_tracks(estimates=LONG).save(long)
+    publisher = crowd.publisher(long, "--wait-s", "0")
+    reader = crowd.subscriber("a.npz", 1, "reliable")
+    reader.wait(timeout=PATIENCE_S)
+    publisher.send_signal(signal.SIGINT)
+    said = json.loads(publisher.communicate(timeout=PATIENCE_S)[0])
+    assert publisher.returncode == 0
+    assert 0 < said["messages"]["field"] < LONG
+
+
+def test_events_are_tracked_and_published(
+    domain: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--calibration", str(record_circling(tmp_path) / "calibration.json")]
+    begun = time.monotonic()
+    assert main(["ros2", str(tmp_path), *given, "--domain", domain, "--json"]) == 0
+    assert time.monotonic() - begun > 0.59  # at the speed of the recording
+    said = json.loads(capsys.readouterr().out)
+    assert said["messages"]["field"] == pytest.approx(600, abs=2)
+    assert said["messages"]["events"] == pytest.approx(60, abs=2)
+    assert said["messages"]["diagnostics"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--domain", "102"], "0 to 101"),
+        (["--interface", "no0"], "no network interface"),
+        (["--prefix", "tactile"], "no name of a topic"),
+        (["--prefix", "/a b"], "no name of a topic"),
+        (["--force", "no.json"], "no.json"),
+    ],
+)
+def test_mistakes_are_told(
+    tracks: Path, options: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ros2", str(tracks), *options]) in (1, 2)
+    assert told in capsys.readouterr().err
+
+
+def test_events_without_calibration_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.raw").write_bytes(b"% evt 3.0\n")
+    assert main(["ros2", str(tmp_path / "a.raw")]) == 2
+    assert "--calibration" in capsys.readouterr().err
+
+
+def test_the_extra_is_named_where_it_is_missing(
+    tracks: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "cyclonedds", None)
+    assert main(["ros2", str(tracks)]) == 3
+    assert "spikingtac[ros2]" in capsys.readouterr().err

@@ -1,0 +1,192 @@
+"""What is published of a sensor, with a publisher that keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.events import open_events
+from spikingtac.ros2.messages import FIELD, Layout, arrows_message, field_message
+from spikingtac.ros2.stream import Pace, SensorStream, StreamConfig, paced
+from spikingtac.types import EventPacket, MarkerFrame
+from stand_ins.tracks import HELD_MARKER, circling_tracks
+
+NOW_NS = 1_700_000_000_000_000_000
+
+
+class Kept:
+    """Keeps what is published."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, tuple[str, bool]] = {}
+        self.sent: list[tuple[str, Mapping[str, Any]]] = []
+
+    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
+        self.topics[topic] = (message, state)
+
+    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
+        assert topic in self.topics
+        self.sent.append((topic, values))
+
+    def readers(self, topic: str) -> int:
+        return 3
+
+    def of(self, topic: str) -> list[Mapping[str, Any]]:
+        return [values for name, values in self.sent if name == topic]
+
+
+TRACKS = circling_tracks(estimates=2_500, px_per_mm=8.0)
+LAYOUT = Layout.of_image(TRACKS.reference_px, (8, 8), (320, 320), 8.0)
+
+
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
+
+
+def stream(kept: Kept, **config: Any) -> SensorStream:
+    given = StreamConfig(hardware="left", **config)
+    return SensorStream(kept, LAYOUT, given, clock_ns=lambda: NOW_NS)
+
+
+def test_topics_and_their_types(kept: Kept) -> None:
+    stream(kept, wrench=True)
+    assert kept.topics == {
+        "/tactile/field": ("sensor_msgs/PointCloud2", False),
+        "/tactile/arrows": ("visualization_msgs/MarkerArray", False),
+        "/tactile/contact": ("std_msgs/Bool", True),
+        "/tactile/wrench": ("geometry_msgs/WrenchStamped", False),
+        "/tactile/events": ("event_camera_msgs/EventPacket", False),
+        "/diagnostics": ("diagnostic_msgs/DiagnosticArray", False),
+    }
+    other = Kept()
+    stream(other, prefix="/hand/left", events=False)
+    assert set(other.topics) == {
+        "/hand/left/field", "/hand/left/arrows", "/hand/left/contact", "/diagnostics",
+    }  # fmt: skip
+
+
+def test_every_frame_is_a_field_and_the_rest_is_sent_when_due(kept: Kept) -> None:
+    publishing = stream(kept, events=False)
+    for frame in TRACKS.frames():
+        publishing.frame(frame, figures={"overflow": 2})
+    assert len(kept.of("/tactile/field")) == 2_500
+    assert len(kept.of("/tactile/arrows")) == 75  # 30 Hz in 2.5 s
+    told = kept.of("/diagnostics")
+    assert len(told) == 3
+    (status,) = told[-1]["status"]
+    assert status["message"] == "1 markers held"
+    values = {pair["key"]: pair["value"] for pair in status["values"]}
+    assert (values["readers"], values["overflow"], values["frames"]) == ("3", "2", "2001")
+    assert status["hardware_id"] == "left"
+
+
+def test_the_field_holds_what_was_tracked(kept: Kept) -> None:
+    frame = next(TRACKS.frames())
+    message = field_message(frame, LAYOUT)
+    cloud = np.frombuffer(message["data"], FIELD)
+    np.testing.assert_array_equal(cloud["u"], frame.position_px[:, 0].astype(np.float32))
+    np.testing.assert_array_equal(cloud["dv"], frame.displacement_px[:, 1].astype(np.float32))
+    np.testing.assert_allclose(cloud["x"], (TRACKS.reference_px[:, 0] - 159.5) / 8.0, rtol=1e-6)
+    assert not cloud["z"].any()
+    assert np.flatnonzero(cloud["valid"] == 0).tolist() == [HELD_MARKER]
+    assert message["row_step"] * message["height"] == len(message["data"])
+
+
+def test_arrows_are_metres_and_leave_out_what_was_not_seen() -> None:
+    frame = next(TRACKS.frames())
+    (lines,) = arrows_message(frame, LAYOUT, 0)["markers"]
+    ends = np.array([[point["x"], point["y"]] for point in lines["points"]]).reshape(-1, 2, 2)
+    assert len(ends) == 63
+    seen = ~frame.coasted
+    moved_m = frame.displacement_px[seen] / 8.0 / 1e3
+    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], moved_m, atol=1e-9)
+
+
+def test_times_are_those_of_this_host_and_keep_their_distances(kept: Kept) -> None:
+    publishing = stream(kept, events=False)
+    for frame in list(TRACKS.frames())[:50]:
+        publishing.frame(frame)
+    stamps = [m["header"]["stamp"] for m in kept.of("/tactile/field")]
+    t_ns = [stamp["sec"] * 10**9 + stamp["nanosec"] for stamp in stamps]
+    assert t_ns[0] == NOW_NS
+    assert np.diff(t_ns).tolist() == (np.diff(TRACKS.t_us[:50]) * 1_000).tolist()
+
+
+def test_contact_is_told_at_its_changes(kept: Kept) -> None:
+    publishing = stream(kept, events=False)
+    rest = TRACKS.reference_px.astype(float)
+    away = rest - rest.mean(axis=0)
+    for step in range(300):
+        place = rest + 0.08 * away * (100 <= step < 200)
+        publishing.frame(
+            MarkerFrame(step * 1_000, place, place, place - rest, np.zeros(64, bool), np.ones(64))
+        )
+    assert [message["data"] for message in kept.of("/tactile/contact")] == [False, True, False]
+
+
+def test_the_wrench_is_what_was_estimated(kept: Kept) -> None:
+    stream(kept, wrench=True).frame(next(TRACKS.frames()), np.arange(1.0, 7.0))
+    (message,) = kept.of("/tactile/wrench")
+    assert message["wrench"]["force"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert message["wrench"]["torque"] == {"x": 4.0, "y": 5.0, "z": 6.0}
+
+
+def test_events_survive_their_messages(kept: Kept, tmp_path: Path) -> None:
+    publishing = stream(kept)
+    rng = np.random.default_rng(1)
+    packets = []
+    for start_us in range(50_000, 90_000, 10_000):
+        t = np.sort(rng.integers(start_us, start_us + 10_000, 200))
+        x, y = (rng.integers(0, 320, 200).astype(np.uint16) for _ in "xy")
+        size, p = (320, 320), rng.random(200) < 0.5
+        packets.append(EventPacket(x, y, p, t, start_us, start_us + 10_000, size))
+        publishing.events(packets[-1])
+    messages = kept.of("/tactile/events")
+    assert [message["seq"] for message in messages] == [0, 1, 2, 3]
+    words = b"".join(message["events"] for message in messages)
+    (tmp_path / "a.raw").write_bytes(b"% evt 3.0\n% geometry 320x320\n% end\n" + words)
+    found = EventPacket.concatenate(list(open_events(tmp_path / "a.raw")))
+    whole = EventPacket.concatenate(packets)
+    origin_us = messages[0]["time_base"] // 1_000
+    np.testing.assert_array_equal(found.t + origin_us, whole.t)
+    for name in ("x", "y", "p"):
+        columns = getattr(found, name), getattr(whole, name)
+        np.testing.assert_array_equal(*(np.sort(column) for column in columns))
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s, self.slept = 100.0, []
+
+    def read(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(round(seconds, 6))
+        self.now_s += seconds
+
+
+def test_recordings_are_played_at_their_speed() -> None:
+    clock = Clock()
+    pace = Pace(clock.read, clock.sleep)
+    for t_us in (5_000, 6_000, 8_000):
+        pace.wait(t_us)
+    assert clock.slept == [0.001, 0.002]
+    clock.now_s += 0.5
+    pace.wait(9_000)
+    assert pace.largest_lag_s == pytest.approx(0.499)
+    assert len(clock.slept) == 2
+
+
+def test_packets_are_yielded_when_they_are_complete() -> None:
+    clock = Clock()
+    empty = np.empty(0, np.uint16)
+    none = (empty, empty, empty.astype(bool), empty.astype(np.int64))
+    packets = [EventPacket(*none, n * 1_000, (n + 1) * 1_000, (8, 8)) for n in range(3)]
+    assert list(paced(iter(packets), Pace(clock.read, clock.sleep))) == packets
+    assert clock.slept == [0.001, 0.001]
