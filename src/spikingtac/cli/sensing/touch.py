@@ -1,4 +1,4 @@
-"""``spikingtac touch``: list the touches in a recording: when, where, how large, how deep."""
+"""``spikingtac touch``: list the touches in a recording: when, where, how large, how they hold."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
+    from spikingtac.touch.slip.held_touches import HeldTouch
+    from spikingtac.touch.slip.slip import Slip
     from spikingtac.touch.touches.touch import Touch
     from spikingtac.touch.touches.touch_config import TouchConfig
     from spikingtac.types import MarkerFrame
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """List the touches in a recording: begin, end, place, area and peak of each.
+    """List the touches in a recording: begin, end, place, area, peak and slips of each.
 
     This verb tells touches apart and measures them, some ten milliseconds after they happen. To
     stop a robot within a millisecond, use: spikingtac contact.
@@ -63,22 +65,22 @@ class _Watched:
 
 def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
-    from spikingtac.touch.touches.detector import TouchDetector
+    from spikingtac.touch.slip.held_touches import HeldTouchDetector
 
     if args.output is not None:
         require_free(args.output, args.overwrite)
     with progress(f"watching {args.source.name}") as advance:
         watched = _watch(args, advance)
-        detector = TouchDetector(watched.reference, _config(watched))
+        detector = HeldTouchDetector(watched.reference, _config(watched))
         found, first_us = [], None
         for frame in watched.frames:
             first_us = frame.t_us if first_us is None else first_us
-            touch = detector.update(frame)
-            if touch is not None:
-                found.append(touch)
+            held = detector.update(frame)
+            if held is not None:
+                found.append(held)
     last = detector.finish()
     found += [last] if last is not None else []
-    rows = [_row(touch, watched) for touch in found]
+    rows = [_row(held, watched) for held in found]
     if args.output is not None:
         _write(args.output, rows)
     if args.json:
@@ -180,8 +182,9 @@ def _frames(series: Any) -> Iterator[MarkerFrame]:
         yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
 
 
-def _row(touch: Touch, watched: _Watched) -> dict[str, Any]:
+def _row(held: HeldTouch, watched: _Watched) -> dict[str, Any]:
     """Return a touch as plain values: in px, and in mm where the scale is known."""
+    touch = held.touch
     row: dict[str, Any] = {
         "begin_us": touch.begin_us,
         "end_us": touch.end_us,
@@ -193,7 +196,17 @@ def _row(touch: Touch, watched: _Watched) -> dict[str, Any]:
         row |= _lengths(touch, "px", 1.0)
     if watched.px_per_mm is not None:
         row |= _lengths(touch, "mm", watched.px_per_mm)
-    return row
+    return row | {"slips": None if held.slips is None else [_slip(slip) for slip in held.slips]}
+
+
+def _slip(slip: Slip) -> dict[str, Any]:
+    return {
+        "incipient_us": slip.incipient_us,
+        "gross_us": slip.gross_us,
+        "end_us": slip.end_us,
+        "lead_us": slip.lead_us,
+        "least_sticking_share": round(slip.least_sticking_share, 3),
+    }
 
 
 def _lengths(touch: Touch, unit: str, scale: float) -> dict[str, Any]:
@@ -225,9 +238,34 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
         if key.startswith("place_"):
             unit = key.removeprefix("place_")
             out[f"place_x_{unit}"], out[f"place_y_{unit}"] = value
+        elif key == "slips":
+            out |= _first_slip(value)
         elif not key.startswith("outline_"):
             out[key] = value
     return out
+
+
+def _first_slip(slips: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Return how many slips a touch had, and the first of each kind; nothing where none is told."""
+    told = slips or []
+    incipient = [slip["incipient_us"] for slip in told if slip["incipient_us"] is not None]
+    gross = [slip["gross_us"] for slip in told if slip["gross_us"] is not None]
+    return {
+        "slips": None if slips is None else len(slips),
+        "incipient_us": min(incipient, default=None),
+        "gross_us": min(gross, default=None),
+    }
+
+
+def _slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
+    first = _first_slip(slips)
+    if first["slips"] is None:
+        return "not told"
+    if first["gross_us"] is not None:
+        return f"all from {(first['gross_us'] - first_us) / 1e3:.0f}"
+    if first["incipient_us"] is not None:
+        return f"part from {(first['incipient_us'] - first_us) / 1e3:.0f}"
+    return "none"
 
 
 def _print(rows: list[dict[str, Any]], args: Args, watched: _Watched, first_us: int) -> None:
@@ -236,7 +274,15 @@ def _print(rows: list[dict[str, Any]], args: Args, watched: _Watched, first_us: 
     unit = "mm" if watched.px_per_mm is not None else "px"
     emit_table(
         f"touches in {args.source.name}, times from its first event",
-        ("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}", "peak strain"),
+        (
+            "begin ms",
+            "end ms",
+            f"place {unit}",
+            f"area {unit}2",
+            f"peak {unit}",
+            "peak strain",
+            "slip ms",
+        ),
         [
             (
                 f"{(row['begin_us'] - first_us) / 1e3:.0f}",
@@ -245,6 +291,7 @@ def _print(rows: list[dict[str, Any]], args: Args, watched: _Watched, first_us: 
                 f"{row[f'area_{unit}2']:.1f}",
                 f"{row[f'peak_displacement_{unit}']:.2f}",
                 f"{row['peak_strength']:.3f}",
+                _slip_text(row["slips"], first_us),
             )
             for row in rows
         ],
