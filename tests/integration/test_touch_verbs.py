@@ -37,12 +37,38 @@ def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert [round(touch["begin_us"] / 5e5) for touch in said["touches"]] == [2, 4, 6, 8]
     first = said["touches"][0]
     assert {"end_us", "place_mm", "area_mm2", "outline_mm", "peak_us"} <= set(first)
+    assert first["slips"] is None  # 10 ms between two frames
     with table.open() as file:
-        assert len(list(csv.DictReader(file))) == 4
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    assert rows[0]["slips"] == rows[0]["gross_us"] == ""
     assert main(["touch", str(source), "-o", str(table)]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert main(["touch", str(source), "-o", str(table), "--overwrite"]) == 0
     assert "touches in a.npz" in capsys.readouterr().out
+
+
+def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t_us = np.arange(0, 1_500_000, 2_000, dtype=np.int64)
+    place = REFERENCE[:, :2] - REFERENCE[:, :2].mean(axis=0)
+    near = np.exp(-0.5 * (place**2).sum(axis=1, keepdims=True) / 4.0)
+    press = np.interp(t_us, [0, 300_000, 500_000], [0.0, 0.0, 0.3])[:, None, None] * near * place
+    drag = np.interp(t_us, [0, 700_000, 1_000_000], [0.0, 0.0, 1.0])[:, None, None]
+    moved = press + drag * near**2 * np.array(
+        [1.0, 0.0]
+    )  # a drag under which only the middle moves
+    path, table = tmp_path / "slide.npz", tmp_path / "touches.csv"
+    whole = np.concatenate([moved, 0.0 * moved[..., :1]], axis=2)
+    np.savez(path, t_us=t_us, reference_mm=REFERENCE, displacement_mm=whole)
+    assert main(["touch", str(path), "-o", str(table), "--json"]) == 0
+    (touch,) = json.loads(capsys.readouterr().out)["touches"]
+    first = touch["slips"][0]
+    assert {"incipient_us", "gross_us", "end_us", "lead_us", "least_sticking_share"} == set(first)
+    with table.open() as file:
+        (row,) = csv.DictReader(file)
+    assert int(row["slips"]) == len(touch["slips"])
+    assert main(["touch", str(path)]) == 0
+    assert "slip ms" in capsys.readouterr().out
 
 
 def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

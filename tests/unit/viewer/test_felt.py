@@ -49,3 +49,16 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
 def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
     with pytest.raises(ConfigError, match="36 markers"):
         FeltLayer(REFERENCE[:9], 200.0, model)
+
+
+def test_the_page_is_told_how_the_contact_holds(model: ForceModel) -> None:
+    layer = FeltLayer(REFERENCE, 1_000.0, model)
+    away = (REFERENCE - REFERENCE.mean(axis=0)) / 37.0
+    press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
+    for k in range(400):
+        layer.take(frame(k * 1_000, np.clip((k - 150) / 100, 0.0, 1.0) ** 2 * press))
+        if k == 150:
+            assert layer.shown()["slip"] is None
+    shown = layer.shown()
+    assert shown["slip"] == "stick"
+    assert shown["sticking_share"] > 0.8

@@ -1,4 +1,4 @@
-"""``spikingtac touch``: list the touches in a recording: when, where, how large, how deep."""
+"""``spikingtac touch``: list the touches in a recording: when, where, how large, how they hold."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
-from spikingtac.cli.sensing.touch_rows import touch_row, write_rows
+from spikingtac.cli.sensing.touch_rows import slip_text, touch_row, write_rows
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ WORK = "spikingtac.cli.sensing.touch:touch_one"
 
 @dataclass(frozen=True, kw_only=True)
 class Args(ManyArgs):
-    """List the touches in a recording: begin, end, place, area and peak of each.
+    """List the touches in a recording: begin, end, place, area, peak and slips of each.
 
     This verb tells touches apart and measures them, some ten milliseconds after they happen. To
     stop a robot within a millisecond, use: spikingtac contact.
@@ -126,6 +126,7 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
     return {
         "touches": len(found.rows),
         "touching_s": sum(ended) / 1e6,
+        "slips": sum(len(row["slips"] or []) for row in found.rows),
         "peak_strength_max": max((row["peak_strength"] for row in found.rows), default=0.0),
         "anomalies": sum(found.watched.anomalies.values()),
     }
@@ -134,20 +135,20 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
 def _find(
     args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Found:
-    from spikingtac.touch.touches.detector import TouchDetector
+    from spikingtac.touch.slip.held_touches import HeldTouchDetector
 
     watched = _watch(args, source, advance)
-    detector = TouchDetector(watched.reference, _config(watched))
+    detector = HeldTouchDetector(watched.reference, _config(watched))
     found, first_us = [], None
     for frame in watched.frames:
         first_us = frame.t_us if first_us is None else first_us
-        touch = detector.update(frame)
-        if touch is not None:
-            found.append(touch)
+        held = detector.update(frame)
+        if held is not None:
+            found.append(held)
     last = detector.finish()
     found += [last] if last is not None else []
     return _Found(
-        [touch_row(touch, watched.unit, watched.px_per_mm) for touch in found], first_us, watched
+        [touch_row(held, watched.unit, watched.px_per_mm) for held in found], first_us, watched
     )
 
 
@@ -256,7 +257,10 @@ def _print(found: _Found, source: Path) -> None:
     unit = "mm" if watched.px_per_mm is not None else "px"
     emit_table(
         f"touches in {source.name}, times from its first event",
-        ("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}", "peak strain"),
+        (
+            *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
+            *("peak strain", "slip ms"),
+        ),
         [
             (
                 f"{(row['begin_us'] - first_us) / 1e3:.0f}",
@@ -265,6 +269,7 @@ def _print(found: _Found, source: Path) -> None:
                 f"{row[f'area_{unit}2']:.1f}",
                 f"{row[f'peak_displacement_{unit}']:.2f}",
                 f"{row['peak_strength']:.3f}",
+                slip_text(row["slips"], first_us),
             )
             for row in rows
         ],

@@ -10,17 +10,20 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
+    from spikingtac.touch.slip.held_touches import HeldTouch
+    from spikingtac.touch.slip.slip import Slip
     from spikingtac.touch.touches.touch import Touch
 
 
-def touch_row(touch: Touch, unit: str, px_per_mm: float | None) -> dict[str, Any]:
+def touch_row(held: HeldTouch, unit: str, px_per_mm: float | None) -> dict[str, Any]:
     """Return a touch as plain values: in px, and in mm where the scale is known.
 
     Args:
-        touch: The touch.
+        held: The touch, with its slips.
         unit: Unit of its lengths, ``px`` or ``mm``.
         px_per_mm: The scale, 1 where the unit is mm, None where it is not known.
     """
+    touch = held.touch
     row: dict[str, Any] = {
         "begin_us": touch.begin_us,
         "end_us": touch.end_us,
@@ -32,7 +35,41 @@ def touch_row(touch: Touch, unit: str, px_per_mm: float | None) -> dict[str, Any
         row |= _lengths(touch, "px", 1.0)
     if px_per_mm is not None:
         row |= _lengths(touch, "mm", px_per_mm)
-    return row
+    return row | {"slips": None if held.slips is None else [_slip(slip) for slip in held.slips]}
+
+
+def slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
+    """Return what slipped first, and when, ms from ``first_us``."""
+    first = _first_slip(slips)
+    if first["slips"] is None:
+        return "not told"
+    if first["gross_us"] is not None:
+        return f"all from {(first['gross_us'] - first_us) / 1e3:.0f}"
+    if first["incipient_us"] is not None:
+        return f"part from {(first['incipient_us'] - first_us) / 1e3:.0f}"
+    return "none"
+
+
+def _slip(slip: Slip) -> dict[str, Any]:
+    return {
+        "incipient_us": slip.incipient_us,
+        "gross_us": slip.gross_us,
+        "end_us": slip.end_us,
+        "lead_us": slip.lead_us,
+        "least_sticking_share": round(slip.least_sticking_share, 3),
+    }
+
+
+def _first_slip(slips: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Return how many slips a touch had, and the first of each kind; nothing where none is told."""
+    told = slips or []
+    incipient = [slip["incipient_us"] for slip in told if slip["incipient_us"] is not None]
+    gross = [slip["gross_us"] for slip in told if slip["gross_us"] is not None]
+    return {
+        "slips": None if slips is None else len(slips),
+        "incipient_us": min(incipient, default=None),
+        "gross_us": min(gross, default=None),
+    }
 
 
 def _lengths(touch: Touch, unit: str, scale: float) -> dict[str, Any]:
@@ -67,6 +104,8 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
         if key.startswith("place_"):
             unit = key.removeprefix("place_")
             out[f"place_x_{unit}"], out[f"place_y_{unit}"] = value
+        elif key == "slips":
+            out |= _first_slip(value)
         elif not key.startswith("outline_"):
             out[key] = value
     return out

@@ -12,16 +12,17 @@ from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
-from spikingtac.experiments.touch import recorded_forces, twin_touches, twin_wrench
+from spikingtac.experiments.touch import recorded_forces, twin_slip, twin_touches, twin_wrench
 
 NAME = "touch"
 SEEDS = 3
-PARTS = (recorded_forces, twin_wrench, twin_touches)
+PARTS = (recorded_forces, twin_wrench, twin_touches, twin_slip)
 METHODS: dict[str, str] = {name: about for part in PARTS for name, about in part.METHODS.items()}
 METRICS: tuple[Metric, ...] = (
     *recorded_forces.METRICS,
     *twin_wrench.METRICS,
     *twin_touches.METRICS,
+    *twin_slip.METRICS,
 )
 PUBLISHED = (
     "Published, their hardware: an MLP of 277 thousand parameters on a fifth series of data/force "
@@ -78,6 +79,9 @@ def _records(options: RunOptions, names: list[str], seeds: range) -> list[dict[s
     options.report_progress(2, len(PARTS))
     if chosen(twin_touches):
         records += twin_touches.touch_records(chosen(twin_touches), seeds, options.quick)
+    options.report_progress(3, len(PARTS))
+    if chosen(twin_slip):
+        records += twin_slip.slip_records(chosen(twin_slip), options.seed, options.quick)
     options.report_progress(len(PARTS), len(PARTS))
     return records
 
@@ -89,6 +93,7 @@ def findings(rows: Sequence[Row]) -> list[str]:
         ("force/pooled", recorded_forces),
         ("wrench/all", twin_wrench),
         ("touches/all", twin_touches),
+        ("slip/all", twin_slip),
     ):
         for method in part.METHODS:
             found = [find_row(rows, method, case, metric.name) for metric in part.METRICS]

@@ -97,6 +97,7 @@ class TouchDetector:
         """Forget everything: the markers are at the calibrated rest."""
         self._open: _Open | None = None
         self._zero = np.zeros_like(self._reference)
+        self._moved = np.zeros_like(self._reference)
         self._rest_strength = 0.0
         self._first_us: int | None = None
         self._last_us: int | None = None
@@ -109,6 +110,11 @@ class TouchDetector:
     def touching(self) -> bool:
         """True while a touch is open."""
         return self._open is not None
+
+    @property
+    def displacement_px(self) -> Field:
+        """``(m, 2)`` markers of the last frame from their rest; lost ones as their neighbours."""
+        return self._moved - self._zero
 
     @property
     def patch(self) -> Patch | None:
@@ -130,6 +136,7 @@ class TouchDetector:
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
         moved = self._repaired(frame.detected_px - self._reference)
+        self._moved = moved
         string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):

@@ -1,4 +1,4 @@
-"""What is felt, for the page: force, patch and vibration, from every estimate of a session."""
+"""What is felt, for the page: force, patch, slip, vibration, from every estimate of a session."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.force.model import ForceModel, Wrench
-from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.touch.slip.held_touches import HeldTouchDetector
 from spikingtac.touch.vibration.spectrum import Spectrum, VibrationMonitor
 from spikingtac.types import MarkerFrame
 
@@ -37,7 +37,7 @@ class FeltLayer:
         force.require_image(len(reference_px))
         self._reference, self._rate = reference_px, rate_hz
         self._force = force.estimator()
-        self._touches = TouchDetector(reference_px)
+        self._touches = HeldTouchDetector(reference_px)
         self._restart()
 
     def _restart(self) -> None:
@@ -66,13 +66,15 @@ class FeltLayer:
         """Return what the page shows, as JSON can hold it."""
         if self._wrench is None:
             return {}
-        patch, line = self._touches.patch, self._spectrum
+        patch, line, slip = self._touches.touches.patch, self._spectrum, self._touches.slip
         return {
             "force_n": _rounded(self._wrench.force_n),
             "half_width_n": _rounded(self._wrench.half_width[:3]),
             "extrapolated": self._wrench.extrapolated,
             "place_px": None if patch is None else _rounded(patch.place),
             "outline_px": None if patch is None else _rounded(patch.outline),
+            "slip": None if slip is None else slip.phase,
+            "sticking_share": None if slip is None else round(slip.sticking_share, 3),
             "line_hz": None if line is None else line.line_hz,
             "line_px": 0.0 if line is None else line.line_px,
             "spectrum_hz": 0.0 if line is None else float(line.frequency_hz[1]),

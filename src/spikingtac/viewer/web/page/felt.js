@@ -25,6 +25,13 @@ export function forceText(felt) {
   return `${x}, ${y}, ${z} N${extrapolated ? " (beyond what was learned)" : ""}`;
 }
 
+export function slipText(felt) {
+  if (!felt?.force_n) return null;
+  if (!felt.slip) return "no contact";
+  const said = { stick: "sticks", incipient: "slips in part", gross: "slips" }[felt.slip];
+  return `${said}, ${(100 * felt.sticking_share).toFixed(0)} % sticks`;
+}
+
 export function vibrationText(felt, pxPerMm) {
   if (!felt?.force_n) return null;
   if (felt.line_hz === null) return "none";

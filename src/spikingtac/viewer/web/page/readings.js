@@ -1,6 +1,6 @@
 // The table of figures, and what a screen reader is told.
 const ORDER = [
-  ["force", "force x, y, z"], ["vibration", "vibration"],
+  ["force", "force x, y, z"], ["slip", "slip"], ["vibration", "vibration"],
   ["largest", "largest displacement"], ["error", "error against truth"], ["held", "markers"],
   ["rate", "event rate"], ["on", "ON share"], ["noise", "noise per pixel"], ["hot", "hot pixels"], ["estimates", "estimates"], ["step", "step p50, p99"], ["pace", "pace"],
   ["draw", "stamp to draw p50, p99"], ["fps", "drawn"],

@@ -1,7 +1,7 @@
 // Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
 import { Counts, Trace, drawOverview } from "./charts.js";
 import { buildControls, refreshControls } from "./controls.js";
-import { drawFelt, drawSpectrum, forceText, vibrationText } from "./felt.js";
+import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { Sensor } from "./sensor.js";
 import { startTheme } from "./theme.js";
@@ -130,6 +130,7 @@ function showReadings(meta, arrays) {
   const sorted = [...metrics.latencies_ms].sort((a, b) => a - b), at = (share) => sorted[Math.floor(share * (sorted.length - 1))];
   const field = fieldOf(hello, arrays), losses = Object.entries(meta.losses);
   readings.show("force", forceText(meta.felt));
+  readings.show("slip", slipText(meta.felt), meta.felt?.slip === "gross");
   readings.show("vibration", vibrationText(meta.felt, hello.px_per_mm));
   drawSpectrum($("spectrum"), meta.felt, sensor.tone.arrow);
   if (meta.felt?.spectrum_px?.length) $("spectrum-end").value = (meta.felt.spectrum_hz * meta.felt.spectrum_px.length).toFixed(0);

@@ -1,0 +1,237 @@
+"""Contacts that stick, slip in part and slip: random bodies, loads, motions and frictions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spikingtac.sim.gel.contact import FrictionConfig
+from spikingtac.sim.gel.gel import GelConfig
+from spikingtac.sim.gel.indenters import IndenterConfig
+from spikingtac.sim.scene.motions import MotionConfig
+from spikingtac.sim.scene.scene import ContactConfig, Scene
+from spikingtac.sim.scene.segments import SegmentConfig
+
+SPEEDS_MM_S = (2.0, 80.0)
+"""Range of the drags' speeds, mm/s; their logarithms are uniform."""
+FAST_MM_S = 20.0
+"""Speed above which the gel is stepped every 2 ms instead of 4."""
+SLIDE_MM = (2.5, 4.5)
+"""Range of the slides' lengths, mm; longer than any contact sticks."""
+SHORT_MM = (0.2, 1.2)
+"""Range of the drags that are to stick, mm per unit of friction."""
+TURN_DEG = (15.0, 60.0)
+LEAST_SPEED_MM_S = 4.0
+"""Slowest motion there and back, mm/s: slower ones take too long."""
+PLACE_MM = 2.5
+"""Contacts begin within this distance of the middle, per axis, mm."""
+LIFT_S = 0.2
+"""Duration of the release, s."""
+KINDS = (
+    "slide",
+    "slide",
+    "stick",
+    "twist",
+    "rub",
+    "short-rub",
+    "circle",
+    "roll",
+    "deepen",
+    "twice",
+)
+"""What is drawn from: slides count twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body and the range of its size and depth.
+
+    Attributes:
+        kind: Name of the indenter.
+        radius_mm: Range of its radius, mm; None where its size is fixed.
+        depth_mm: Range of the depth, mm.
+    """
+
+    kind: str
+    radius_mm: tuple[float, float] | None
+    depth_mm: tuple[float, float]
+
+
+TAUGHT = (
+    Body("ball", (3.0, 8.0), (0.4, 0.9)),
+    Body("punch", (2.0, 4.5), (0.2, 0.45)),
+    Body("finger", (6.0, 8.0), (1.2, 2.2)),
+)
+"""Bodies that a law is fitted to."""
+TESTED = (*TAUGHT, Body("spoon", None, (0.4, 0.8)))
+"""Bodies that it is tested on: the spoon was never seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slide:
+    """One drawn contact.
+
+    Attributes:
+        kind: What the body does, of :data:`KINDS`.
+        body: Its kind.
+        friction: Coefficient of friction.
+        speed_mm_s: Peak speed of the drag, mm/s (of a twist: at the rim of 3 mm).
+        scene: The scene.
+    """
+
+    kind: str
+    body: str
+    friction: float
+    speed_mm_s: float
+    scene: Scene
+
+
+def draw_slide(
+    rng: np.random.Generator,
+    bodies: Sequence[Body] = TAUGHT,
+    frictions: Sequence[float] = (),
+    kinds: Sequence[str] = KINDS,
+) -> Slide:
+    """Return a random contact.
+
+    Args:
+        rng: Where it is drawn from.
+        bodies: Bodies to choose from.
+        frictions: Coefficients to choose from; uniform between 0.25 and 0.95 unless given.
+        kinds: Motions to choose from.
+    """
+    body = bodies[int(rng.integers(len(bodies)))]
+    friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(0.25, 0.95))
+    kind = str(rng.choice(kinds))
+    speed = float(np.exp(rng.uniform(*np.log(SPEEDS_MM_S))))
+    depth = float(rng.uniform(*body.depth_mm))
+    motion = _Motion(rng, friction, speed, depth)
+    press = SegmentConfig(kind="press", depth_mm=depth, duration_s=float(rng.uniform(0.15, 0.5)))
+    wait = SegmentConfig(kind="hold", duration_s=float(rng.uniform(0.05, 0.4)))
+    hold = SegmentConfig(kind="hold", duration_s=0.2)
+    lift = SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S)
+    middle = _DRAWN[kind](motion)
+    x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (
+        kind not in ("twist", "circle")
+    )
+    settings = {} if body.radius_mm is None else _radius(body, float(rng.uniform(*body.radius_mm)))
+    contact = ContactConfig(
+        indenter=IndenterConfig(kind=body.kind, settings=settings),
+        motion=MotionConfig(
+            x_mm=float(x), y_mm=float(y), height_mm=0.2, segments=(press, wait, *middle, hold, lift)
+        ),
+    )
+    scene = Scene(
+        about=f"{kind} of a {body.kind}",
+        lead_in_s=0.15,
+        lead_out_s=0.1,
+        mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind == "twist" else 250.0,
+        gel=GelConfig(friction=FrictionConfig(static=friction)),
+        contacts=(contact,),
+    )
+    return Slide(kind, body.kind, friction, motion.speed, scene)
+
+
+def _radius(body: Body, radius_mm: float) -> dict[str, float]:
+    if body.kind == "punch":
+        return {"radius_mm": radius_mm}
+    return {"radius_x_mm": radius_mm, "radius_y_mm": radius_mm}
+
+
+class _Motion:
+    """What is drawn for one motion; a kind may change its speed and its way."""
+
+    def __init__(
+        self, rng: np.random.Generator, friction: float, speed: float, depth_mm: float
+    ) -> None:
+        self.rng, self.friction, self.speed, self.depth_mm = rng, friction, speed, depth_mm
+        heading = rng.uniform(0.0, 2.0 * np.pi)
+        self.along = np.array([np.cos(heading), np.sin(heading)])
+        self.heading_deg = float(np.degrees(heading))
+        self.profile = str(rng.choice(["trapezoid", "minimum_jerk"]))
+        self.way = rng.uniform(*SLIDE_MM) * self.along
+
+    def segment(self, kind: str, share: float = 1.0, **settings: float | int) -> SegmentConfig:
+        """Return a segment along the way."""
+        dx, dy = (share * self.way).tolist()
+        return SegmentConfig(
+            kind=kind,  # type: ignore[arg-type]
+            dx_mm=dx,
+            dy_mm=dy,
+            speed_mm_s=self.speed,
+            profile=self.profile,  # type: ignore[arg-type]
+            **settings,  # type: ignore[arg-type]
+        )
+
+    def shorten(self) -> None:
+        """Let the way be one on which most contacts stick."""
+        self.way = self.rng.uniform(*SHORT_MM) * self.friction * self.along
+
+
+def _slide(motion: _Motion) -> list[SegmentConfig]:
+    return [motion.segment("slide")]
+
+
+def _stick(motion: _Motion) -> list[SegmentConfig]:
+    motion.shorten()
+    return [motion.segment("slide")]
+
+
+def _twist(motion: _Motion) -> list[SegmentConfig]:
+    angle = float(motion.rng.choice([-1.0, 1.0]) * motion.rng.uniform(*TURN_DEG))
+    motion.speed = float(motion.rng.uniform(1.0, 8.0))
+    rate_deg_s = float(np.degrees(motion.speed / 3.0))
+    return [SegmentConfig(kind="twist", angle_deg=angle, speed_deg_s=rate_deg_s)]
+
+
+def _rub(motion: _Motion) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [motion.segment("rub", 0.6, repeats=2)]
+
+
+def _short_rub(motion: _Motion) -> list[SegmentConfig]:
+    motion.shorten()
+    return _rub(motion)
+
+
+def _circle(motion: _Motion) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [
+        SegmentConfig(
+            kind="circle",
+            radius_mm=float(motion.rng.uniform(0.3, 1.0)),
+            turns=1.0,
+            heading_deg=motion.heading_deg,
+            speed_mm_s=motion.speed,
+        )
+    ]
+
+
+def _roll(motion: _Motion) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [motion.segment("roll", 0.7, radius_mm=7.0)]
+
+
+def _deepen(motion: _Motion) -> list[SegmentConfig]:
+    deeper = motion.depth_mm * float(motion.rng.uniform(0.6, 1.3))
+    return [motion.segment("slide", depth_mm=deeper)]
+
+
+def _twice(motion: _Motion) -> list[SegmentConfig]:
+    half = motion.segment("slide", 0.5)
+    return [half, SegmentConfig(kind="hold", duration_s=0.3), half]
+
+
+_DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
+    "slide": _slide,
+    "stick": _stick,
+    "twist": _twist,
+    "rub": _rub,
+    "short-rub": _short_rub,
+    "circle": _circle,
+    "roll": _roll,
+    "deepen": _deepen,
+    "twice": _twice,
+}

@@ -1,0 +1,76 @@
+"""The features of slip from frame to frame, with a memory of the longest span."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.slip.features import SPANS_US, slip_features
+from spikingtac.touch.slip.field_summary import SIZE, FieldSummary
+
+Field = NDArray[np.float64]
+
+LONGEST_GAP_US = 6_000
+"""Frames further apart say nothing of slip: the shortest span must hold some (ours)."""
+CAPACITY = 2048
+"""Frames that are remembered at the most: the longest span at 10,000 frames a second."""
+US_PER_S = 1e6
+
+
+class FeatureStream:
+    """Turns displacement fields into features, causally.
+
+    Example:
+        >>> axes = np.meshgrid(np.arange(8.0), np.arange(8.0))
+        >>> reference = 37.0 * np.column_stack([axis.ravel() for axis in axes])
+        >>> stream = FeatureStream(reference)
+        >>> stream.update(0, np.zeros((64, 2))) is None  # nothing is known of its change
+        True
+        >>> stream.update(1_000, np.ones((64, 2))).shape
+        (46,)
+    """
+
+    def __init__(self, reference: Field) -> None:
+        """Start without a memory.
+
+        Args:
+            reference: ``(m, 2)`` markers at rest, px or mm.
+        """
+        self._summary = FieldSummary(reference)
+        self._times = np.zeros(CAPACITY, np.int64)
+        self._rows = np.zeros((CAPACITY, SIZE))
+        self._before = np.zeros((len(SPANS_US), SIZE))
+        self._spans = np.array(SPANS_US) / US_PER_S
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame."""
+        self._count = 0
+        self._starts = [0] * len(SPANS_US)
+
+    def update(self, t_us: int, displacement: Field) -> Field | None:
+        """Take in displacements ``(m, 2)`` from the rest and return their features.
+
+        Returns:
+            ``(FEATURES,)``, or None for the first frame and after a gap.
+        """
+        last_us = self._times[(self._count - 1) % CAPACITY]
+        if self._count and not 0 < t_us - last_us <= LONGEST_GAP_US:
+            self.reset()
+        now = self._summary.of(displacement)
+        slot = self._count % CAPACITY
+        self._times[slot], self._rows[slot] = t_us, now
+        self._count += 1
+        if self._count == 1:
+            return None
+        for number, span_us in enumerate(SPANS_US):
+            self._before[number] = self._rows[self._start(number, t_us - span_us) % CAPACITY]
+        return slip_features(now, self._before, self._spans)
+
+    def _start(self, number: int, t_us: int) -> int:
+        """Return the last frame at or before a time, or the first that is remembered."""
+        start = max(self._starts[number], self._count - CAPACITY)
+        while start + 1 < self._count and self._times[(start + 1) % CAPACITY] <= t_us:
+            start += 1
+        self._starts[number] = start
+        return start

@@ -1,0 +1,93 @@
+"""Touches with their slips, from one stream of marker frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.slip.monitor import SlipMonitor
+from spikingtac.touch.slip.slip import Slip, SlipState
+from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.touch.touches.touch import Touch
+from spikingtac.touch.touches.touch_config import TouchConfig
+from spikingtac.types import MarkerFrame
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldTouch:
+    """A touch and how it held.
+
+    Attributes:
+        touch: The touch.
+        slips: Its slips in order; None where the frames were too far apart to tell.
+    """
+
+    touch: Touch
+    slips: tuple[Slip, ...] | None
+
+
+class HeldTouchDetector:
+    """Finds touches and their slips, causally.
+
+    Example:
+        >>> detector = HeldTouchDetector(calibration.reference_px)  # doctest: +SKIP
+        >>> held = [one for frame in frames if (one := detector.update(frame))]  # doctest: +SKIP
+
+    Attributes:
+        touches: The detector of touches within.
+    """
+
+    def __init__(self, reference: Field, config: TouchConfig | None = None) -> None:
+        """Start at rest.
+
+        Args:
+            reference: ``(m, 2)`` markers at rest, px or mm.
+            config: When touches begin and end.
+
+        Raises:
+            ConfigError: Too few markers.
+        """
+        self.touches = TouchDetector(reference, config)
+        self._monitor = SlipMonitor(reference)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the markers are at the calibrated rest."""
+        self.touches.reset()
+        self._monitor.reset()
+        self._slips: list[Slip] = []
+        self._told = False
+        self._last_us = 0
+
+    @property
+    def slip(self) -> SlipState | None:
+        """How the open touch holds; None while nothing touches or frames are too far apart."""
+        return self._monitor.state
+
+    def update(self, frame: MarkerFrame) -> HeldTouch | None:
+        """Take in a frame and return the touch that it ends, if any."""
+        touch = self.touches.update(frame)
+        moved, touching = self.touches.displacement_px, self.touches.touching
+        self._keep(self._monitor.update(frame.t_us, moved, touching))
+        self._told = self._told or self._monitor.state is not None
+        self._last_us = frame.t_us
+        return None if touch is None else self._held(touch)
+
+    def finish(self) -> HeldTouch | None:
+        """Return the touch that is still open at the end, without an end."""
+        touch = self.touches.finish()
+        self._keep(self._monitor.finish(self._last_us))
+        return None if touch is None else self._held(touch)
+
+    def _keep(self, slip: Slip | None) -> None:
+        if slip is not None:
+            self._slips.append(slip)
+
+    def _held(self, touch: Touch) -> HeldTouch:
+        held = HeldTouch(touch, tuple(self._slips) if self._told else None)
+        self._slips, self._told = [], False
+        return held

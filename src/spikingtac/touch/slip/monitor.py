@@ -1,0 +1,110 @@
+"""Slip from a stream of displacement fields: incipient first, then gross."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.slip.alarm import Alarm
+from spikingtac.touch.slip.feature_stream import FeatureStream
+from spikingtac.touch.slip.slip import Phase, Slip, SlipState
+from spikingtac.touch.slip.slip_config import SlipConfig
+from spikingtac.touch.slip.stick_law import StickLaw, fitted_law
+
+Field = NDArray[np.float64]
+
+
+class SlipMonitor:
+    """Watches one sensor's contact and tells its slips, causally.
+
+    Example:
+        >>> touches = TouchDetector(reference_px)  # doctest: +SKIP
+        >>> monitor = SlipMonitor(reference_px)  # doctest: +SKIP
+        >>> for frame in frames:  # doctest: +SKIP
+        ...     touches.update(frame)
+        ...     slip = monitor.update(frame.t_us, touches.displacement_px, touches.touching)
+        ...     print(monitor.state)
+
+    Attributes:
+        state: What is known of the contact now; None while nothing touches, or where frames are
+            too far apart (more than 6 ms).
+    """
+
+    def __init__(
+        self, reference: Field, config: SlipConfig | None = None, law: StickLaw | None = None
+    ) -> None:
+        """Start without a contact.
+
+        Args:
+            reference: ``(m, 2)`` markers at rest, px or mm.
+            config: When slip is told.
+            law: From features to what sticks; the package's own unless given.
+        """
+        self._config, self._law = config or SlipConfig(), law or fitted_law()
+        self._features = FeatureStream(reference)
+        self._incipient = Alarm(self._config.incipient)
+        self._gross = Alarm(self._config.gross)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state: SlipState | None = None
+        self._features.reset()
+        self._touched_us: int | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the open slip."""
+        self._incipient.reset()
+        self._gross.reset()
+        self._incipient_us: int | None = None
+        self._gross_us: int | None = None
+        self._least = 1.0
+
+    def update(self, t_us: int, displacement: Field, touching: bool) -> Slip | None:
+        """Take in a frame and return the slip that it ends, if any.
+
+        Args:
+            t_us: Time, us.
+            displacement: ``(m, 2)`` markers from the rest that they had before the touch, in the
+                unit of the reference.
+            touching: Whether something touches (:class:`TouchDetector`).
+        """
+        features = self._features.update(t_us, displacement)
+        if not touching:
+            self._touched_us = None
+        elif self._touched_us is None:
+            self._touched_us = t_us
+        settled = self._touched_us is not None and (
+            t_us - self._touched_us >= self._config.settle_us
+        )
+        if features is None or not settled:
+            self.state = None
+            return self._ended(t_us)
+        return self._told(t_us, features)
+
+    def finish(self, t_us: int) -> Slip | None:
+        """Return the slip that is still open at the end, us."""
+        return self._ended(t_us)
+
+    def _told(self, t_us: int, features: Field) -> Slip | None:
+        stuck = self._law(features)
+        if self._incipient.update(t_us, stuck.incipient) and self._gross_us is None:
+            self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
+        if self._gross.update(t_us, stuck.gross) and self._gross_us is None:
+            self._gross_us = t_us
+        slipping = self._incipient.on or self._gross.on
+        phase: Phase = "gross" if self._gross.on else "incipient" if self._incipient.on else "stick"
+        self.state = SlipState(t_us, stuck.share, stuck.incipient, stuck.gross, phase)
+        if slipping:
+            self._least = min(self._least, stuck.share)
+            return None
+        return self._ended(t_us)
+
+    def _ended(self, t_us: int) -> Slip | None:
+        """Return the open slip as one that ends now, and forget it."""
+        slip = None
+        if self._incipient_us is not None or self._gross_us is not None:
+            slip = Slip(self._incipient_us, self._gross_us, t_us, self._least)
+            self._forget()
+        return slip

@@ -1,0 +1,46 @@
+"""When a probability of slip becomes an alarm: the settings of the slip monitor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlarmConfig:
+    """When an alarm begins and ends.
+
+    Attributes:
+        probability: Probability above which it begins.
+        hold_us: Time for which it must stay there, us.
+        end_share: Share of that probability below which it ends.
+    """
+
+    probability: float
+    hold_us: int
+    end_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.probability < 1.0:
+            raise ValueError(f"probability is {self.probability}, valid is between 0 and 1")
+        if self.hold_us < 0 or not 0.0 < self.end_share <= 1.0:
+            raise ValueError("hold_us must not be negative, end_share must be in (0, 1]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipConfig:
+    """When slip is told. Set by cross-validation on the slides that the law was fitted to.
+
+    Attributes:
+        incipient: Alarm of a contact of which a part slips.
+        gross: Alarm of a contact of which all slips.
+        settle_us: Time after the begin of a touch in which nothing is told, us (ours: the first
+            frames of a touch are as strong as their errors).
+    """
+
+    incipient: AlarmConfig = AlarmConfig(probability=0.6, hold_us=3_000)
+    gross: AlarmConfig = AlarmConfig(probability=0.6, hold_us=1_000)
+    settle_us: int = 20_000
+
+    def __post_init__(self) -> None:
+        if self.settle_us < 0:
+            raise ValueError(f"settle_us is {self.settle_us}, it must not be negative")

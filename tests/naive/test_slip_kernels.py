@@ -1,0 +1,84 @@
+"""The kernels of slip against the same sums written plainly, marker by marker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.touch.slip import features as slip
+from spikingtac.touch.slip.field_summary import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
+
+Array = np.ndarray
+PITCH = 37.0
+
+
+def grid(rows: int = 8, columns: int = 8) -> Array:
+    x, y = np.meshgrid(np.arange(columns) * PITCH, np.arange(rows) * PITCH)
+    return np.column_stack([x.ravel(), y.ravel()]) + 30.0
+
+
+def summary(places: Array, moved: Array) -> Array:
+    square = (moved**2).sum(axis=1) + LEAST_SQUARE
+    center = (square[:, None] * places).sum(axis=0) / square.sum()
+    away = places - center
+    shifts, growths, turns = [], [], []
+    for width in WIDTHS:
+        weight = np.exp(-0.5 * (away**2).sum(axis=1) / width**2)
+        weight /= weight.sum()
+        arm = weight @ (away**2).sum(axis=1) + LEAST_ARM
+        shifts.append(weight @ moved)
+        growths.append(weight @ (moved * away).sum(axis=1) / arm)
+        turns.append(weight @ (away[:, 0] * moved[:, 1] - away[:, 1] * moved[:, 0]) / arm)
+    return np.concatenate([np.ravel(shifts), growths, turns, center])
+
+
+def features(now: Array, before: Array, spans_s: Array) -> Array:
+    shift, growth, turn = now[:8].reshape(4, 2), now[8:12], now[12:16]
+    length = np.sqrt((shift**2).sum(axis=1))
+    total = np.sqrt(length[1] ** 2 + growth[1] ** 2 + turn[1] ** 2) + slip.SCATTER
+    along = shift[1] / length[1] if length[1] > 0 else np.array([1.0, 0.0])
+    others = [0, 2, 3]
+    out = [np.log(total / slip.SCATTER), length[1] / total, growth[1] / total, abs(turn[1]) / total]
+    out += [length[k] / (length[1] + slip.SCATTER) for k in others]
+    out += [growth[k] * np.sign(growth[1]) / (abs(growth[1]) + slip.SCATTER) for k in others]
+    out += [abs(turn[k]) / (abs(turn[1]) + slip.SCATTER) for k in others]
+    for row, span_s in zip(before, spans_s, strict=True):
+        change = now - row
+        size = np.sqrt((change[:16] ** 2).sum() / 4)
+        noisy = size + slip.CHANGE_SCATTER
+        moved = change[:8].reshape(4, 2)
+        out += [np.log(size / (span_s * slip.USUAL_SPEED) + slip.LEAST_SPEED)]
+        out += (moved @ along / noisy).tolist()
+        out += [abs(along[0] * moved[1, 1] - along[1] * moved[1, 0]) / noisy]
+        out += [change[9] / noisy, change[13] * np.sign(turn[1]) / noisy]
+        out += [change[11] / noisy, change[8] / noisy]
+        out += [slip.CENTER_SHARE * (change[16:] @ along) / (size / total + slip.CENTER_SLACK)]
+    return np.clip(out, -slip.LARGEST, slip.LARGEST)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 2)])
+@pytest.mark.parametrize("scale", [0.0, 1e-3, 5.0])
+def test_a_field_is_summarised_as_its_sums_say(shape: tuple[int, int], scale: float) -> None:
+    reference = grid(*shape)
+    moved = scale * np.random.default_rng(3).normal(size=reference.shape)
+    expected = summary(reference / PITCH, moved / PITCH)
+    np.testing.assert_allclose(FieldSummary(reference).of(moved), expected, rtol=1e-11, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_features_are_the_ratios_that_they_are_said_to_be(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    now, before = rng.normal(size=SIZE), rng.normal(size=(3, SIZE)) * (0.1 + seed)
+    spans = np.array([0.01, 0.04, 0.16])
+    expected = features(now, before, spans)
+    assert len(expected) == slip.FEATURES
+    np.testing.assert_allclose(slip.slip_features(now, before, spans), expected, rtol=1e-10)
+
+
+def test_a_field_at_rest_has_features() -> None:
+    nothing = np.zeros(SIZE)
+    found = slip.slip_features(nothing, np.zeros((3, SIZE)), np.array([0.01, 0.04, 0.16]))
+    np.testing.assert_allclose(
+        found, features(nothing, np.zeros((3, SIZE)), np.array([0.01, 0.04, 0.16]))
+    )
+    assert np.isfinite(found).all()

@@ -1,0 +1,230 @@
+"""Slip: alarms, memory and episodes on made-up laws; the fitted law on closed forms."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
+from spikingtac.touch.slip.alarm import Alarm
+from spikingtac.touch.slip.feature_stream import FeatureStream
+from spikingtac.touch.slip.features import FEATURES
+from spikingtac.touch.slip.held_touches import HeldTouchDetector
+from spikingtac.touch.slip.monitor import SlipMonitor
+from spikingtac.touch.slip.slip import Slip
+from spikingtac.touch.slip.slip_config import AlarmConfig, SlipConfig
+from spikingtac.touch.slip.stick_law import StickLaw, Stuck, fitted_law
+from spikingtac.types import MarkerFrame
+
+PITCH_MM, PX_PER_MM = 2.4, 15.4
+X, Y = np.meshgrid(np.arange(8.0) - 3.5, np.arange(8.0) - 3.5)
+PLACES_MM = PITCH_MM * np.column_stack([X.ravel(), Y.ravel()])
+REFERENCE = PLACES_MM * PX_PER_MM + 160.0
+
+
+class Told:
+    """A law that says what a test wants, one frame after the other."""
+
+    def __init__(self, shares: list[float]) -> None:
+        self._shares = iter(shares)
+
+    def __call__(self, features: np.ndarray) -> Stuck:
+        share = next(self._shares)
+        return Stuck(share, float(share < 0.8), float(share < 0.1))
+
+
+def slips(shares: list[float], config: SlipConfig) -> list[Slip]:
+    """Return the slips of a touch of which the law tells these shares, every ms from 1 ms on."""
+    monitor = SlipMonitor(REFERENCE, config, Told(shares))  # type: ignore[arg-type]
+    found = []
+    for k in range(len(shares) + 1):
+        found.append(monitor.update(k * 1_000, 0.0 * REFERENCE, touching=True))
+    found.append(monitor.finish(len(shares) * 1_000))
+    return [slip for slip in found if slip is not None]
+
+
+AT_ONCE = SlipConfig(
+    incipient=AlarmConfig(probability=0.5, hold_us=2_000),
+    gross=AlarmConfig(probability=0.5, hold_us=0),
+    settle_us=0,
+)
+
+
+def test_an_incipient_slip_announces_the_gross_one() -> None:
+    (slip,) = slips([1.0] * 3 + [0.5] * 20 + [0.05] * 5 + [1.0] * 3, AT_ONCE)
+    assert slip == Slip(6_000, 24_000, 29_000, 0.05)
+    assert slip.lead_us == 18_000
+
+
+def test_a_slip_that_is_shorter_than_the_hold_is_none() -> None:
+    assert slips([1.0] * 5 + [0.5] * 2 + [1.0] * 5, AT_ONCE) == []
+
+
+def test_a_contact_that_slips_at_once_has_no_lead() -> None:
+    (slip,) = slips([1.0] * 3 + [0.0] * 2 + [1.0], AT_ONCE)
+    assert (slip.incipient_us, slip.gross_us, slip.lead_us) == (None, 4_000, None)
+
+
+def test_two_slips_of_a_touch_are_told_one_by_one() -> None:
+    found = slips(([1.0] * 3 + [0.5] * 6) * 2, AT_ONCE)
+    assert [slip.gross_us for slip in found] == [None, None]
+    assert [slip.end_us for slip in found] == [10_000, 18_000]
+
+
+def test_nothing_is_told_right_after_the_begin_of_a_touch() -> None:
+    config = SlipConfig(incipient=AT_ONCE.incipient, gross=AT_ONCE.gross, settle_us=10_000)
+    (slip,) = slips([0.5] * 20, config)
+    assert slip.incipient_us == 12_000
+
+
+def test_an_alarm_ends_well_below_where_it_began() -> None:
+    alarm = Alarm(AlarmConfig(probability=0.6, hold_us=0, end_share=0.5))
+    said = [alarm.update(k, p) or alarm.on for k, p in enumerate([0.5, 0.7, 0.4, 0.31, 0.29, 0.5])]
+    assert said == [False, True, True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    "settings", [{"probability": 1.0}, {"hold_us": -1}, {"end_share": 0.0}, {"end_share": 1.5}]
+)
+def test_alarms_out_of_range_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"probability|hold_us"):
+        AlarmConfig(**({"probability": 0.5, "hold_us": 0} | settings))  # type: ignore[arg-type]
+
+
+def test_features_do_not_depend_on_how_often_frames_come() -> None:
+    rng = np.random.default_rng(2)
+    pattern = rng.normal(size=REFERENCE.shape)
+    last = []
+    for step_us in (500, 1_000, 5_000):
+        stream, features = FeatureStream(REFERENCE), None
+        for t_us in range(0, 400_001, step_us):
+            features = stream.update(t_us, (t_us / 4e5) ** 2 * pattern)
+        last.append(features)
+    np.testing.assert_allclose(last[0], last[1])
+    np.testing.assert_allclose(last[0], last[2])
+
+
+def test_turning_sensor_and_scale_leave_the_features() -> None:
+    rng = np.random.default_rng(5)
+    pattern = rng.normal(size=REFERENCE.shape)
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    found = []
+    for turn, scale in ((np.eye(2), 1.0), (quarter, 1.0), (np.eye(2), 0.065)):
+        stream, features = FeatureStream(scale * REFERENCE @ turn), None
+        for t_us in range(0, 200_001, 1_000):
+            features = stream.update(t_us, scale * (t_us / 1e5) * pattern @ turn)
+        found.append(features)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    np.testing.assert_allclose(found[0], found[2], atol=1e-9)
+
+
+def test_a_gap_between_frames_is_told_as_not_known() -> None:
+    stream = FeatureStream(REFERENCE)
+    assert stream.update(0, 0.0 * REFERENCE) is None
+    assert stream.update(5_000, 0.0 * REFERENCE) is not None
+    assert stream.update(30_000, 0.0 * REFERENCE) is None
+    assert stream.update(29_000, 0.0 * REFERENCE) is None
+
+
+def test_a_law_survives_its_file_and_refuses_another() -> None:
+    law = fitted_law()
+    again = StickLaw.from_mapping(json.loads(json.dumps(law.to_mapping())))
+    features = np.random.default_rng(1).normal(size=FEATURES)
+    assert again(features) == law(features)
+    for change in ({"schema": 9}, {"middle": [0.0]}, {"weights": [[[1.0]]], "offsets": [[0.0]]}):
+        with pytest.raises(ConfigError, match=r"fit_slip_law"):
+            StickLaw.from_mapping({**law.to_mapping(), **change})
+
+
+def test_probabilities_stay_between_zero_and_one_whatever_is_seen() -> None:
+    for size in (0.0, 1.0, 1e6):
+        said = fitted_law()(np.full(FEATURES, size))
+        assert all(0.0 <= value <= 1.0 for value in said)
+
+
+SOURCE_MM, RADIUS_MM, PEAK_MPA, FRICTION = 0.5, 4.0, 0.06, 0.5
+
+
+LOADS = 1.0 - (1.0 - np.linspace(0.0, 1.0, 400)) ** 1.5
+"""Shares of the sliding force under a body that moves at a constant speed (Mindlin 1949)."""
+
+
+def hertz(r_mm: np.ndarray, radius_mm: float) -> np.ndarray:
+    return np.sqrt(np.maximum(1.0 - (r_mm / max(radius_mm, 1e-9)) ** 2, 0.0))
+
+
+def cattaneo_mindlin(loads: np.ndarray) -> np.ndarray:
+    """Return displacements ``(n, m, 2)``, px, under a ball that is dragged, over its loads.
+
+    Loads are shares of the sliding force.
+
+    Traction: the whole slip's, less that of a disc of radius c which sticks, c / a being the cube
+    root of one less the load (Cattaneo 1938, Mindlin 1949).
+    """
+    axis = np.arange(-RADIUS_MM, RADIUS_MM + 1e-9, SOURCE_MM)
+    sources = np.column_stack([part.ravel() for part in np.meshgrid(axis, axis)])
+    r_mm = np.sqrt((sources**2).sum(axis=1))
+    response = SurfaceResponse(SkinConfig(), 0.6 * SOURCE_MM, 30.0).matrix(PLACES_MM, sources)
+    pressing = PEAK_MPA * SOURCE_MM**2 * hertz(r_mm, RADIUS_MM)
+    out = []
+    for load in loads:
+        stuck = (1.0 - min(load, 1.0)) ** (1.0 / 3.0)
+        less = stuck * hertz(r_mm, stuck * RADIUS_MM)
+        shear = FRICTION * PEAK_MPA * SOURCE_MM**2 * (hertz(r_mm, RADIUS_MM) - less)
+        out.append(response[..., 2] @ pressing + response[..., 0] @ shear)
+    return np.array(out) * PX_PER_MM
+
+
+def frames(moved: np.ndarray) -> Iterator[MarkerFrame]:
+    none, sure = np.zeros(len(REFERENCE), np.bool_), np.ones(len(REFERENCE))
+    for k, row in enumerate(moved):
+        yield MarkerFrame(k * 1_000, REFERENCE + row, REFERENCE + row, row, none, sure)
+
+
+def dragged() -> np.ndarray:
+    """Return 0.2 s each of rest, press and hold, 0.4 s of a drag to full slip, 0.1 s of slip."""
+    pressed = cattaneo_mindlin(np.zeros(1))[0]
+    rise = np.concatenate([np.zeros(200), np.linspace(0, 1, 200) ** 1.5, np.ones(200)])
+    drag = cattaneo_mindlin(np.concatenate([LOADS, np.ones(100)]))
+    return np.concatenate([rise[:, None, None] * pressed, drag])
+
+
+def test_the_sticking_share_follows_cattaneo_and_mindlin_to_its_half() -> None:
+    detector, told = HeldTouchDetector(REFERENCE), []
+    for frame in frames(dragged()):
+        detector.update(frame)
+        told.append(np.nan if detector.slip is None else detector.slip.sticking_share)
+    assert np.nanmin(told[450:600]) > 0.9
+    expected = (1.0 - LOADS) ** (2.0 / 3.0)
+    error = (np.array(told[600:1000]) - expected)[expected > 0.5]
+    assert np.sqrt((error**2).mean()) < 0.15
+
+
+def test_a_dragged_touch_tells_its_incipient_slip() -> None:
+    release = dragged()[-1] * np.linspace(1.0, 0.0, 100)[:, None, None]
+    rest = np.zeros((400, *REFERENCE.shape))
+    detector = HeldTouchDetector(REFERENCE)
+    held = [detector.update(frame) for frame in frames(np.concatenate([dragged(), release, rest]))]
+    (touch,) = [one for one in held if one is not None]
+    assert touch.slips
+    first_us = touch.slips[0].incipient_us
+    assert first_us is not None
+    assert 640_000 < first_us < 800_000
+
+
+def test_frames_of_a_slow_camera_tell_no_slip() -> None:
+    detector = HeldTouchDetector(REFERENCE)
+    for k, frame in enumerate(frames(dragged()[::50])):
+        place = frame.detected_px
+        detector.update(
+            MarkerFrame(
+                k * 50_000, place, place, frame.displacement_px, frame.coasted, frame.confidence
+            )
+        )
+    held = detector.finish()
+    assert held is not None
+    assert held.slips is None
