@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -245,3 +246,21 @@ def test_a_recording_of_another_size_is_refused() -> None:
 def test_unfit_settings_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(values))):
         BlobTrackerConfig(**values)
+
+
+@pytest.mark.parametrize(("off", "adapted"), [(0.15, False), (0.42, True)])
+def test_where_off_events_are_rare_the_filter_waits_for_them(off: float, adapted: bool) -> None:
+    """OFF events that are 15 ms apart erase a disc there, and only there."""
+    sensor = replace(calibration(), step_on=0.15, step_off=off)
+    config = BlobTrackerConfig(support_us=5_000, refresh_us=100_000, adapt_to_rare_off=True)
+    follower = BlobTracker(config, sensor, NoDenoiser())
+    x, y = (int(value) for value in sensor.reference_px[0])
+    before = int((follower.state_map.values > 0.5).sum())
+    columns = np.arange(x - 2, x + 3, dtype=np.uint16)
+    times_us = 15_000 * np.arange(5, dtype=np.int64)
+    packet = EventPacket(
+        columns, np.full(5, y, np.uint16), np.zeros(5, np.bool_), times_us, 0, 75_000, sensor.size
+    )
+    follower.absorb(packet)
+    erased = before - int((follower.state_map.values > 0.5).sum())
+    assert erased == (4 if adapted else 0), "the first of them has no company"
