@@ -12,7 +12,7 @@ VERBS: dict[str, str] = {
     "record": "record a camera into a folder: lossless, in files, readable after a crash",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "design": "compute a sensor from its parameters, check it, and write its parts and drawings",
-    "calibrate": "learn where the markers rest, and how they look, from any recording with contacts",
+    "calibrate": "learn where the markers rest and how they look, from slides or contacts",
     "track": "follow every marker through a recording",
     "contact": "find the contacts in a recording, from raw events in 1 ms windows",
     "touch": "list the touches in a recording: begin, end, place, area and peak of each",
