@@ -15,6 +15,7 @@ import pytest
 from spikingtac.batch.cluster import run_on_cluster
 from spikingtac.batch.job import FileJob, Outcome
 from spikingtac.batch.processes import ATTEMPTS, run_in_processes
+from spikingtac.errors import DeviceError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 from stand_ins.dask_cluster import DaskCluster
@@ -140,3 +141,13 @@ def test_a_recording_that_kills_its_worker_is_given_up_and_the_rest_goes_on(
     assert outcomes["deadly"].kind == "WorkerLost"
     assert not outcomes["0"].failed
     assert not outcomes["1"].failed
+
+
+def test_a_cluster_without_workers_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    jobs = [job(recording(tmp_path / "a.raw"))]
+    with (
+        DaskCluster(tmp_path, workers=0) as empty,
+        pytest.raises(DeviceError, match="no worker"),
+    ):
+        list(run_on_cluster(jobs, empty.address, patience_s=0.2))

@@ -83,15 +83,19 @@ def run_on_cluster(
         patience_s: How long a scheduler that was lost is waited for, s.
 
     Raises:
-        DeviceError: There is no scheduler, or it did not come back.
+        DeviceError: There is no scheduler, it did not come back, or it had no worker for so long.
         MissingExtraError: ``distributed`` is not installed.
     """
     waiting = deque(jobs)
     client = _connect(address, tls, CONNECT_S)
     flight = _Flight()
+    worked_s = time.monotonic()
     try:
         while waiting or flight.jobs:
-            room = max(LEAST_IN_FLIGHT, PER_THREAD * _threads(client)) - len(flight.jobs)
+            threads = _threads(client)
+            worked_s = time.monotonic() if threads else worked_s
+            _require_workers(worked_s, patience_s)
+            room = max(LEAST_IN_FLIGHT, PER_THREAD * threads) - len(flight.jobs)
             try:
                 for _ in range(min(room, len(waiting))):
                     flight.submit(client, waiting[0])
@@ -169,6 +173,14 @@ def _threads(client: Client) -> int:
         return sum(threads.values())
     except Exception:  # it is lost, which is noticed below
         return 1
+
+
+def _require_workers(worked_s: float, patience_s: float) -> None:
+    if time.monotonic() - worked_s > patience_s:
+        raise DeviceError(
+            f"the Dask scheduler has had no worker for {patience_s:.0f} s; start one with: "
+            "dask worker ADDRESS --nthreads 1; what is done is kept, go on with --resume"
+        )
 
 
 def _connect(address: str, tls: Path | None, timeout_s: float) -> Client:

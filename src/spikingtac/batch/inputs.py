@@ -29,7 +29,9 @@ def is_many(given: Sequence[Path]) -> bool:
     return len(given) != 1 or _is_pattern(given[0]) or _is_plain_folder(given[0])
 
 
-def find_recordings(given: Sequence[Path], members: Sequence[str] = EVENT_MEMBERS) -> list[Path]:
+def find_recordings(
+    given: Sequence[Path], members: Sequence[str] = EVENT_MEMBERS, apart_from: Path | None = None
+) -> list[Path]:
     """Return the recordings that files, folders and patterns name, each of them once.
 
     A folder stands for every recording in it and below; a pattern is what a shell expands, ``**``
@@ -38,17 +40,22 @@ def find_recordings(given: Sequence[Path], members: Sequence[str] = EVENT_MEMBER
     Args:
         given: Paths and patterns.
         members: In a folder, an archive with one of these arrays is meant.
+        apart_from: Folder of results: what lies in it is no recording.
 
     Raises:
-        ConfigError: A folder or pattern holds no recording, or a camera is among them.
+        ConfigError: Nothing is given, a folder or pattern holds no recording, or a camera is among
+            them.
     """
+    if not given:
+        raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
+    results = None if apart_from is None else apart_from.absolute()
     found: dict[Path, None] = {}
     for path in given:
         if str(path) == "-" or is_address(path):
             raise ConfigError(
                 f"{str(path)!r} is a live source; many recordings must be files or folders"
             )
-        several = list(_inside(path, members))
+        several = [p for p in _inside(path, members) if results not in p.absolute().parents]
         if not several:
             raise ConfigError(
                 f"{str(path)!r} holds no recording; valid are folders with {RECORDING_NAME}, and "

@@ -45,6 +45,8 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
     """
     from spikingtac.batch.inputs import is_many
 
+    if not given:
+        raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
     if args.workers is not None and args.scheduler is not None:
         raise ConfigError("--workers are processes here, --scheduler has its own: give one of them")
     if args.workers is not None and args.workers < 1:

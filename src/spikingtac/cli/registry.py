@@ -9,6 +9,7 @@ VERBS: dict[str, str] = {
     "demo": "watch a simulated finger press, twist and slide, tracked live; no hardware needed",
     "info": "print the content of an event file: format, size, counts, rates, damage",
     "convert": "write an event file in another format, or a part of it",
+    "export": "write tracks as a data set for robot learning: LeRobot, Zarr",
     "record": "record a camera into a folder: lossless, in files, readable after a crash",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "design": "compute a sensor from its parameters, check it, and write its parts and drawings",
@@ -32,7 +33,7 @@ VERBS: dict[str, str] = {
 """Verb -> one line of help."""
 
 FOLDERS: dict[str, tuple[str, ...]] = {
-    "files": ("info", "convert", "record"),
+    "files": ("info", "convert", "export", "record"),
     "robot": ("probe", "guard"),
     "sensing": ("calibrate", "track", "contact", "touch", "force"),
     "studies": ("train", "experiment", "bench"),

@@ -64,6 +64,13 @@ def test_nothing_found_is_told(day: Path, given: str) -> None:
         find_recordings([day / given])
 
 
+def test_results_of_an_earlier_run_are_no_recordings(day: Path) -> None:
+    inside = day / "later"
+    assert "later/slide.raw" not in names(find_recordings([day], apart_from=inside), day)
+    with pytest.raises(ConfigError, match="name a recording"):
+        find_recordings([])
+
+
 @pytest.mark.parametrize("given", ["-", "udp:7777", "twin:demo"])
 def test_live_sources_are_refused(given: str) -> None:
     with pytest.raises(ConfigError, match="live source"):

@@ -128,7 +128,7 @@ def _run_many(args: Args) -> int:
     batch = Batch(
         name="convert",
         work=WORK,
-        recordings=find_recordings(args.files),
+        recordings=find_recordings(args.files, apart_from=folder),
         folder=folder,
         ending=ending,
         settings={name: getattr(args, name) for name in names},

@@ -102,7 +102,7 @@ def _run_many(args: Args) -> int:
     batch = Batch(
         name="touch",
         work=WORK,
-        recordings=find_recordings(args.sources, SERIES_MEMBERS),
+        recordings=find_recordings(args.sources, SERIES_MEMBERS, apart_from=folder),
         folder=folder,
         ending=".csv",
         settings={

@@ -114,7 +114,7 @@ def _run_many(args: Args) -> int:
     batch = Batch(
         name="track",
         work=WORK,
-        recordings=find_recordings(args.recordings),
+        recordings=find_recordings(args.recordings, apart_from=folder),
         folder=folder,
         ending=".npz",
         settings=_settings(args),

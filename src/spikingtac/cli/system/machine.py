@@ -34,6 +34,8 @@ EXTRAS = {
     "parquet": ("pyarrow",),
     "cluster": ("distributed",),
     "ros2": ("cyclonedds",),
+    "lerobot": ("pyarrow", "pandas"),
+    "zarr": ("zarr",),
     "design": ("build123d", "trimesh"),
     "openmv": ("openmv",),
     "dv": ("dv_processing",),

@@ -1,0 +1,131 @@
+"""Export tracks into a data set: which recordings, which form, into a folder that is whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from spikingtac.atomic_files import PARTIAL
+from spikingtac.batch.inputs import find_recordings, outputs_of
+from spikingtac.datasets.episode import Episode
+from spikingtac.datasets.lerobot import INFO, write_lerobot
+from spikingtac.datasets.zarr_store import ROOT, write_zarr
+from spikingtac.errors import ConfigError
+
+Form = Literal["lerobot", "zarr"]
+MEMBERS = ("displacement_px.npy",)
+"""What tells tracks from other archives."""
+MARKS: dict[Form, str] = {"lerobot": INFO, "zarr": ROOT}
+"""Form -> the file that says that a folder is such a data set."""
+LARGEST_FPS = 1_000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ExportConfig:
+    """What is exported, and how.
+
+    Attributes:
+        sources: Tracks, folders of them, patterns.
+        form: The form of the data set.
+        output: Folder to write.
+        fps: LeRobot: frames per second.
+        task: LeRobot: what is done in the recordings, in words.
+        logs: LeRobot: a robot's log for each recording, in their order; or none.
+    """
+
+    sources: tuple[Path, ...]
+    form: Form
+    output: Path
+    fps: int = 30
+    task: str = "touch"
+    logs: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.fps <= LARGEST_FPS:
+            raise ConfigError(f"fps is {self.fps}, it must be 1 to {LARGEST_FPS}")
+        if self.form == "zarr" and self.logs:
+            raise ConfigError("a Zarr store holds the tracks as they are; logs go with lerobot")
+
+
+def export(
+    config: ExportConfig, overwrite: bool, advance: Callable[[float], None] = lambda share: None
+) -> dict[str, Any]:
+    """Export tracks; the folder appears whole or not at all.
+
+    Returns:
+        Figures of what was written.
+
+    Raises:
+        ConfigError: There are no tracks, logs do not fit them, or the folder may not be replaced.
+        RecordingError: Tracks or a log cannot be read.
+    """
+    _require_free(config, overwrite)
+    found = find_recordings(config.sources, MEMBERS)
+    if config.logs and len(config.logs) != len(found):
+        raise ConfigError(
+            f"there are {len(found)} recordings and {len(config.logs)} logs; give one for each, in "
+            f"the order {', '.join(path.name for path in found[:3])} ..."
+        )
+    partial = config.output.with_name(f".{config.output.name}{PARTIAL}{os.getpid()}")
+    partial.mkdir(parents=True)
+    try:
+        if config.form == "zarr":
+            figures = write_zarr(partial, _groups(_told(found, advance), found))
+        else:
+            figures = _lerobot(partial, config, found, advance)
+        if config.output.exists():
+            shutil.rmtree(config.output)
+        os.replace(partial, config.output)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return {"output": str(config.output), **figures}
+
+
+def _lerobot(
+    folder: Path, config: ExportConfig, found: Sequence[Path], advance: Callable[[float], None]
+) -> dict[str, Any]:
+    logs: Sequence[Path | None] = config.logs or [None] * len(found)
+    ages: list[int] = []
+
+    def episodes() -> Iterator[Episode]:
+        for path, log in zip(_told(found, advance), logs, strict=True):
+            episode = Episode.of(path, config.fps, log)
+            ages.append(episode.largest_age_us)
+            yield episode
+
+    info = write_lerobot(folder, episodes(), config.fps, config.task)
+    kept = {name: info[name] for name in ("total_episodes", "total_frames", "fps")}
+    names = [name for name, one in info["features"].items() if one["names"]]
+    return {**kept, "features": names, "largest_age_ms": max(ages) / 1e3}
+
+
+def _groups(told: Iterator[Path], found: Sequence[Path]) -> Iterator[tuple[str, Path]]:
+    names = (str(path) for path in outputs_of(found, Path(), ""))
+    for name, path in zip(names, told, strict=True):
+        yield Path(name).as_posix(), path
+
+
+def _told(found: Sequence[Path], advance: Callable[[float], None]) -> Iterator[Path]:
+    for number, path in enumerate(found):
+        yield path
+        advance((number + 1) / len(found))
+
+
+def _require_free(config: ExportConfig, overwrite: bool) -> None:
+    output = config.output
+    if not output.exists() or (output.is_dir() and not any(output.iterdir())):
+        return
+    if not output.is_dir():
+        raise ConfigError(f"{str(output)!r} is a file; give the name of a folder")
+    if not (output / MARKS[config.form]).is_file():
+        raise ConfigError(
+            f"{str(output)!r} is not empty and holds no {config.form} data set; give another folder"
+        )
+    if not overwrite:
+        raise ConfigError(
+            f"{str(output)!r} is there already; choose another name, or give --overwrite"
+        )
