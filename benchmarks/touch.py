@@ -1,10 +1,10 @@
-"""What an estimate of touch and force costs for 64 markers, beside the tracker's own step.
+"""What touch, slip, force and vibration cost for 64 markers, beside the tracker's own step.
 
     python benchmarks/touch.py force.json RECORDING CALIBRATION
 
-``force.json`` comes from ``spikingtac force fit``. Tracker, touch detector and force estimator take
-turns on every millisecond of the recording, so that a busy machine slows all of them: only the
-ratios count there. One thread. Set ``OPENBLAS_NUM_THREADS=1``.
+``force.json`` comes from ``spikingtac force fit``. The tracker and what is felt take turns on every
+millisecond of the recording, so that a busy machine slows all of them: its tenth percentile is
+what an idle one needs. One thread. Set ``OPENBLAS_NUM_THREADS=1``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
 from spikingtac.touch.force.files.model_file import load_force
-from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.touch.slip.held_touches import HeldTouchDetector
 from spikingtac.touch.vibration.spectrum import VibrationMonitor
 
 PERIOD_US = 1_000
@@ -34,7 +34,7 @@ def main() -> None:
     calibration = Calibration.load(calibration_path)
     tracker = make_tracker(load_config("default").tracking, calibration)
     estimator = load_force(force_path).estimator()
-    detector = TouchDetector(calibration.reference_px)
+    detector = HeldTouchDetector(calibration.reference_px)
     monitor = VibrationMonitor(1e6 / PERIOD_US)
     costs: list[list[float]] = []
     for number, packet in enumerate(windows(open_events(recording), period_us=PERIOD_US)):
@@ -52,7 +52,7 @@ def main() -> None:
         stamps.append(perf_counter())
         costs.append(np.diff(stamps).tolist())
     table = 1e6 * np.array(costs[WARM_UP_STEPS:])
-    names = ("tracker step", "touches", "force", "vibration")
+    names = ("tracker step", "touches, slip", "force", "vibration")
     for name, column in zip(names, table.T, strict=True):
         print(f"{name:14s} p50 {np.median(column):7.1f} us, p10 {np.quantile(column, 0.1):7.1f} us")
     felt = table[:, 1:].sum(axis=1)

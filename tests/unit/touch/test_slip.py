@@ -42,7 +42,7 @@ def slips(shares: list[float], config: SlipConfig) -> list[Slip]:
     monitor = SlipMonitor(REFERENCE, config, Told(shares))  # type: ignore[arg-type]
     found = []
     for k in range(len(shares) + 1):
-        found.append(monitor.update(k * 1_000, 0.0 * REFERENCE, touching=True))
+        found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
     found.append(monitor.finish(len(shares) * 1_000))
     return [slip for slip in found if slip is not None]
 
@@ -79,6 +79,17 @@ def test_nothing_is_told_right_after_the_begin_of_a_touch() -> None:
     config = SlipConfig(incipient=AT_ONCE.incipient, gross=AT_ONCE.gross, settle_us=10_000)
     (slip,) = slips([0.5] * 20, config)
     assert slip.incipient_us == 12_000
+
+
+def test_a_skin_that_stands_still_rings_no_alarm() -> None:
+    monitor = SlipMonitor(REFERENCE, AT_ONCE, Told([1.0, *[0.0] * 300]))  # type: ignore[arg-type]
+    rng = np.random.default_rng(0)
+    for k in range(300):
+        moved = rng.normal(0.0, 0.05, REFERENCE.shape)
+        assert monitor.update(k * 1_000, moved, touching=True) is None
+    assert monitor.state is not None
+    assert (monitor.state.t_us, monitor.state.phase) == (299_000, "stick")
+    assert monitor.finish(300_000) is None
 
 
 def test_an_alarm_ends_well_below_where_it_began() -> None:
@@ -201,7 +212,7 @@ def test_the_sticking_share_follows_cattaneo_and_mindlin_to_its_half() -> None:
     assert np.nanmin(told[450:600]) > 0.9
     expected = (1.0 - LOADS) ** (2.0 / 3.0)
     error = (np.array(told[600:1000]) - expected)[expected > 0.5]
-    assert np.sqrt((error**2).mean()) < 0.15
+    assert np.sqrt((error**2).mean()) < 0.1
 
 
 def test_a_dragged_touch_tells_its_incipient_slip() -> None:

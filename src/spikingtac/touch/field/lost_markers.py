@@ -8,6 +8,7 @@ median of its neighbourhood by far more than these differ among themselves is no
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -58,16 +59,53 @@ class LostMarkers:
         return out
 
     def _look(self, displacement: Field) -> None:
-        near = displacement[self._near]
-        median = _median(near)
-        spread = _median(np.abs(near - median))
-        off = (np.abs(displacement - median) / (SPREAD_FACTOR * spread + self._least)).max(axis=1)
+        off = np.empty(len(displacement))
+        moved = np.ascontiguousarray(displacement, np.float64)
+        deviation_kernel(moved, self._near, SPREAD_FACTOR, self._least, off)
         self.lost = off > np.where(self.lost, FOUND_SHARE, 1.0)
 
     def reset(self) -> None:
         """Believe every marker again."""
         self.lost = np.zeros_like(self.lost)
         self._frame = 0
+
+
+@njit(cache=True, nogil=True)
+def deviation_kernel(
+    displacement: Field, near: NDArray[np.int64], factor: float, least: float, off: Field
+) -> None:
+    """Fill how far each marker is from its neighbourhood, over what is believed.
+
+    Args:
+        displacement: ``(m, 2)``.
+        near: ``(n, m)`` the markers of each neighbourhood.
+        factor: Median deviations that are believed.
+        least: Deviation that is always believed.
+        off: ``(m,)`` overwritten.
+    """
+    values = np.empty(len(near))
+    for marker in range(len(off)):
+        off[marker] = 0.0
+        for axis in range(2):
+            for k in range(len(near)):
+                values[k] = displacement[near[k, marker], axis]
+            median = _middle_kernel(values)
+            for k in range(len(near)):
+                values[k] = abs(displacement[near[k, marker], axis] - median)
+            believed = factor * _middle_kernel(values) + least
+            off[marker] = max(off[marker], abs(displacement[marker, axis] - median) / believed)
+
+
+@njit(cache=True, nogil=True)
+def _middle_kernel(values: Field) -> float:
+    """Sort a few values by insertion and return the middle (the upper one of an even number)."""
+    for k in range(1, len(values)):
+        value, place = values[k], k
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return values[len(values) // 2]
 
 
 def _median(values: Field) -> Field:

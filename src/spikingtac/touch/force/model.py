@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import ComponentLaw
+from spikingtac.touch.force.live.one_field import OneField
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.shape import FieldBasis, FieldFeatures, amplitude
@@ -145,6 +146,9 @@ class ForceModel:
             "fit one on tracks: spikingtac force fit tracks.npz --wrench FORCES -o force.json"
         )
 
+    def _one_field(self) -> OneField:
+        return self._stacked.one_field(self.basis, self.novelty)
+
     def _rest(self) -> RestZero:
         return RestZero(self.zero, self.zero.radius_share, self.reference.size)
 
@@ -184,7 +188,7 @@ class ForceEstimator:
     """
 
     def __init__(self, model: ForceModel) -> None:
-        self._model = model
+        self._model, self._wrench = model, model._one_field()
         self.reset()
 
     def reset(self) -> None:
@@ -196,8 +200,10 @@ class ForceEstimator:
         """Take in displacements ``(m, d)`` in the model's unit and return the wrench."""
         elastic = self._creep.elastic(t_us, displacement.ravel() / self._model.rms)
         away = self._rest.subtract(elastic)
-        values, widths, distance = self._model._evaluate(away[None])
-        return Wrench(t_us, values[0], widths[0], float(distance[0]))
+        values, distance = self._wrench(away)
+        floors, shares = self._model._widths
+        widths = (floors + shares * np.abs(values)) * max(distance, 1.0)
+        return Wrench(t_us, values, widths, distance)
 
 
 def fields_from_rest(

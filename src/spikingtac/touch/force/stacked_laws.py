@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.force.laws import ComponentLaw, ForceLaw
+from spikingtac.touch.force.live.one_field import LinearWeights, OneField
+from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.shape import SHAPE_FLOOR, FieldBasis, FieldFeatures, shape_width
 
 Field = NDArray[np.float64]
@@ -54,6 +56,17 @@ class StackedLaws:
         for index, share, law in self._normal:
             out[:, index] += share * law(fields)
         return out
+
+    def one_field(self, basis: FieldBasis, novelty: Novelty) -> OneField:
+        """Return the same laws for one field at a time, with its distance."""
+        weights = LinearWeights(
+            np.ascontiguousarray(self._shape.T),
+            np.ascontiguousarray(self._like.T),
+            np.ascontiguousarray(self._linear.T),
+            np.ascontiguousarray(self._squares.T),
+            self._offset,
+        )
+        return OneField(weights, self._normal, basis, novelty)
 
     def _add(self, index: int, share: float, law: ForceLaw) -> None:
         if law.family == "normal":

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.slip.features import SPANS_US, slip_features
-from spikingtac.touch.slip.field_summary import SIZE, FieldSummary
+from spikingtac.touch.slip.field_summary import SIZE, WIDTHS, FieldSummary
 
 Field = NDArray[np.float64]
 
@@ -15,6 +15,9 @@ LONGEST_GAP_US = 6_000
 CAPACITY = 2048
 """Frames that are remembered at the most: the longest span at 10,000 frames a second."""
 US_PER_S = 1e6
+STILL = 0.008
+"""Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (ours: a
+tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms)."""
 
 
 class FeatureStream:
@@ -28,6 +31,9 @@ class FeatureStream:
         True
         >>> stream.update(1_000, np.ones((64, 2))).shape
         (46,)
+
+    Attributes:
+        still: Whether the skin stood still over the longest span.
     """
 
     def __init__(self, reference: Field) -> None:
@@ -46,6 +52,7 @@ class FeatureStream:
     def reset(self) -> None:
         """Forget every frame."""
         self._count = 0
+        self.still = True
         self._starts = [0] * len(SPANS_US)
 
     def update(self, t_us: int, displacement: Field) -> Field | None:
@@ -65,6 +72,8 @@ class FeatureStream:
             return None
         for number, span_us in enumerate(SPANS_US):
             self._before[number] = self._rows[self._start(number, t_us - span_us) % CAPACITY]
+        change = (now - self._before[-1])[:-2]
+        self.still = float(change @ change) < len(WIDTHS) * STILL**2
         return slip_features(now, self._before, self._spans)
 
     def _start(self, number: int, t_us: int) -> int:

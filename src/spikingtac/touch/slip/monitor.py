@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,6 +90,10 @@ class SlipMonitor:
         return self._ended(t_us)
 
     def _told(self, t_us: int, features: Field) -> Slip | None:
+        if self._features.still and self.state is not None:
+            # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
+            self.state = replace(self.state, t_us=t_us)
+            return None
         stuck = self._law(features)
         if self._incipient.update(t_us, stuck.incipient) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us

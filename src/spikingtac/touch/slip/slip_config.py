@@ -37,7 +37,7 @@ class SlipConfig:
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.6, hold_us=3_000)
+    incipient: AlarmConfig = AlarmConfig(probability=0.8, hold_us=8_000)
     gross: AlarmConfig = AlarmConfig(probability=0.6, hold_us=1_000)
     settle_us: int = 20_000
 

@@ -149,7 +149,7 @@ class TouchDetector:
             return self._follow(self._open, frame.t_us, moved)
         self._settle(frame.t_us, moved)
         self._memory.add(frame.t_us, moved, string)
-        strength = float(self._gradient.of(moved - self._zero).strength)
+        strength = self._gradient.strength_of(moved - self._zero)[1]
         if strength > self.threshold:
             self._open = _Open(self._memory.notice(moved - self._zero))
             return self._follow(self._open, frame.t_us, moved)
@@ -177,11 +177,10 @@ class TouchDetector:
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
-        gradients = self._gradient.of(away)
-        strength = float(gradients.strength)
+        local, strength = self._gradient.strength_of(away)
         touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
         if strength > touch.peak:
-            touch.peak, touch.peak_us, touch.peak_local = strength, t_us, gradients.local
+            touch.peak, touch.peak_us, touch.peak_local = strength, t_us, local
         end_us = self._ended_us(touch, t_us, self._left(touch, away, strength))
         if end_us is None:
             return None
@@ -241,14 +240,14 @@ class TouchDetector:
         return None
 
     def _is_start(self, moved: Field) -> bool:
-        return float(self._gradient.of(moved).strength) < self._config.start_strength
+        return self._gradient.strength_of(moved)[1] < self._config.start_strength
 
     def _settle(self, t_us: int, moved: Field) -> None:
         """Right after a release the rest is wherever the skin falls back to."""
         release = self._release
         if release is None:
             return
-        strength = float(self._gradient.of(moved - release.former_zero).strength)
+        strength = self._gradient.strength_of(moved - release.former_zero)[1]
         if strength <= release.lowest:
             release.lowest, self._zero = strength, moved
         if t_us - release.t_us > self._config.settle_us:

@@ -1,0 +1,1 @@
+"""The wrench of a live sensor, one field at a time."""
