@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ENCODINGS = ("evt2", "evt21", "evt3")
 PRESETS = ("default", "fast")
 AIMS = {f"decode {name}": 1.05 for name in ENCODINGS} | {f"step {name}": 1.03 for name in PRESETS}
-"""Largest ratio of times that counts as met (issue: checks cost at most 5 % and 3 %)."""
+"""Largest ratio of times that counts as met: checks cost at most 5 % and 3 %."""
 EVENTS = 2_000_000
 STEP_US = {"default": 1_000, "fast": 1_000}
 STEPS = 1_500

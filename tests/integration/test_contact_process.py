@@ -22,7 +22,7 @@ SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 STALE_S = 2.0
 """Far above the 25 ms that a robot is given, so that a busy machine's pauses are no silence."""
 PATIENCE_S = 90.0
-STARTS = 3
+STARTS = 6
 """A busy machine may let the controller's own watchdog end the first start: the guard refuses."""
 TOUCH = 300
 """Window at which something happens: 1.5 s after the stream was opened."""
@@ -137,16 +137,26 @@ def moving(controller: URController) -> Iterator[Any]:
         arguments = {"host": controller.host, "speed_mm_s": 40.0}
         arm = Factory(function=moving_ur, arguments=arguments)
         source = Factory(function=paced, arguments=stream)
+        status: dict[str, Any] = {}
         for _ in range(STARTS):
             made.append(ContactProcess(source, Factory(function=detector), arm, CALM))
-            until(lambda: controller.twin.speed_mm_s()[0] > 30.0 or not made[-1].alive())
-            if made[-1].alive():
-                return made[-1]
-        raise AssertionError(made[-1].status())
+            status = wait(made[-1], "ready", "tripped", "ended", "failed")
+            if status["phase"] == "ready":
+                until(lambda: controller.twin.speed_mm_s()[0] > 30.0 or tripped(made[-1]))
+                if not tripped(made[-1]):
+                    return made[-1]
+                status = made[-1].status()
+            made[-1].close()
+            controller.recover()
+        raise AssertionError(status)
 
     yield start
     for process in made:
         process.close()
+
+
+def tripped(process: ContactProcess) -> bool:
+    return process.status().get("phase") != "ready"
 
 
 def until(done: Callable[[], bool]) -> float:

@@ -143,24 +143,34 @@ def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
     assert len(stops(notes)) == 2  # the self-test, and the contact
 
 
+TRIES = 4
+"""A busy machine may fall behind before the camera stalls: that stops the arm as well, and the
+test begins again."""
+
+
 def test_a_camera_that_stalls_stops_a_probing_arm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     live = moving(tmp_path / "live.raw", 2000, seed=4)
-    camera = PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=2.0, pieces=500)
-    camera.pause_after(0.6)
     notes = tmp_path / "stops"
     monkeypatch.setattr(probe_arm, "QUIET_WINDOWS", 300)
     monkeypatch.setattr(probe_arm, "connect", lambda args: NotingArm(str(notes)))
     finger = "--events", tmp_path / "pipe", "--calibration", tmp_path / "calibration.json"
     given = "probe", "--arm", "192.0.2.1", *finger, "--detector", "event_count", "--json"
-    assert main([*map(str, given)]) == 3
-    told = json.loads(capsys.readouterr().out)
-    assert told["kind"] == "DeviceError"
+    for _ in range(TRIES):
+        (tmp_path / "pipe").unlink(missing_ok=True)
+        notes.unlink(missing_ok=True)
+        camera = PipedCamera(tmp_path / "pipe", live.read_bytes(), lasting_s=2.0, pieces=500)
+        camera.pause_after(0.6)
+        assert main([*map(str, given)]) == 3
+        told = json.loads(capsys.readouterr().out)
+        camera.go_on.set()
+        camera.join()
+        assert told["kind"] == "DeviceError"
+        assert len(stops(notes)) >= 2  # the self-test, and the stall
+        if "overload" not in told["error"]:
+            break
     assert "stale" in told["error"]
-    assert len(stops(notes)) >= 2  # the self-test, and the stall
-    camera.go_on.set()
-    camera.join()
 
 
 def test_a_camera_without_a_calibration_shows_its_events() -> None:

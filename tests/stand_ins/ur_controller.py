@@ -115,6 +115,12 @@ class URController:
             self.twin.protective_stop()
             self._program = False
 
+    def recover(self) -> None:
+        """Clear a protective stop, as at the teach pendant."""
+        with self._lock:
+            self._advance()
+            self.twin.recover()
+
     def move(self, by_mm: tuple[float, float, float], speed_mm_s: float) -> None:
         """Move the arm as another program would."""
         with self._lock:

@@ -24,7 +24,7 @@ from spikingtac.live.guard.contact_loop import (
     Subscriber,
     failure_words,
 )
-from spikingtac.live.guard.real_time import exempt_from_collection, take_precedence
+from spikingtac.live.guard.real_time import exempt_from_collection, lock_memory, take_precedence
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
@@ -248,6 +248,7 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
     detector.update(first.window)
     detector.reset()
     exempt_from_collection()
+    lock_memory()
 
 
 def _sigterm_pipe() -> socket.socket:

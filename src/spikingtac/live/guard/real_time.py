@@ -9,8 +9,9 @@ from pathlib import Path
 
 PRIORITY = 10
 """Real-time priority of the guard, 1 to 99 (ours: above ordinary work, below drivers)."""
-LOCK_CURRENT, LOCK_FUTURE = 1, 2
-"""Flags of mlockall (sys/mman.h of Linux)."""
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4
+"""Flags of mlockall (sys/mman.h of Linux). Without the last one every library is read from the disk
+as a whole, and every new thread's stack is filled, while nothing else runs: 0.1 s and more."""
 THREADS = Path("/proc/self/task")
 """Where Linux lists the threads of this process."""
 
@@ -28,9 +29,6 @@ def exempt_from_collection() -> None:
 def take_precedence() -> bool:
     """Let this process run before ordinary work, where that is permitted; return whether it is.
 
-    Its memory stays in place as well, where that is permitted: a page that has to come back from
-    the disk takes as long as a turn.
-
     Within 25 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
     turn. All threads take part: one that waits for its turn while it holds the interpreter would
     hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
@@ -41,16 +39,16 @@ def take_precedence() -> bool:
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (AttributeError, OSError):  # no such system, or not permitted
         return False
-    lock_memory()
     return True
 
 
 def lock_memory() -> bool:
-    """Keep all memory of this process in place, now and later; return whether that is permitted.
+    """Keep what memory is used in place, now and later; return whether that is permitted.
 
-    Permission: root, or a line for the user in /etc/security/limits.conf (``memlock``).
+    Permission: root, or a line for the user in /etc/security/limits.conf (``memlock``). A
+    page that has to come back from the disk takes as long as a busy machine's turn.
     """
     try:
-        return ctypes.CDLL(None).mlockall(LOCK_CURRENT | LOCK_FUTURE) == 0
+        return ctypes.CDLL(None).mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT) == 0
     except (AttributeError, OSError):  # no such system
         return False
