@@ -46,7 +46,7 @@ from stand_ins.moving_rims import calibration, windows  # noqa: E402
 from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 LIMIT_S = 0.2
-"""Within so long of the fault the arm rests, or its not resting is told (what was asked of the guard)."""
+"""Within so long of the fault the arm rests, or its not resting is told."""
 REST_MM_S = 1.0
 SPEED_MM_S = 40.0
 FAR_MM = (800.0, 0.0, 0.0)
