@@ -62,6 +62,11 @@ def remark(text: str) -> None:
     sys.stderr.write(text + "\n")
 
 
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    remark(f"warning: {text}")
+
+
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
     """Show a bar on stderr while the block runs; silent where stderr is no terminal.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -109,9 +109,6 @@ def _checked(
 ) -> Sequence[EventSource]:
     """Return the sources such that a calibration of another sensor is noticed."""
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
-
-    def warn(why: str) -> None:
-        remark(f"warning: {why}")
 
     tell = refuse if strict else warn
     pairs = zip(sources, calibrations, strict=False)

@@ -12,7 +12,7 @@ import tyro
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.cli.sensing.touch_rows import slip_text, touch_row, write_rows
 from spikingtac.errors import ConfigError
 
@@ -208,7 +208,7 @@ def _track(args: Args, path: Path, advance: Any) -> _Watched:
     source = open_events(path, strict=args.strict, sensor=args.sensor)
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
-    checked = CheckedSource(source, calibration, refuse if args.strict else _warn)
+    checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     anomalies: dict[str, int] = {}
 
     def frames() -> Iterator[MarkerFrame]:
@@ -220,10 +220,6 @@ def _track(args: Args, path: Path, advance: Any) -> _Watched:
         anomalies.update(source.losses.kinds())
 
     return _Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, anomalies)
-
-
-def _warn(why: str) -> None:
-    remark(f"warning: {why}")
 
 
 PROGRESS_EVERY = 256

@@ -11,7 +11,7 @@ import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.types import LawName, Polarity
 
 WORK = "spikingtac.cli.sensing.track:track_one"
@@ -161,7 +161,7 @@ def _print(summary: dict[str, Any], recording: Path) -> None:
     for kind, count in summary["anomalies"].items():
         remark(f"note: {kind} {count} times in the recording")
     if summary["calibration_misfit"]:
-        remark(f"warning: {summary['calibration_misfit']}")
+        warn(summary["calibration_misfit"])
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(

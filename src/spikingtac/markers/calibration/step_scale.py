@@ -105,14 +105,12 @@ def fit_step_scale(
     measured = calibration.marker_measured
     chosen = slice(None) if measured is None else measured
 
-    def apart_px(factors: tuple[float, float]) -> float:
-        t_us, center_px = _tracked(events, scaled_steps(calibration, *factors))
-        nearest = np.searchsorted(t_us, at_us).clip(0, len(t_us) - 1)
-        return float(np.linalg.norm(center_px[nearest] - known_px, axis=2)[:, chosen].mean())
-
     @functools.cache
     def apart_at(powers: Powers) -> float:
-        return apart_px((GROWTH ** powers[0], GROWTH ** powers[1]))
+        on, off = (GROWTH**power for power in powers)
+        t_us, center_px = _tracked(events, scaled_steps(calibration, on, off))
+        nearest = np.searchsorted(t_us, at_us).clip(0, len(t_us) - 1)
+        return float(np.linalg.norm(center_px[nearest] - known_px, axis=2)[:, chosen].mean())
 
     if apart_at((0, 0)) < TRUSTED_PX:
         return 1.0, 1.0

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.atomic_files import write_text
 from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
 from spikingtac.touch.force.creep_memory import CreepConfig
@@ -47,7 +48,7 @@ def save_force(model: ForceModel, path: str | Path) -> None:
         "centers": _plain(model.basis.centers),
     }
     try:
-        Path(path).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(document, indent=1) + "\n")
     except OSError as error:
         raise ConfigError(f"cannot write {str(path)!r}: {error.strerror}") from error
 
