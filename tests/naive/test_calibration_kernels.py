@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_corrections import corrections, slopes_kernel
+from spikingtac.markers.calibration.disc_corrections import (
+    PLACE_PRIOR,
+    RESIDUAL_LEVEL,
+    common_sums_kernel,
+    corrections,
+    slopes_kernel,
+    state_moves_kernel,
+)
+from spikingtac.markers.calibration.disc_fits import fit_kernel, read_kernel, sums_kernel
 from spikingtac.markers.calibration.disc_levels import (
     Discs,
     draw_kernel,
-    fit_kernel,
     nearest_markers,
-    sums_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import (
     PHASES,
@@ -158,7 +164,7 @@ def test_a_fit_finds_a_disc_that_the_levels_show() -> None:
     state = (drawn.astype(np.float32), np.zeros(SHAPE, np.int8))
     even = np.full(SHAPE, 0.1, np.float32)
     place = PLACES[0] + [0.9, -0.7]
-    scene = (PLACES, nearest_markers(PLACES), DISCS.shape)
+    scene = (PLACES, nearest_markers(PLACES), DISCS.shape, DISCS.fit_tables)
     sums = np.zeros(7)
     agreement = fit_kernel(state, (even, even), 0, place, scene, sums)
     assert np.hypot(*(place - PLACES[0])) < 0.02
@@ -170,7 +176,7 @@ def test_normal_equations_equal_numbers_from_differences() -> None:
     drawn, _ = level(DISCS, PLACES)
     state = ((drawn + rng.normal(0, 0.02, SHAPE)).astype(np.float32), np.zeros(SHAPE, np.int8))
     even = np.full(SHAPE, 0.1, np.float32)
-    scene = (PLACES, nearest_markers(PLACES), DISCS.shape)
+    scene = (PLACES, nearest_markers(PLACES), DISCS.shape, DISCS.fit_tables)
     sums, moved = np.zeros(7), np.zeros(7)
     sums_kernel(state, (even, even), 0, PLACES[0], scene, sums)
     sums_kernel(state, (even, even), 0, PLACES[0] + [0.01, 0.0], scene, moved)
@@ -327,3 +333,46 @@ def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
             expected[y[i], x[i]] = 1 if rises[i] else -1
     assert (first == expected).all()
     assert set(np.unique(first)) == {-1, 0, 1}
+
+
+def test_sums_and_moves_of_corrections_equal_plain_arrays() -> None:
+    rng = np.random.default_rng(11)
+    states, pixels = 5, 40
+    error = rng.normal(0, 0.3, (states, pixels)).astype(np.float32)
+    slopes = rng.normal(size=(4, states, pixels)).astype(np.float32)
+    slopes[:, rng.random((states, pixels)) < 0.3] = 0.0
+    shared = rng.normal(size=(4, states, pixels)).astype(np.float32)
+    variance = rng.uniform(0.01, 0.02, pixels).astype(np.float32)
+    weight = np.empty((states, pixels), np.float32)
+    curvature, pull = np.eye(4), np.zeros(4)
+    squares, weights = common_sums_kernel(
+        error, slopes[2], variance, (shared, weight), (curvature, pull)
+    )
+    plain = (slopes[2] != 0) / variance / (1.0 + (error.astype(float) / RESIDUAL_LEVEL) ** 2)
+    np.testing.assert_allclose(weight, plain, rtol=1e-5)
+    assert squares == pytest.approx((plain * error.astype(float) ** 2).sum())
+    assert weights == pytest.approx(plain.sum())
+    rows = shared.reshape(4, -1).astype(float)
+    np.testing.assert_allclose(
+        curvature, np.tril(np.eye(4) + (rows * plain.ravel()) @ rows.T), rtol=1e-5
+    )
+    np.testing.assert_allclose(pull, rows @ (plain * error).ravel(), rtol=1e-5)
+
+    step, moves = np.array([0.1, -0.2, 0.05, 0.02]), np.zeros((states, 2))
+    state_moves_kernel(error, weight, slopes[:2], (shared, step), moves)
+    left = error - np.tensordot(step, shared.astype(float), 1)
+    for state in range(states):
+        rows = slopes[:2, state].astype(float)
+        normal = (rows * weight[state]) @ rows.T + PLACE_PRIOR * np.eye(2)
+        expected = np.linalg.solve(normal, rows @ (weight[state] * left[state]))
+        np.testing.assert_allclose(moves[state], expected, rtol=1e-6)
+
+
+def test_tables_read_as_the_profile_says() -> None:
+    z = np.linspace(-7.0, 7.0, 101)
+    read = np.array([read_kernel(place, DISCS.fit_tables[1]) for place in z])
+    exact = DiscProfile(2.5, 1.0)
+    ends = np.abs(z) > 6.0  # the tables end there
+    np.testing.assert_allclose(read[~ends, 0], exact.level(z[~ends]), atol=2e-4)
+    np.testing.assert_allclose(read[~ends, 1], -exact.slope(z[~ends]), atol=2e-4)
+    np.testing.assert_array_equal(read[ends], [[float(at < 0), 0.0] for at in z[ends]])

@@ -114,23 +114,95 @@ def _solve(
     # First what all states share, with offsets taken off; then each state from what is left.
     drawn, memory = offsets
     marker, found = out
-    error = memory.changes(left_over, drawn).astype(np.float64)
-    near = slopes[2] != 0.0
-    weight = near / variance / (1.0 + (error / RESIDUAL_LEVEL) ** 2)
-    found.squares[marker] = (weight * error**2).sum()
-    found.weights[marker] = weight.sum()
-    shared = np.array([memory.changes(slope, drawn) for slope in slopes], np.float64).reshape(4, -1)
-    curvature = (shared * weight.ravel()) @ shared.T
-    curvature += np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR])
-    common = np.linalg.solve(curvature, shared @ (weight * error).ravel())
+    error = memory.changes(left_over, drawn)
+    shared = np.array([memory.changes(slope, drawn) for slope in slopes])
+    weight = np.empty_like(error)
+    curvature, pull = np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR]), np.zeros(4)
+    found.squares[marker], found.weights[marker] = common_sums_kernel(
+        error, slopes[2], variance, (shared, weight), (curvature, pull)
+    )
+    curvature += np.tril(curvature, -1).T
+    common = np.asarray(np.linalg.solve(curvature, pull), np.float64)
     found.common_px[marker] = common
-    error -= (common @ shared).reshape(error.shape)
-    gx, gy = slopes[:2].astype(np.float64)
-    xx, yy = ((weight * g * g).sum(axis=1) + PLACE_PRIOR for g in (gx, gy))
-    xy, x, y = ((weight * g).sum(axis=1) for g in (gx * gy, gx * error, gy * error))
-    det = xx * yy - xy * xy
-    found.move_px[:, marker, 0] = (yy * x - xy * y) / det
-    found.move_px[:, marker, 1] = (xx * y - xy * x) / det
+    state_moves_kernel(error, weight, slopes[:2], (shared, common), found.move_px[:, marker])
+
+
+@njit(cache=True)
+def common_sums_kernel(
+    error: NDArray[np.float32],
+    near: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    fields: tuple[NDArray[np.float32], NDArray[np.float32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[float, float]:
+    """Add up the normal equations of what all states share; return weighted squares and weights.
+
+    Args:
+        error: ``(states, pixels)`` levels left over.
+        near: The same shape; zero where a pixel tells nothing of the disc.
+        variance: ``(pixels,)`` variance of a level.
+        fields: Derivatives ``(4, states, pixels)``, and weights ``(states, pixels)`` to fill.
+        out: Curvature ``(4, 4)``, its lower triangle, and right-hand side ``(4,)`` to add to.
+    """
+    shared, weight = fields
+    curvature, pull = out
+    squares = weights = 0.0
+    row = np.empty(4)
+    for state in range(error.shape[0]):
+        for q in range(error.shape[1]):
+            weight[state, q] = 0.0
+            if near[state, q] == 0.0:
+                continue
+            value = np.float64(error[state, q])
+            w = 1.0 / (variance[q] * (1.0 + (value / RESIDUAL_LEVEL) ** 2))
+            weight[state, q] = w
+            weights += w
+            squares += w * value * value
+            for i in range(4):
+                row[i] = shared[i, state, q]
+                pull[i] += w * row[i] * value
+                for j in range(i + 1):
+                    curvature[i, j] += w * row[i] * row[j]
+    return squares, weights
+
+
+@njit(cache=True)
+def state_moves_kernel(
+    error: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    common: tuple[NDArray[np.float32], NDArray[np.float64]],
+    out: NDArray[np.float64],
+) -> None:
+    """Solve each state's move ``(states, 2)``, px, from what the common step leaves.
+
+    Args:
+        error: ``(states, pixels)`` levels left over.
+        weight: Their weights.
+        slopes: ``(2, states, pixels)`` derivatives along x and y.
+        common: The derivatives ``(4, states, pixels)`` of the common step, and that step ``(4,)``.
+        out: Moves to fill.
+    """
+    shared, step = common
+    for state in range(error.shape[0]):
+        xx = yy = PLACE_PRIOR
+        xy = x = y = 0.0
+        for q in range(error.shape[1]):
+            w = np.float64(weight[state, q])
+            if w == 0.0:
+                continue
+            left = np.float64(error[state, q])
+            for i in range(4):
+                left -= step[i] * shared[i, state, q]
+            gx, gy = slopes[0, state, q], slopes[1, state, q]
+            xx += w * gx * gx
+            yy += w * gy * gy
+            xy += w * gx * gy
+            x += w * gx * left
+            y += w * gy * left
+        det = xx * yy - xy * xy
+        out[state, 0] = (yy * x - xy * y) / det
+        out[state, 1] = (xx * y - xy * x) / det
 
 
 @njit(cache=True)

@@ -21,30 +21,12 @@ there for contrasts up to 12."""
 TABLE_STEPS = 256
 """Entries of a table: the level changes by at most 0.02 between two."""
 
-ITERATIONS = 3
-"""Gauss-Newton steps at each sample: the markers move by less than a pixel between two."""
-
-LARGEST_STEP_PX = 1.5
-"""Bound of one Gauss-Newton step."""
-
 INSIDE_EDGES, OUTSIDE_EDGES, MARGIN_PX = 4.5, 3.5, 1.0
 """The annulus of a fit: so many edge widths, and this margin, inside and outside of the rim."""
-
-RESIDUAL_LEVEL = 0.3
-"""Residuals beyond this level count less (Cauchy weights)."""
 
 LEVEL_VARIANCE = 0.003
 """Variance of a level apart from its step's: shape and thresholds are never exact. (0.055 of a
 swing, ours: the rms of the levels that the model left over on simulated recordings.)"""
-
-IN_BAND_WEIGHT = 0.6
-"""A level inside of its band counts less than one outside of it."""
-
-AGREEING_LEVEL = 0.35
-"""A pixel agrees with the disc within this level."""
-
-SMALL_STEP_PX = 0.01
-"""A fit ends after a smaller step."""
 
 NEIGHBOURS = 8
 """Nearest markers that a disc is told from."""
@@ -80,6 +62,14 @@ class Discs:
         return np.array(
             [DiscProfile(float(contrast), 1.0).level(z) for contrast in self.contrast], np.float32
         )
+
+    @property
+    def fit_tables(self) -> NDArray[np.float32]:
+        """``(m, TABLE_STEPS, 2)`` level and its fall per edge width, placed as ``tables``."""
+        z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
+        profiles = [DiscProfile(float(contrast), 1.0) for contrast in self.contrast]
+        both = [np.column_stack([profile.level(z), -profile.slope(z)]) for profile in profiles]
+        return np.array(both, np.float32).reshape(-1, TABLE_STEPS, 2)
 
 
 def nearest_markers(center_px: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -154,10 +144,10 @@ def crowded_kernel(
     m: int,
     place: NDArray[np.float64],
     reach: float,
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+    scene: tuple[Any, ...],
 ) -> bool:
     """Return whether another disc's surroundings overlap those within ``reach`` of a place."""
-    center, nearest, _ = scene
+    center, nearest = scene[0], scene[1]
     for other in nearest[m]:
         dx, dy = center[other, 0] - place[0], center[other, 1] - place[1]
         if dx * dx + dy * dy < 4.0 * reach * reach:
@@ -171,10 +161,10 @@ def nearer_kernel(
     y: float,
     q_px: float,
     m: int,
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+    scene: tuple[Any, ...],
 ) -> bool:
     """Return whether a pixel at ``q_px`` from marker ``m``'s rim is nearer to another's rim."""
-    center, nearest, shape = scene
+    center, nearest, shape = scene[0], scene[1], scene[2]
     for other in nearest[m]:
         limit = max(q_px + shape[other, 0], 0.0)
         if (x - center[other, 0]) ** 2 + (y - center[other, 1]) ** 2 < limit * limit:
@@ -189,87 +179,3 @@ def profile_kernel(z: Any, edge_px: Any, k: Any) -> tuple[float, float]:
     light = 1.0 + k * cover
     swing = np.log1p(k)
     return np.log(light) / swing, k * cover * (1.0 - cover) / (edge_px * light * swing)
-
-
-@njit(cache=True)
-def reading_kernel(side: Any, on: Any, off: Any) -> tuple[float, float]:
-    """Return how far the light is probably beyond the last level, and how wide that range is."""
-    if side > 0:
-        return 0.5 * on, on
-    if side < 0:
-        return -0.5 * off, off
-    return 0.5 * (on - off), on + off
-
-
-@njit(cache=True)
-def sums_kernel(
-    state: tuple[NDArray[np.float32], NDArray[np.int8]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    m: int,
-    place: NDArray[np.float64],
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
-    sums: NDArray[np.float64],
-) -> None:
-    """Sum the normal equations of a disc's centre: xx, xy, yy, x, y, edge in all, edge agreeing.
-
-    ``state`` is the level at which each pixel last fired and the polarity of that event; ``scene``
-    is places ``(m, 2)``, nearest others ``(m, k)`` and shapes ``(m, 3)``.
-    """
-    level, side = state
-    height, width = level.shape
-    radius, edge, k = scene[2][m]
-    outer, inner = OUTSIDE_EDGES * edge + MARGIN_PX, -INSIDE_EDGES * edge - MARGIN_PX
-    sums[:] = 0.0
-    top, bottom = bounds_kernel(place[1], radius + outer, height)
-    left, right = bounds_kernel(place[0], radius + outer, width)
-    crowded = crowded_kernel(m, place, radius + outer, scene)
-    for y in range(top, bottom):
-        for x in range(left, right):
-            dx, dy = x - place[0], y - place[1]
-            rho = np.sqrt(dx * dx + dy * dy)
-            q = rho - radius
-            off_rim = q > outer or q < inner or rho < 0.5
-            if off_rim or (crowded and nearer_kernel(x, y, q, m, scene)):
-                continue
-            expected, slope = profile_kernel(q / edge, edge, k)
-            on, off = steps[0][y, x], steps[1][y, x]
-            ahead, width_of_band = reading_kernel(side[y, x], on, off)
-            error = level[y, x] + ahead - expected
-            variance = LEVEL_VARIANCE + width_of_band**2 / 12.0
-            weight = 1.0 / variance / (1.0 + (error / RESIDUAL_LEVEL) ** 2)
-            if level[y, x] - off <= expected <= level[y, x] + on:
-                weight *= IN_BAND_WEIGHT
-            gx, gy = slope * dx / rho, slope * dy / rho
-            sums[0] += weight * gx * gx
-            sums[1] += weight * gx * gy
-            sums[2] += weight * gy * gy
-            sums[3] += weight * gx * error
-            sums[4] += weight * gy * error
-            sums[5] += slope
-            sums[6] += slope if abs(error) < AGREEING_LEVEL else 0.0
-
-
-@njit(cache=True)
-def fit_kernel(
-    state: tuple[NDArray[np.float32], NDArray[np.int8]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    m: int,
-    place: NDArray[np.float64],
-    scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
-    sums: NDArray[np.float64],
-) -> float:
-    """Move ``place`` to where the disc fits best; return the share of its edge that agrees."""
-    for _ in range(ITERATIONS):
-        sums_kernel(state, steps, m, place, scene, sums)
-        det = sums[0] * sums[2] - sums[1] * sums[1]
-        if det <= 1e-9:
-            break
-        sx = (sums[2] * sums[3] - sums[1] * sums[4]) / det
-        sy = (sums[0] * sums[4] - sums[1] * sums[3]) / det
-        length = np.sqrt(sx * sx + sy * sy)
-        shrink = LARGEST_STEP_PX / length if length > LARGEST_STEP_PX else 1.0
-        place[0] += shrink * sx
-        place[1] += shrink * sy
-        if length < SMALL_STEP_PX:
-            break
-    return sums[6] / sums[5] if sums[5] > 0.0 else 0.0

@@ -16,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_fits import fit_kernel
 from spikingtac.markers.calibration.disc_levels import (
     Discs,
     draw_kernel,
-    fit_kernel,
     nearest_markers,
 )
 
@@ -145,7 +145,7 @@ class Follower:
             (self._events.code, self._before),
             (self._index, order),
             (steps.on, steps.off),
-            (discs.shape, discs.tables, nearest_markers(start_px)),
+            (discs.shape, discs.tables, discs.fit_tables, nearest_markers(start_px)),
             (start_px, center_px, agreement),
         )
         return Course(self._index, center_px, agreement)
@@ -228,7 +228,7 @@ def follow_kernel(
     events: tuple[NDArray[np.uint32], NDArray[np.int8]],
     samples: tuple[NDArray[np.int64], NDArray[np.int64]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.int64]],
+    discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]],
     out: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
 ) -> None:
     """Visit the samples in the given order and fit all discs at each.
@@ -238,13 +238,13 @@ def follow_kernel(
         events: Codes, and the polarity before each.
         samples: Events before each sample, and the order of the visit.
         steps: ``(height, width)`` ON and OFF shares.
-        discs: Shapes, tables and nearest others.
+        discs: Shapes, both kinds of tables and nearest others.
         out: Places at the first sample visited ``(m, 2)``; places ``(n, m, 2)`` and agreement
             ``(n, m)`` to fill.
     """
     level, side = state
     index, order = samples
-    shape, tables, nearest = discs
+    shape, tables, fit_tables, nearest = discs
     start, places, agreement = out
     flat = (level.ravel(), side.ravel())
     flat_steps = (steps[0].ravel(), steps[1].ravel())
@@ -260,7 +260,7 @@ def follow_kernel(
         before[:] = center
         for m in range(len(shape)):
             center[m] += speed[m]
-            scene = (before, nearest, shape)
+            scene = (before, nearest, shape, fit_tables)
             agreement[sample, m] = fit_kernel(state, steps, m, center[m], scene, sums)
         lead_kernel(center, start, agreement[sample], nearest)
         speed[:] = SPEED_KEPT * (center - before)
