@@ -10,17 +10,23 @@ its fault, which a busy machine may cause, stops the arm as it should; such a tr
 (``early``) and repeated. So is one in which this process, which plays the robot, did not run for
 50 ms (``robot_late``). The summary is written after every trial and continued by the same
 command. The exit code is 1 where a trial failed.
+
+Without faults, a process on each core that does nothing but sleep for 1 ms, with a higher
+real-time priority than the guard and its memory locked, notes when the machine let it wait. Its
+longest wait is printed beside each trip: what stalls such a process stalls every guard.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +44,7 @@ from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
 from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
 from spikingtac.live.guard.contact_process import ContactProcess  # noqa: E402
-from spikingtac.live.guard.real_time import take_precedence  # noqa: E402
+from spikingtac.live.guard.real_time import lock_memory, take_precedence  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
@@ -56,6 +62,9 @@ FAULT_WINDOW = 500
 PATIENCE_S = 30.0
 ROBOT_LATE_S = 0.05
 """The robot's stand-in shares the machine; a real controller does not wait for its turn, s."""
+STALL_PRIORITY, STALL_S, STALL_MEMORY_S = 50, 0.003, 1.0
+"""Real-time priority of the processes that note stalls, the shortest stall noted, and how long
+before a trip's notice one counts, s."""
 SLOW_S = 0.002
 """What the detector needs for a window of 1 ms under the attack "lag", s."""
 DETECTOR_FAULTS = ("lag", "hang", "exception", "ignored")
@@ -274,8 +283,51 @@ def attack(kind: str, trials: int, known: dict[str, Any], folder: Path) -> Itera
             return
 
 
+def note_stalls(core: int, folder: str) -> None:
+    """Sleep for 1 ms again and again on one core; note in a file when that takes longer."""
+    os.sched_setaffinity(0, {core})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(STALL_PRIORITY))
+    lock_memory()
+    with Path(folder, str(core)).open("w", encoding="utf-8", buffering=1) as file:
+        due_s = time.monotonic()
+        while True:
+            due_s += WINDOW_S
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            now_s = time.monotonic()
+            if now_s - due_s > STALL_S:
+                file.write(f"{now_s} {now_s - due_s}\n")
+                due_s = now_s
+
+
+@contextmanager
+def stall_notes() -> Iterator[Callable[[float, float], float]]:
+    """Note stalls on every core; yield what returns the longest stall between two times, s."""
+    spawn = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as folder:
+        cores = sorted(os.sched_getaffinity(0))
+        watchers = [
+            spawn.Process(target=note_stalls, args=(core, folder), daemon=True) for core in cores
+        ]
+        for watcher in watchers:
+            watcher.start()
+
+        def longest_s(since_s: float, until_s: float) -> float:
+            lines = [line for path in Path(folder).iterdir() for line in path.open()]
+            notes = [tuple(map(float, line.split())) for line in lines]
+            return max((late for at, late in notes if since_s <= at <= until_s), default=0.0)
+
+        yield longest_s
+        for watcher in watchers:
+            watcher.terminate()
+
+
 def keep_quiet(minutes: float) -> int:
     """Guard without any fault, again after each trip; print the trips, of which none is due."""
+    with stall_notes() as longest_stall_s:
+        return _keep_quiet(minutes, longest_stall_s)
+
+
+def _keep_quiet(minutes: float, longest_stall_s: Callable[[float, float], float]) -> int:
     begun_s, watched_s = time.monotonic(), 0.0
     trips: list[str] = []
     while time.monotonic() - begun_s < 60.0 * minutes:
@@ -293,10 +345,19 @@ def keep_quiet(minutes: float) -> int:
             watched_s += time.monotonic() - ready_s
             if status["phase"] != "ready":
                 trips.append(f"{status['health']}: {status['reason']}")
-                load = os.getloadavg()[0]
-                print(f"after {watched_s / 60:.1f} min, load {load:.1f}: {trips[-1]}", flush=True)
+                load, now_s = os.getloadavg()[0], time.monotonic()
+                stall_ms = 1e3 * longest_stall_s(now_s - STALL_MEMORY_S, now_s)
+                print(
+                    f"after {watched_s / 60:.1f} min, load {load:.1f}: {trips[-1]}; "
+                    f"longest stall of the machine in the last second: {stall_ms:.1f} ms",
+                    flush=True,
+                )
             process.close()
-    print(f"{len(trips)} trips in {watched_s / 60:.1f} min, precedes: {status.get('precedes')}")
+    stall_ms = 1e3 * longest_stall_s(begun_s, time.monotonic())
+    print(
+        f"{len(trips)} trips in {watched_s / 60:.1f} min, precedes: {status.get('precedes')}, "
+        f"longest stall of the machine {stall_ms:.1f} ms"
+    )
     return int(len(trips) > 0)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError, MissingExtraError
+from spikingtac.events.formats.checks.hdf5_attributes import read_attributes
 from spikingtac.events.formats.checks.limits import piece_limit_bytes, refuse_piece
 from spikingtac.events.formats.checks.time_course import TIME_LIMIT_US
 from spikingtac.events.formats.checks.time_unit import US_PER_S
@@ -252,8 +253,14 @@ def _matched(names: Any) -> dict[str, str] | None:
 
 
 def _size_of(file: Any, path: Path) -> tuple[int, int] | None:
-    for place in ("/", "CD", "CD/events", "events"):
-        attributes = getattr(_found(file, place, path), "attrs", {})
+    """Return the size that an attribute tells, or None.
+
+    Raises:
+        ValueError: The attributes are damaged, or tell no size.
+    """
+    objects = [_found(file, place, path) for place in ("/", "CD", "CD/events", "events")]
+    names = [found.name for found in objects if hasattr(found, "attrs")]
+    for attributes in read_attributes(path, names):
         if "geometry" in attributes:
             width, _, height = str(attributes["geometry"]).partition("x")
             if width.isdigit() and height.isdigit():

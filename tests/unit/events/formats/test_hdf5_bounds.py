@@ -10,6 +10,7 @@ import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
+from spikingtac.events.formats.checks import hdf5_attributes
 
 h5py: Any = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
 
@@ -72,3 +73,38 @@ def test_the_limit_is_raised_by_the_environment(
         file.create_dataset("events/x", (8,), "u1", chunks=(1 << 27,), maxshape=(None,))
     monkeypatch.setenv("SPIKINGTAC_PIECE_LIMIT_MIB", "512")
     assert open_events(tmp_path / "a.h5").size == (320, 320)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "size"),
+    [
+        ({"geometry": "64x48"}, (64, 48)),
+        ({"width": 32, "height": np.int32(24)}, (32, 24)),
+        ({"sensor_resolution": np.array([20, 30])}, (30, 20)),
+    ],
+)
+def test_the_size_comes_from_the_attributes(
+    tmp_path: Path, attributes: dict[str, Any], size: tuple[int, int]
+) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file["events/x"] = np.zeros(8, np.int64)
+        file["events"].attrs.update(attributes)
+        file["events"].attrs["note"] = np.zeros(3)
+    assert open_events(tmp_path / "a.h5").size == size
+
+
+def test_attributes_without_end_are_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file["events/x"] = np.zeros(8, np.int64)
+    monkeypatch.setattr(hdf5_attributes, "TIME_LIMIT_S", 1e-3)
+    with pytest.raises(FormatError, match="no end of its attributes"):
+        open_events(tmp_path / "a.h5")
+
+
+def test_a_reader_of_attributes_that_fails_is_told(tmp_path: Path) -> None:
+    with write(tmp_path / "a.h5") as file:
+        file["events/x"] = np.zeros(8, np.int64)
+    with pytest.raises(ValueError, match="cannot be read: .*nowhere"):
+        hdf5_attributes.read_attributes(tmp_path / "a.h5", ["/nowhere"])
