@@ -1,6 +1,8 @@
 """Open an event file, walk through it in windows of 1 ms, and say what was wrong with it.
 
-Usage: ``python examples/01_open_events.py [FILE]``; without a file, a small one is written first.
+Run: python examples/01_open_events.py [FILE]
+
+Without a file, a small one is written first.
 """
 
 from __future__ import annotations
@@ -11,26 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events import create_events, open_events
-from spikingtac.events.windows import windows
-from spikingtac.types import EventPacket
+import spikingtac as st
 
 SIZE = (320, 320)
 
 
-def a_moving_edge() -> EventPacket:
+def a_moving_edge() -> st.EventPacket:
     """Return 0.1 s of an edge that crosses the sensor at 1 px/ms, 20 events in each column."""
     t = np.arange(2_000, dtype=np.int64) * 50
     x = (t // 1_000).astype(np.uint16)
     y = (np.arange(2_000) % 20 + 150).astype(np.uint16)
-    return EventPacket(x, y, np.ones(2_000, np.bool_), t, 0, 100_000, SIZE)
+    return st.EventPacket(x, y, np.ones(2_000, np.bool_), t, 0, 100_000, SIZE)
 
 
 def main(path: Path) -> None:
     """Print the events of each window, and the anomalies of the file."""
-    source = open_events(path)
+    source = st.open_events(path)
     print(f"{source.format}, {source.size[0]}x{source.size[1]} px", *source.notes, sep="; ")
-    for window in windows(source, period_us=1_000):
+    for window in st.windows(source, period_us=1_000):
         if len(window):
             middle = float(window.x.mean()), float(window.y.mean())
             print(f"{window.t_start_us:8} us  {len(window):6} events about {middle}")
@@ -42,6 +42,6 @@ if __name__ == "__main__":
         main(Path(sys.argv[1]))
     else:
         with tempfile.TemporaryDirectory() as folder:
-            with create_events(Path(folder) / "edge.raw", SIZE) as writer:
+            with st.create_events(Path(folder) / "edge.raw", SIZE) as writer:
                 writer.write(a_moving_edge())
             main(Path(folder) / "edge.raw")

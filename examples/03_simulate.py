@@ -11,18 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events.open import open_events
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.render import simulate
-from spikingtac.sim.scene.source import SceneSource
+import spikingtac as st
 
 SCENE, SEED, SECONDS = "finger-slides", 7, 1.5
 
 
 def main() -> None:
     """Print what the markers and the events do every quarter of a second, and where files lie."""
-    scene = catalog.load(SCENE)
-    source = SceneSource(scene, SEED, SECONDS)
+    scene = st.load_scene(SCENE)
+    source = st.SceneSource(scene, SEED, SECONDS)
     events, force_n, next_us = 0, 0.0, 250_000
     for step in source.steps():
         events += len(step.packet)
@@ -36,8 +33,8 @@ def main() -> None:
             events, force_n, next_us = 0, 0.0, next_us + 250_000
 
     with tempfile.TemporaryDirectory() as folder:
-        summary = simulate(scene, folder, seed=SEED, duration_s=SECONDS)
-        read = sum(len(packet) for packet in open_events(folder))
+        summary = st.simulate(scene, folder, seed=SEED, duration_s=SECONDS)
+        read = sum(len(packet) for packet in st.open_events(folder))
         names = ", ".join(sorted(path.name for path in Path(folder).iterdir()))
         sys.stdout.write(f"recording: {names}; {read} of {summary['events']} events read back\n")
 

@@ -13,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import spikingtac as st
-from spikingtac.events.recording import Recording
 
 SCENE, SEED, RATE_HZ = "spoon-circles", 3, 1_000.0
 
@@ -27,7 +26,7 @@ def main(picture: str) -> None:
         calibration = st.calibrate(st.open_events(slides))
         tracker = st.make_tracker(st.load_config("default").tracking, calibration)
         frames = list(st.follow(st.open_events(contact), tracker, RATE_HZ))
-        truth = Recording.open(contact).truth() or {}
+        truth = st.Recording.open(contact).truth() or {}
 
     t_us = np.array([frame.t_us for frame in frames])
     found_px = np.array([frame.displacement_px for frame in frames])

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from spikingtac.errors import SpikingTacError as SpikingTacError
     from spikingtac.events.create import create_events as create_events
     from spikingtac.events.open import open_events as open_events
+    from spikingtac.events.recording import Recording as Recording
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
     from spikingtac.events.windows import windows as windows
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from spikingtac.sim.scene.source import SceneSource as SceneSource
     from spikingtac.tracks import Tracks as Tracks
     from spikingtac.tracks.comparison import compare_tracks as compare_tracks
+    from spikingtac.tracks.comparison import compare_with_truth as compare_with_truth
     from spikingtac.types import Contact as Contact
     from spikingtac.types import EventPacket as EventPacket
     from spikingtac.types import LossCounters as LossCounters
@@ -63,11 +65,13 @@ _HOMES = {
     "PacketSource": "events.source",
     "Pose": "types",
     "QuietStatistics": "contact.quiet",
+    "Recording": "events.recording",
     "SceneSource": "sim.scene.source",
     "SequentialMotionDetector": "contact.motion.sequential_detector",
     "SpikingTacError": "errors",
     "Tracks": "tracks",
     "compare_tracks": "tracks.comparison",
+    "compare_with_truth": "tracks.comparison",
     "calibrate": "markers.calibration.calibrate",
     "create_events": "events.create",
     "follow": "pipeline.follow",

@@ -20,6 +20,9 @@ DISTRIBUTIONS = {
 """Names of distributions that differ from what they are imported as."""
 BY_NAME_ONLY = {
     "build123d": "imported by a name in a string",
+    "mkdocs": "builds the documentation",
+    "mkdocs-material": "builds the documentation",
+    "mkdocstrings": "builds the documentation",
     "dv-processing": "imported by a name in a string",
     "neuromorphic-drivers": "imported by a name in a string",
     "openmv": "imported by a name in a string",

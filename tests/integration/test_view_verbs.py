@@ -233,4 +233,4 @@ def test_an_unknown_export_is_refused_at_once(
 ) -> None:
     done = called("view", str(recording), "--export", str(tmp_path / "x.mp5"))
     assert done.returncode == 2
-    assert ".mcap, .rrd, .gif" in done.stderr
+    assert ".mcap, .rrd, .mp4, .gif" in done.stderr

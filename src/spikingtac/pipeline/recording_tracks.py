@@ -37,7 +37,7 @@ def track_to_file(
 
     Args:
         source: The recording, from :func:`spikingtac.open_events`.
-        output: ``.npz`` or ``.csv`` file to write.
+        output: ``.npz``, ``.csv`` or ``.parquet`` file to write.
         config: How markers are followed.
         calibration: The sensor's calibration.
         advance: Told the share that is done, 0 to 1.

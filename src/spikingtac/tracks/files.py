@@ -1,9 +1,10 @@
-"""Write tracks: ``tracks.npz``, and its CSV twin in long form."""
+"""Write tracks: ``tracks.npz``, and its twins in long form, CSV and Parquet."""
 
 from __future__ import annotations
 
 import csv
 import json
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, Protocol
@@ -14,36 +15,11 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.array_file import ColumnFile
+from spikingtac.tracks.columns import CSV_COLUMNS, stacked
 from spikingtac.types import MarkerFrame
 
 FRAMES_PER_CHUNK = 1_024
 """Frames that are kept in memory before they are written."""
-
-CSV_COLUMNS = (
-    "t_us",
-    "marker",
-    "detected_x_px",
-    "detected_y_px",
-    "position_x_px",
-    "position_y_px",
-    "displacement_x_px",
-    "displacement_y_px",
-    "held",
-    "confidence",
-)
-
-
-FIELDS = {"held": "coasted"}
-"""Key of a file -> the attribute that holds it, where the two differ."""
-
-COLUMN_TYPES = {
-    "detected_px": np.float32,
-    "position_px": np.float32,
-    "displacement_px": np.float32,
-    "held": np.bool_,
-    "confidence": np.float32,
-}
-"""Key of a file -> the type of its numbers."""
 
 
 class TracksWriter(Protocol):
@@ -63,10 +39,11 @@ class TracksWriter(Protocol):
 
 
 def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> TracksWriter:
-    """Return a writer by the file's ending: ``.npz``, or ``.csv`` in long form.
+    """Return a writer by the file's ending: ``.npz``, or ``.csv`` and ``.parquet`` in long form.
 
     Raises:
-        ConfigError: The ending is neither, or the folder does not exist.
+        ConfigError: The ending is none of these, or the folder does not exist.
+        MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
     """
     target = Path(path)
     if not target.parent.is_dir():
@@ -75,7 +52,19 @@ def create_tracks(path: str | Path, reference_px: NDArray[np.float64]) -> Tracks
         return NpzTracksWriter(target, reference_px)
     if target.suffix == ".csv":
         return CsvTracksWriter(target)
-    raise ConfigError(f"tracks are written as .npz or .csv, not as {target.name!r}")
+    if target.suffix == ".parquet":
+        from spikingtac.tracks.parquet import ParquetTracksWriter
+
+        return ParquetTracksWriter(target)
+    raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
+
+
+def is_tracks_file(path: str | Path) -> bool:
+    """Return whether a file is an archive that holds displacements over time."""
+    if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return {"t_us.npy", "displacement_px.npy"} <= set(archive.namelist())
 
 
 class NpzTracksWriter:
@@ -86,7 +75,8 @@ class NpzTracksWriter:
         self._file.set("reference_px", reference_px.astype(np.float32))
         self._frames: list[MarkerFrame] = []
         self._measured: list[Mapping[str, NDArray[np.float64]]] = []
-        self._flush_empty(len(reference_px))
+        self._markers = len(reference_px)
+        self._file.append(stacked([], self._markers))  # an archive without estimates has them, too
 
     def write(self, frame: MarkerFrame) -> None:
         """Append a frame."""
@@ -112,24 +102,11 @@ class NpzTracksWriter:
         if not self._frames:
             return
         frames, self._frames = self._frames, []
-        columns = {
-            name: np.stack([getattr(frame, FIELDS.get(name, name)) for frame in frames]).astype(
-                dtype
-            )
-            for name, dtype in COLUMN_TYPES.items()
-        }
+        columns = stacked(frames, self._markers)
         measured, self._measured = self._measured, []
         for name in measured[0] if measured else ():
             columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
-        self._file.append({"t_us": np.array([frame.t_us for frame in frames]), **columns})
-
-    def _flush_empty(self, markers: int) -> None:
-        shapes = {"held": (0, markers), "confidence": (0, markers)}
-        columns = {
-            name: np.empty(shapes.get(name, (0, markers, 2)), dtype)
-            for name, dtype in COLUMN_TYPES.items()
-        }
-        self._file.append({"t_us": np.empty(0, np.int64), **columns})
+        self._file.append(columns)
 
 
 class CsvTracksWriter:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
-import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -12,15 +12,25 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.tracks.files import COLUMN_TYPES, FIELDS, create_tracks
+from spikingtac.tracks.columns import FIELDS, VECTORS, long_columns, require_shapes, stacked
+from spikingtac.tracks.files import NpzTracksWriter, create_tracks
 from spikingtac.types import MarkerFrame
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
+    from xarray import Dataset
 
 US_PER_S = 1_000_000
+DRAWING = "spikingtac.plots.tracks"
+"""Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
+WRENCHES = ("wrench_estimate", "wrench_half_width", "wrench_distance")
+"""Arrays that are there where a force model was given."""
+UNITS = ("px", "mm")
+"""Ends of names that are units."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -70,6 +80,21 @@ class Tracks:
         return self.coasted
 
     @classmethod
+    def of(cls, frames: Iterable[MarkerFrame], calibration: Calibration) -> Self:
+        """Gather frames, as :func:`spikingtac.follow` yields them.
+
+        Args:
+            frames: Any number of frames, in order of time.
+            calibration: That they were tracked with.
+        """
+        values = stacked(list(frames), len(calibration.reference_px))
+        return cls(
+            reference_px=calibration.reference_px.astype(np.float32),
+            meta=calibration.scale(),
+            **_by_attribute(values),
+        )
+
+    @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read ``tracks.npz``.
 
@@ -81,9 +106,8 @@ class Tracks:
             meta = json.loads(str(values.pop("meta")))
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")
-            _require_shapes(values)
-            fields = {FIELDS.get(name, name): array for name, array in values.items()}
-            return cls(meta=meta, **fields)
+            require_shapes(values)
+            return cls(meta=meta, **_by_attribute(values))
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RecordingError(
                 f"{str(path)!r} holds no tracks: {error}; "
@@ -94,11 +118,16 @@ class Tracks:
         """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`.
 
         Raises:
-            ConfigError: The ending is neither ``.npz`` nor ``.csv``, or there is no such folder.
+            ConfigError: The ending is none of ``.npz``, ``.csv``, ``.parquet``, or there is no such
+                folder.
+            MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
         """
         writer = create_tracks(path, self.reference_px.astype(np.float64))
+        felt = self._wrenches()
         try:
-            for frame in self.frames():
+            for number, frame in enumerate(self.frames()):
+                if felt and isinstance(writer, NpzTracksWriter):
+                    writer.measure({name: values[number] for name, values in felt.items()})
                 writer.write(frame)
             writer.close(self.meta)
         except BaseException:
@@ -183,46 +212,82 @@ class Tracks:
             raise MissingExtraError(
                 "tables need pandas; install it with: pip install 'spikingtac[tables]'"
             ) from error
-        estimates, markers = self.coasted.shape
-        columns: dict[str, NDArray[Any]] = {
-            "t_us": np.repeat(self.t_us, markers),
-            "marker": np.tile(np.arange(markers), estimates),
+        return pandas.DataFrame(
+            long_columns(self.t_us, self._vectors(), self.coasted, self.confidence)
+        )
+
+    def to_xarray(self) -> Dataset:
+        """Return the tracks with named axes: ``t_us``, ``marker`` and ``axis``, which is x or y.
+
+        Its variables are the arrays of ``tracks.npz``, each with its unit, ``displacement_mm``
+        where the scale is known, and the coordinates ``row`` and ``column`` of each marker where
+        the grid is. It can be written as netCDF; the attribute ``meta`` is JSON.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise MissingExtraError(
+                "named axes need xarray; install it with: pip install 'spikingtac[xarray]'"
+            ) from error
+        of_all, of_each = ("t_us", "marker", "axis"), ("t_us", "marker")
+        arrays: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
+            **{name: (of_all, values) for name, values in self._vectors().items()},
+            "held": (of_each, self.coasted),
+            "confidence": (of_each, self.confidence),
+            "reference_px": (("marker", "axis"), self.reference_px),
         }
-        vectors: dict[str, NDArray[Any]] = {
-            "detected_{}_px": self.detected_px,
-            "position_{}_px": self.position_px,
-            "displacement_{}_px": self.displacement_px,
+        for name, values in self._wrenches().items():
+            arrays[name] = (("t_us", "component")[: values.ndim], values)
+        variables = {
+            name: (
+                axes,
+                values,
+                {"units": unit} if (unit := name.rpartition("_")[2]) in UNITS else {},
+            )
+            for name, (axes, values) in arrays.items()
         }
-        if self.px_per_mm is not None:
-            vectors["displacement_{}_mm"] = self.displacement_mm
-        for name, vector in vectors.items():
-            for axis, letter in enumerate("xy"):
-                columns[name.format(letter)] = vector[:, :, axis].ravel()
-        columns |= {"held": self.coasted.ravel(), "confidence": self.confidence.ravel()}
-        return pandas.DataFrame(columns)
+        places = {
+            "t_us": self.t_us,
+            "marker": np.arange(len(self.reference_px)),
+            "axis": ["x", "y"],
+        }
+        return xarray.Dataset(
+            variables, {**places, **self._grid()}, {"meta": json.dumps(self.meta, sort_keys=True)}
+        )
+
+    def plot(
+        self,
+        kind: str = "course",
+        *,
+        at_us: int | None = None,
+        theme: str = "light",
+        width: str = "single",
+    ) -> Figure:
+        """Draw the tracks; see :func:`spikingtac.plot_tracks`, which takes the same options."""
+        draw = importlib.import_module(DRAWING).plot_tracks
+        return draw(self, kind, at_us=at_us, theme=theme, width=width)
+
+    def _vectors(self) -> dict[str, NDArray[Any]]:
+        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in VECTORS}
+        return (
+            found if self.px_per_mm is None else found | {"displacement_mm": self.displacement_mm}
+        )
+
+    def _wrenches(self) -> dict[str, NDArray[Any]]:
+        values = {name: getattr(self, name) for name in WRENCHES}
+        return {name: array for name, array in values.items() if array is not None}
+
+    def _grid(self) -> dict[str, Any]:
+        """Return the row and the column of each marker, or nothing where they are not known."""
+        match self.meta.get("grid"):
+            case [int(rows), int(columns)] if rows * columns == len(self.reference_px):
+                row, column = np.divmod(np.arange(rows * columns), columns)
+                return {"row": ("marker", row), "column": ("marker", column)}
+        return {}
 
 
-def is_tracks_file(path: str | Path) -> bool:
-    """Return whether a file is an archive that holds displacements over time."""
-    if Path(path).suffix != ".npz" or not zipfile.is_zipfile(path):
-        return False
-    with zipfile.ZipFile(path) as archive:
-        return {"t_us.npy", "displacement_px.npy"} <= set(archive.namelist())
-
-
-def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse arrays that do not belong together.
-
-    Raises:
-        ValueError: A shape or a type does not fit; KeyError where an array is missing.
-    """
-    times, markers = values["t_us"].shape, len(values["reference_px"])
-    if len(times) != 1 or values["t_us"].dtype.kind != "i":
-        raise ValueError("t_us must be one row of whole numbers")
-    if values["reference_px"].shape != (markers, 2):
-        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
-    for name, dtype in COLUMN_TYPES.items():
-        array = values[name]
-        shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
-        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
-            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
+def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    return {FIELDS.get(name, name): array for name, array in values.items()}

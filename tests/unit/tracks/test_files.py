@@ -89,7 +89,7 @@ def test_csv_is_the_same_in_long_form(tmp_path: Path) -> None:
 
 
 def test_other_endings_and_missing_folders_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"\.npz or \.csv"):
+    with pytest.raises(ConfigError, match=r"\.npz, \.csv or \.parquet"):
         create_tracks(tmp_path / "t.mat", REFERENCE_PX)
     with pytest.raises(ConfigError, match="does not exist"):
         create_tracks(tmp_path / "no" / "t.npz", REFERENCE_PX)

@@ -55,6 +55,10 @@ def run(args: Args) -> int:
     if args.output is not None or args.to is not None:
         return _run_many(args)
     source, target = _pair(args)
+    if args.encoding is not None and target.suffix.lower() != ".raw":
+        raise ConfigError(
+            f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
+        )
     from spikingtac.atomic_files import require_free
 
     _refuse_same_file(source, target)

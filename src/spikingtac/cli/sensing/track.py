@@ -34,7 +34,8 @@ class Args(ManyArgs):
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write: .npz, or .csv in long form; tracks.npz unless given. A folder for many."""
+    """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
+    many."""
     preset: str = "default"
     """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None

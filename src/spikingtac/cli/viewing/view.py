@@ -49,7 +49,7 @@ class Args:
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a summary picture: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun) or .gif; --seconds limits it."""
+    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun), .mp4 or .gif; --seconds limits it."""
     overwrite: bool = False
     """Replace files that are already there."""
     json: bool = False

@@ -8,7 +8,7 @@ from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.viewer.session.source import ViewSource
 
-ENDINGS = (".mcap", ".rrd", ".gif")
+ENDINGS = (".mcap", ".rrd", ".mp4", ".gif")
 
 
 def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
@@ -16,7 +16,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
 
     Args:
         view: From :func:`spikingtac.viewer.session.opening.open_view_source`.
-        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun) or ``.gif``.
+        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun), ``.mp4`` or ``.gif``.
         seconds: Length of the stretch from its beginning; None is all of it.
 
     Raises:
@@ -34,6 +34,10 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             from spikingtac.viewer.export.rrd import export_rrd
 
             return export_rrd(view, partial, seconds=seconds)
+        if target.suffix == ".mp4":
+            from spikingtac.viewer.export.mp4 import export_mp4
+
+            return export_mp4(view, partial, seconds=seconds)
         from spikingtac.viewer.export.gif import export_gif
 
         return export_gif(view, partial, seconds=seconds)

@@ -1,6 +1,6 @@
 """The paper's state-map figure: events rebuild a marker once it has moved by its diameter.
 
-Run: python examples/02_state_map.py [state_map.png]
+Run: python scripts/state_map_figure.py [state_map.png]
 """
 
 import sys

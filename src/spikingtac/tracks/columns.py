@@ -1,0 +1,102 @@
+"""The columns of tracks: one row for each time in archives, one for each marker too in tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.types import MarkerFrame
+
+CSV_COLUMNS = (
+    "t_us",
+    "marker",
+    "detected_x_px",
+    "detected_y_px",
+    "position_x_px",
+    "position_y_px",
+    "displacement_x_px",
+    "displacement_y_px",
+    "held",
+    "confidence",
+)
+"""Columns in long form, in their order: what CSV, Parquet and tables hold."""
+
+FIELDS = {"held": "coasted"}
+"""Key of a file -> the attribute that holds it, where the two differ."""
+
+COLUMN_TYPES = {
+    "detected_px": np.float32,
+    "position_px": np.float32,
+    "displacement_px": np.float32,
+    "held": np.bool_,
+    "confidence": np.float32,
+}
+"""Key of a file -> the type of its numbers."""
+
+VECTORS = ("detected_px", "position_px", "displacement_px")
+"""Those that have an x and a y."""
+
+
+def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[Any]]:
+    """Return the values of frames by their keys in a file: ``t_us (n,)``, then ``(n, m, ...)``.
+
+    Args:
+        frames: Any number, also none.
+        markers: How many markers each has.
+    """
+    columns: dict[str, NDArray[Any]] = {
+        "t_us": np.array([frame.t_us for frame in frames], np.int64)
+    }
+    for name, dtype in COLUMN_TYPES.items():
+        rows = [getattr(frame, FIELDS.get(name, name)) for frame in frames]
+        shape = (len(frames), markers, 2) if name in VECTORS else (len(frames), markers)
+        columns[name] = np.array(rows, dtype).reshape(shape)
+    return columns
+
+
+def long_columns(
+    t_us: NDArray[np.int64],
+    vectors: Mapping[str, NDArray[Any]],
+    held: NDArray[np.bool_],
+    confidence: NDArray[Any],
+) -> dict[str, NDArray[Any]]:
+    """Return columns in long form, by name.
+
+    Args:
+        t_us: ``(n,)`` times, us.
+        vectors: Quantity and unit as ``displacement_px`` -> ``(n, m, 2)`` values; each becomes two
+            columns, ``displacement_x_px`` and ``displacement_y_px``.
+        held: ``(n, m)`` True where a position was predicted.
+        confidence: ``(n, m)`` 0 to 1.
+    """
+    estimates, markers = held.shape
+    columns: dict[str, NDArray[Any]] = {
+        "t_us": np.repeat(t_us, markers),
+        "marker": np.tile(np.arange(markers), estimates),
+    }
+    for name, vector in vectors.items():
+        quantity, _, unit = name.rpartition("_")
+        for axis, letter in enumerate("xy"):
+            columns[f"{quantity}_{letter}_{unit}"] = vector[:, :, axis].ravel()
+    return columns | {"held": held.ravel(), "confidence": confidence.ravel()}
+
+
+def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse arrays that do not belong together.
+
+    Raises:
+        ValueError: A shape or a type does not fit; KeyError where an array is missing.
+    """
+    times, markers = values["t_us"].shape, len(values["reference_px"])
+    if len(times) != 1 or values["t_us"].dtype.kind != "i":
+        raise ValueError("t_us must be one row of whole numbers")
+    if values["reference_px"].shape != (markers, 2):
+        raise ValueError(f"reference_px has shape {values['reference_px'].shape}")
+    for name, dtype in COLUMN_TYPES.items():
+        array = values[name]
+        shape = (*times, markers, 2) if name in VECTORS else (*times, markers)
+        if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")

@@ -1,0 +1,146 @@
+"""The documentation as a site: built without a warning, and without anything from elsewhere."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import spikingtac
+from spikingtac.events.cameras.kinds import KINDS
+from spikingtac.events.open import READABLE
+
+PROJECT = Path(__file__).resolve().parents[2]
+DOCS = PROJECT / "docs"
+REPOSITORY = "https://github.com/spikingtac/spikingtac"
+LOADED = re.compile(
+    r"<(?:script|img|iframe|source|video)\b[^>]*\bsrc=\"?(?P<source>(?:https?:)?//[^\s\">]+)"
+    r"|<link\b(?=[^>]*\brel=\"?(?:stylesheet|preconnect|preload|prefetch|icon))[^>]*"
+    r"\bhref=\"?(?P<link>(?:https?:)?//[^\s\">]+)"
+)
+"""What a browser fetches from elsewhere while it shows a page."""
+HOW_TOS = (
+    "make-a-first-recording",
+    "plot-and-compare-tracks",
+    "work-in-millimetres",
+    "check-a-calibration",
+    "use-your-own-grid",
+    "close-a-loop",
+    "publish-to-ros2",
+    "measure-touch-and-force",
+    "export-what-you-see",
+    "compare-trackers",
+)
+
+
+def hooks() -> ModuleType:
+    path = PROJECT / "scripts" / "site_hooks.py"
+    spec = importlib.util.spec_from_file_location("site_hooks", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    for module in ("material", "mkdocstrings"):
+        pytest.importorskip(module, reason="the extra [docs] is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    # No proxy answers there: a build that fetches anything fails.
+    nowhere = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy", "all_proxy")}
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", folder],
+        cwd=PROJECT,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        env={**os.environ, **nowhere, "NO_MKDOCS_2_WARNING": "1"},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_every_page_is_built(site: Path) -> None:
+    pages = {path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")}
+    pages = pages - {Path("README.html")} | {Path("index.html")}
+    built = {path.relative_to(site) for path in site.rglob("*.html")} - {Path("404.html")}
+    assert built == pages
+    assert (site / "search" / "search_index.json").is_file()
+
+
+def test_a_page_fetches_nothing_from_elsewhere(site: Path) -> None:
+    fetched = {
+        found.group()
+        for path in site.rglob("*.html")
+        for found in LOADED.finditer(path.read_text(encoding="utf-8"))
+    }
+    assert fetched == set()
+    styles = "".join(path.read_text(encoding="utf-8") for path in site.rglob("*.css"))
+    assert re.findall(r"@import|url\(\"?https?:", styles) == []
+
+
+def test_what_is_fetched_is_found() -> None:
+    assert LOADED.search('<link rel="stylesheet" href="https://fonts.example.org/css">')
+    assert LOADED.search('<script src="https://cdn.example.org/x.js"></script>')
+    assert not LOADED.search('<a href="https://example.org">an address is no fetch</a>')
+    assert not LOADED.search('<link rel="canonical" href="https://example.org/">')
+
+
+def test_every_public_name_is_described(site: Path) -> None:
+    page = (site / "reference" / "api.html").read_text(encoding="utf-8")
+    names = set(spikingtac.__all__) - {"__version__"}
+    headed = set(
+        re.findall(r"^::: spikingtac\.(\w+)$", (DOCS / "reference/api.md").read_text(), re.M)
+    )
+    assert headed == names
+    for name in ("Tracks.to_pandas", "Calibration.save", "open_events", "load_scene"):
+        assert f'id="spikingtac.{name}"' in page, name
+    assert not re.findall(r":(?:class|func|mod|meth|data):", page)
+
+
+def test_links_out_of_the_documentation_lead_to_files(site: Path) -> None:
+    targets = {
+        target
+        for path in site.rglob("*.html")
+        for target in re.findall(
+            re.escape(f"{REPOSITORY}/blob/main/") + r"([^\"#>\s]+)",
+            path.read_text(encoding="utf-8"),
+        )
+    }
+    assert "CONTRIBUTING.md" in targets
+    assert [target for target in sorted(targets) if not (PROJECT / target).exists()] == []
+
+
+def test_only_links_that_leave_are_sent_to_the_repository() -> None:
+    outward = hooks().outward
+    text = (
+        "[a](../../results/x.json#y) [b](calibrate.md) [c](../reference/cli.md) [d](https://e.org)"
+    )
+    assert outward(text, "how-to/page.md", REPOSITORY) == (
+        f"[a]({REPOSITORY}/blob/main/results/x.json#y) [b](calibrate.md) [c](../reference/cli.md) "
+        "[d](https://e.org)"
+    )
+
+
+def test_a_role_is_dropped() -> None:
+    drop = hooks().on_page_content
+    assert drop("see :func:<code>spikingtac.follow</code> ...") == "see <code>follow</code> ..."
+
+
+def test_the_ten_how_tos_are_there() -> None:
+    assert [name for name in HOW_TOS if not (DOCS / "how-to" / f"{name}.md").is_file()] == []
+
+
+def test_every_kind_of_camera_and_file_is_listed() -> None:
+    page = (DOCS / "reference" / "cameras.md").read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if f"`{kind}:" not in page] == []
+    formats = (DOCS / "reference" / "file-formats.md").read_text(encoding="utf-8")
+    assert [ending for ending in READABLE if f"`{ending}`" not in formats] == []

@@ -1,0 +1,68 @@
+"""README and tutorial, pasted block by block into an empty folder."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from spikingtac.tracks import Tracks
+from stand_ins.pasted import paste
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_a_screen() -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+
+
+@pytest.fixture(scope="module")
+def readme_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder, empty before, into which the README was pasted."""
+    folder = tmp_path_factory.mktemp("readme")
+    with contextlib.chdir(folder):
+        assert paste(PROJECT / "README.md", "## From the command line") >= 8
+    return folder
+
+
+@pytest.mark.slow
+def test_the_readme_can_be_pasted(readme_folder: Path) -> None:
+    found = {path.name for path in readme_folder.iterdir()}
+    assert {
+        "bootstrap",
+        "left_finger.json",
+        "twist",
+        "tracks.npz",
+        "field.pdf",
+        "twist.mp4",
+    } <= found
+    assert Tracks.load(readme_folder / "tracks.npz").px_per_mm == pytest.approx(15.0, abs=0.2)
+
+
+@pytest.mark.slow
+def test_the_tutorial_can_be_pasted(
+    readme_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Both pages begin with the same simulation and calibration: these were run for the README.
+    shutil.copytree(readme_folder / "bootstrap", tmp_path / "slides")
+    shutil.copy(readme_folder / "left_finger.json", tmp_path / "finger.json")
+    monkeypatch.chdir(tmp_path)
+    page = PROJECT / "docs" / "tutorial" / "first-figure.md"
+    assert paste(page, ready=("slides", "finger.json")) >= 10
+    for name in ("course.pdf", "field.pdf", "field.png", "torsion.pdf", "errors.pdf"):
+        assert (tmp_path / name).stat().st_size > 2_000, name
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial/first-figure.md"])
+def test_both_pages_begin_with_the_same_commands(page: str) -> None:
+    text = (PROJECT / page).read_text(encoding="utf-8")
+    simulated = re.search(r"^spikingtac simulate bootstrap -o (\w+)", text, re.M)
+    assert simulated
+    calibrated = rf"^spikingtac calibrate {simulated.group(1)} -o \S+ --pitch-mm 2.4\b"
+    assert re.search(calibrated, text, re.M)

@@ -1,0 +1,52 @@
+"""A page's blocks as a reader pastes them: commands and Python, in their order."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from spikingtac.cli.main import main
+
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
+SHOWN = ("view", "demo")
+"""Verbs that show a page until they are ended."""
+
+
+def pieces(page: str) -> Iterator[tuple[str, str]]:
+    """Yield ``("command", line)`` for each command of this package, ``("python", block)``."""
+    for language, text in FENCE.findall(page):
+        if language == "python":
+            yield "python", text
+        elif language in ("", "sh"):
+            lines = (line.partition(" #")[0].strip() for line in text.splitlines())
+            yield from (("command", line) for line in lines if line.startswith("spikingtac "))
+
+
+def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
+    """Run a page in the current folder and return how many pieces ran.
+
+    Args:
+        page: The page.
+        begin: Where on the page to begin.
+        ready: Outputs that are there already; the commands that would make them are left out.
+
+    Raises:
+        AssertionError: A command failed, or a block asserts in vain.
+    """
+    text, names = page.read_text(encoding="utf-8"), dict[str, Any](__name__="pasted")
+    ran = 0
+    for kind, piece in pieces(text[text.index(begin) :]):
+        if kind == "python":
+            exec(compile(piece, page.name, "exec"), names)
+        else:
+            _, verb, *rest = shlex.split(piece)
+            if "-o" in rest and rest[rest.index("-o") + 1] in ready:
+                continue
+            if verb in SHOWN and "--export" not in rest:
+                rest += ["--headless", "--seconds", "1", "--port", "0"]
+            assert main([verb, *rest]) == 0, piece
+        ran += 1
+    return ran
