@@ -45,6 +45,15 @@ COLUMN_TYPES = {
 }
 """Key of a file -> the type of its numbers."""
 
+HEALTH_TYPES = {
+    "gaps": np.int32,
+    "overflows": np.int32,
+    "damaged": np.int32,
+    "reconnects": np.int32,
+    "rate_ev_s": np.float32,
+}
+"""Key of a file -> the type of a counter of the source, one a time; older files lack them."""
+
 
 class TracksWriter(Protocol):
     """Takes frames one by one and writes them somewhere."""
@@ -118,6 +127,8 @@ class NpzTracksWriter:
             )
             for name, dtype in COLUMN_TYPES.items()
         }
+        for name, dtype in HEALTH_TYPES.items():
+            columns[name] = np.array([getattr(frame.health, name) for frame in frames], dtype)
         measured, self._measured = self._measured, []
         for name in measured[0] if measured else ():
             columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
@@ -129,7 +140,8 @@ class NpzTracksWriter:
             name: np.empty(shapes.get(name, (0, markers, 2)), dtype)
             for name, dtype in COLUMN_TYPES.items()
         }
-        self._file.append({"t_us": np.empty(0, np.int64), **columns})
+        counters = {name: np.empty(0, dtype) for name, dtype in HEALTH_TYPES.items()}
+        self._file.append({"t_us": np.empty(0, np.int64), **columns, **counters})
 
 
 class CsvTracksWriter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.tracks.files import COLUMN_TYPES, FIELDS, create_tracks
-from spikingtac.types import MarkerFrame
+from spikingtac.tracks.files import COLUMN_TYPES, FIELDS, HEALTH_TYPES, create_tracks
+from spikingtac.types import MarkerFrame, SourceHealth
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -41,6 +41,12 @@ class Tracks:
             model was given.
         wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
         wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
+        gaps: ``(n,)`` stretches that were missing up to then; this and the following, the health of
+            the events, are None in files of older versions.
+        overflows: ``(n,)`` buffers that overran up to then.
+        damaged: ``(n,)`` places that the decoder had to mend up to then.
+        reconnects: ``(n,)`` how often the camera had come back.
+        rate_ev_s: ``(n,)`` events per second in the latest full tenth of a second.
     """
 
     t_us: NDArray[np.int64]
@@ -54,6 +60,11 @@ class Tracks:
     wrench_estimate: NDArray[np.float32] | None = None
     wrench_half_width: NDArray[np.float32] | None = None
     wrench_distance: NDArray[np.float32] | None = None
+    gaps: NDArray[np.int32] | None = None
+    overflows: NDArray[np.int32] | None = None
+    damaged: NDArray[np.int32] | None = None
+    reconnects: NDArray[np.int32] | None = None
+    rate_ev_s: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         """Return one line for people."""
@@ -115,7 +126,21 @@ class Tracks:
                 displacement_px=self.displacement_px[number],
                 coasted=self.coasted[number],
                 confidence=self.confidence[number],
+                health=self._health(number),
             )
+
+    def _health_at_the_end(self) -> dict[str, float] | None:
+        if self.rate_ev_s is None or not len(self.rate_ev_s):
+            return None
+        last = self._health(len(self.t_us) - 1)
+        return replace(last, rate_ev_s=float(self.rate_ev_s.mean(dtype=np.float64))).summary()
+
+    def _health(self, number: int) -> SourceHealth:
+        columns = {name: getattr(self, name) for name in HEALTH_TYPES}
+        known = {
+            name: column[number].item() for name, column in columns.items() if column is not None
+        }
+        return SourceHealth(**known)
 
     @property
     def px_per_mm(self) -> float | None:
@@ -144,7 +169,8 @@ class Tracks:
             ``markers``, ``estimates``, ``t_first_us``, ``t_last_us``, ``duration_s``, ``rate_hz``
             (the median), ``displacement_max_px`` with its ``displacement_max_marker`` and
             ``displacement_max_t_us``, ``displacement_max_mm``, ``held_share``, ``never_observed``
-            (markers that were coasted throughout) and ``px_per_mm``; None where unknown.
+            (markers that were coasted throughout), ``health`` (the counters at the end, and the
+            mean rate) and ``px_per_mm``; None where unknown.
         """
         estimates, markers = self.coasted.shape
         figures: dict[str, Any] = {"markers": markers, "estimates": estimates}
@@ -165,6 +191,7 @@ class Tracks:
             "displacement_max_mm": largest_px / self.px_per_mm if self.px_per_mm else None,
             "held_share": 0.0 if empty else float(self.coasted.mean()),
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
+            "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
         }
 
@@ -226,3 +253,6 @@ def _require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
         shape = (*times, markers) if name in ("held", "confidence") else (*times, markers, 2)
         if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
+    for name in HEALTH_TYPES:
+        if name in values and values[name].shape != times:
+            raise ValueError(f"{name} has shape {values[name].shape}, not {times}")
