@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -12,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from selenium.webdriver.support.ui import WebDriverWait
 
 from spikingtac.cameras.recording.pair import record_pair
 from spikingtac.cameras.recording.session import RecordOptions, prepare_folder
@@ -26,9 +29,11 @@ from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
+from stand_ins.browser import browser
 from stand_ins.camera_counterparts import SIZE, datagrams
 from stand_ins.viewer import CirclingDots, open_circling
 
+COMMAND = Path(sys.executable).with_name("spikingtac")
 LATER_US = 7_000_000
 """The second sensor's clock is ahead of the first one's by so much."""
 BURSTS, PERIOD_S = 40, 0.02
@@ -212,3 +217,54 @@ def test_align_writes_two_recordings_that_felt_the_same_as_one(
     alone = asked(capsys, "align", left, *poses, "-o", tmp_path / "poses.npz")
     assert alone["poses"]["rows"] == 2_500
     assert (tmp_path / "poses.npz").is_file()
+
+
+def test_view_shows_two_and_tells_of_both(day: Path) -> None:
+    given = ["view", str(day), "--second", str(day), "--headless", "--seconds", "1", "--port", "0"]
+    done = subprocess.run(
+        [COMMAND, *given, "--preset", "fast", "--json"], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["estimates"] > 10
+    assert told["second"]["estimates"] > 10
+    assert "error_mean_px" not in told["second"]
+    refused = subprocess.run(
+        [COMMAND, *given[:4], "--export", "x.gif"], capture_output=True, text=True, timeout=300
+    )
+    assert refused.returncode == 2
+    assert "leave out --second" in refused.stderr
+
+
+def test_the_page_of_two_shows_both_in_a_browser(day: Path, tmp_path: Path) -> None:
+    given = [
+        COMMAND,
+        "view",
+        day,
+        "--second",
+        day,
+        "--no-browser",
+        "--port",
+        "0",
+        "--seconds",
+        "40",
+    ]
+    with (
+        browser(tmp_path / "profile") as chrome,
+        subprocess.Popen(list(map(str, given)), stderr=subprocess.PIPE, text=True) as process,
+    ):
+        try:
+            assert process.stderr is not None
+            lines = iter(process.stderr.readline, "")
+            address = next(line.split()[1] for line in lines if line.startswith("open http"))
+            chrome.get(address)
+            for name in ("first", "second"):
+                chrome.switch_to.frame(name)
+                WebDriverWait(chrome, 60, 0.1).until(
+                    lambda page: page.execute_script("return window.__m && __m.frames > 3")
+                )
+                chrome.switch_to.default_content()
+            found = chrome.get_log("browser")
+            assert [entry for entry in found if entry["level"] == "SEVERE"] == []
+        finally:
+            process.terminate()

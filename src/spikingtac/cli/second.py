@@ -52,6 +52,7 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
         ConfigError: One is a camera and the other a recording.
         SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
     """
+    from spikingtac.events.clocks.second import open_second
     from spikingtac.events.formats.evt.raw_stream import is_stream
     from spikingtac.events.open import open_events
 
@@ -63,10 +64,13 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSou
             f"{str(first)!r} and {str(second)!r}: one is a camera and the other a recording; give "
             "two of a kind"
         )
-    if first.is_dir() and second.is_dir() and first.samefile(second):
-        return [open_events(first, strict=strict, sensor=sensor) for sensor in (0, 1)]
-    opened = [open_events(path, strict=strict) for path in (first, second)]
-    return [opened[0], _on_clock_of(first, second, opened[1], strict)]
+    source, known = open_second(first, second, strict=strict)
+    if not known:
+        warn(
+            f"{first.name} and {second.name} know no common clock; their times are taken as they "
+            f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
+        )
+    return [open_events(first, strict=strict), source]
 
 
 def for_each(
@@ -95,20 +99,3 @@ def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:
     addresses = [Address.parse(camera_address(path)) for path in (first, second)]
     cameras = [CameraSource(address, options) for address in addresses]
     return list(live_pair(cameras[0], cameras[1], options))
-
-
-def _on_clock_of(first: Path, second: Path, source: FileSource, strict: bool) -> FileSource:
-    """Return the second recording on the first one's clock, where their manifests know it."""
-    from spikingtac.events.clocks.recorded import clock_beside
-    from spikingtac.events.clocks.retimed import RetimedSource
-    from spikingtac.events.formats.file_source import ReadOptions
-
-    base, own = clock_beside(first), clock_beside(second)
-    time_map = None if base is None or own is None else own.on(base)
-    if time_map is None:
-        warn(
-            f"{first.name} and {second.name} know no common clock; their times are taken as they "
-            f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
-        )
-        return source
-    return RetimedSource(source, time_map, ReadOptions(strict=strict))

@@ -11,6 +11,7 @@ from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.clocks.poses import Poses, from_host
 from spikingtac.events.clocks.recorded import RecordedClock, clock_beside
 from spikingtac.events.clocks.retimed import RetimedSource
+from spikingtac.events.clocks.second import is_same_folder
 from spikingtac.events.clocks.shared_motion import course_of, through_motion
 from spikingtac.events.clocks.time_map import TimeMap
 from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
@@ -40,7 +41,7 @@ class SecondFinger:
     """
 
     def __init__(self, first: Path, second: Path) -> None:
-        if first.is_dir() and second.is_dir() and first.samefile(second):
+        if is_same_folder(first, second):
             path = first / name_of(RECORDING_NAME, 1)
             if not path.is_file():
                 raise RecordingError(f"{str(first)!r} holds one sensor; name the other recording")
