@@ -92,8 +92,8 @@ def run(args: Args) -> int:
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
     from spikingtac.live.factory import Factory
+    from spikingtac.viewer.pair.second import open_second_view
     from spikingtac.viewer.session.opening import open_felt_source, open_view_source
-    from spikingtac.viewer.session.second import open_second_view
     from spikingtac.viewer.web.show import show_pair
 
     if args.export is not None or args.picture is not None:

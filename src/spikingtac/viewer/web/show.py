@@ -19,11 +19,11 @@ from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
+from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, make_pair_app, serve
-from spikingtac.viewer.web.together import Together
 
 OPENING_S = 1_800.0
 """Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some

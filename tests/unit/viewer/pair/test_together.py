@@ -8,9 +8,9 @@ from typing import Any
 import httpx
 import pytest
 
+from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_pair_app
-from spikingtac.viewer.web.together import Together
 
 
 class Session:
