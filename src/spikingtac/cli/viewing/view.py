@@ -21,11 +21,15 @@ class Args:
     """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """Event file, recording folder, a camera's address or named pipe, or name of a scene
-    (spikingtac simulate --list)."""
+    """Event file, recording folder, a camera (its address, a named pipe, or -), or name of a
+    scene (spikingtac simulate --list)."""
     calibration: Path | None = None
     """calibration.json of this sensor; a folder's own unless given. Without one the
-    events alone are shown, with rate, noise and hot pixels."""
+    events alone are shown, with rate, noise and hot pixels, and the page calibrates."""
+    calibrate: bool = False
+    """Calibrate with the page, even where a calibration is known."""
+    save_calibration: Path = Path("calibration.json")
+    """File that a calibration made with the page is saved as."""
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -69,14 +73,33 @@ def run(args: Args) -> int:
     }
     if args.force is not None:
         arguments["force"] = str(args.force)
+    if args.calibrate and (args.calibration or args.force or args.export):
+        raise ConfigError(
+            "--calibrate begins without one; leave out --calibration, --force and --export"
+        )
     if args.export is not None:
         if args.picture is not None:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
     else:
-        summary = show_source(arguments, args, repeat=False)
+        summary = _shown(arguments, args)
     report(args.source, summary, as_json=args.json)
     return 0
+
+
+def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
+    """Show the source; standard input goes through a pipe, since another process reads it."""
+    from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT
+    from spikingtac.live.standard_input import standard_input_pipe
+    from spikingtac.viewer.session.calibrating.desk import SaveTarget
+
+    if args.force is None:
+        arguments["look"] = args.calibrate
+        arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
+    if args.source != STANDARD_INPUT:
+        return show_source(arguments, args, repeat=False)
+    with standard_input_pipe() as pipe:
+        return show_source({**arguments, "source": str(pipe)}, args, repeat=False)
 
 
 def check_seconds(seconds: float | None) -> None:
