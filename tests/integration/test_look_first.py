@@ -56,7 +56,11 @@ def test_its_events_are_shown_with_figures_and_advice(
     assert "position_px" not in arrays
     assert np.count_nonzero(arrays["activity"]) > 10
     assert arrays["counts"].sum() > 0
-    assert "spikingtac calibrate events.raw" in meta["notice"]
+    assert meta["notice"] == ""
+    guide = meta["guide"]
+    assert guide["state"] == "guide"
+    assert guide["command"] == "spikingtac calibrate events.raw -o calibration.json"
+    assert guide["advice"]
     assert meta["displacement_max_px"] == 0.0
     session.close()
 

@@ -226,8 +226,8 @@ class _SessionMonitor:
             if now_s - self._reported_s > STILL_STARTING_S:
                 self._reported_s = now_s
                 self._report(
-                    "getting ready: the first start compiles kernels "
-                    f"({now_s - self._begun_s:.0f} s so far)"
+                    "getting ready: the first start compiles kernels, and a camera has to send "
+                    f"its first events ({now_s - self._begun_s:.0f} s so far)"
                 )
             return
         _raise_failure(self._session)
