@@ -11,7 +11,7 @@ import pytest
 
 from numba_cache import prepare_cache
 
-# One test runs on each core: threads of their own make small products of matrices ten times as slow.
+# One test runs on each core: more threads make small products of matrices ten times as slow.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -176,6 +176,35 @@ class EventPacket:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceHealth:
+    """What a source of events is known to have lost so far, and how much it sends: a snapshot.
+
+    Attributes:
+        gaps: Stretches that are missing, a camera that was gone included.
+        overflows: Buffers that overran on the way.
+        damaged: Places where the decoder had to mend or to drop something.
+        reconnects: How often the camera came back.
+        rate_ev_s: Events per second in the latest full tenth of a second.
+    """
+
+    gaps: int = 0
+    overflows: int = 0
+    damaged: int = 0
+    reconnects: int = 0
+    rate_ev_s: float = 0.0
+
+    def summary(self) -> dict[str, float]:
+        """Return the counters for a report."""
+        return {
+            "gaps": self.gaps,
+            "overflows": self.overflows,
+            "damaged": self.damaged,
+            "reconnects": self.reconnects,
+            "rate_ev_s": round(self.rate_ev_s, 1),
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class MarkerFrame:
     """The markers at one time; every stage's output stays inspectable.
 
@@ -186,6 +215,8 @@ class MarkerFrame:
         displacement_px: ``(m, 2)`` position minus reference, px.
         coasted: ``(m,)`` True where the marker coasts: its position is predicted, not observed.
         confidence: ``(m,)`` from 0 (no support) to 1.
+        health: State of the events up to then, as far as their source was read: it reads ahead in
+            files, not on a camera. Whoever drives the tracker adds it.
     """
 
     t_us: int
@@ -194,6 +225,19 @@ class MarkerFrame:
     displacement_px: NDArray[np.float64]
     coasted: NDArray[np.bool_]
     confidence: NDArray[np.float64]
+    health: SourceHealth = SourceHealth()
+
+    def with_health(self, health: SourceHealth) -> MarkerFrame:
+        """Return the same estimate with the health of the events that it rests on."""
+        return MarkerFrame(
+            self.t_us,
+            self.detected_px,
+            self.position_px,
+            self.displacement_px,
+            self.coasted,
+            self.confidence,
+            health,
+        )
 
     @property
     def held(self) -> NDArray[np.bool_]:

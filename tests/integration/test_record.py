@@ -95,12 +95,15 @@ def test_ctrl_c_completes_a_recording_in_parts(tmp_path: Path) -> None:
     told = json.loads(out)
     assert (told["ended"], told["events"], told["lost_events"]) == ("closed", 80_000, 0)
     assert told["files"] >= 3
+    assert {told["health"][key] for key in ("gaps", "overflows", "damaged", "reconnects")} == {0}
+    assert told["health"]["rate_ev_s"] > 0.0
     found, expected = whole(folder), EventPacket.concatenate(sent)
     for column in ("x", "y", "p"):
         np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
     np.testing.assert_array_equal(found.t - found.t[0], expected.t - expected.t[0])
     manifest = Recording.open(folder).manifest
     assert manifest["complete"] is True
+    assert manifest["health"] == told["health"]
     for part in manifest["files"]:
         assert hashlib.sha256((folder / part["name"]).read_bytes()).hexdigest() == part["sha256"]
     assert not list(folder.glob(".*"))

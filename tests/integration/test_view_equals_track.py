@@ -68,3 +68,7 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
     np.testing.assert_array_equal(one.detected_px, other.detected_px)
     np.testing.assert_array_equal(one.position_px, other.position_px)
     np.testing.assert_array_equal(one.coasted, other.coasted)
+    assert one.rate_ev_s is not None
+    assert one.rate_ev_s[-1] > 0.0
+    np.testing.assert_array_equal(one.rate_ev_s, other.rate_ev_s)
+    np.testing.assert_array_equal(one.gaps, other.gaps)

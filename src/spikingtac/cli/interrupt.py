@@ -10,20 +10,21 @@ from typing import Any
 
 
 @contextmanager
-def ending_on_interrupt(source: object) -> Iterator[None]:
-    """Close a live source at the first Ctrl-C; a second one interrupts as usual.
+def ending_on_interrupt(*sources: object) -> Iterator[None]:
+    """Close live sources at the first Ctrl-C; a second one interrupts as usual.
 
     Args:
-        source: One with ``close()`` ends so; any other is interrupted at once.
+        *sources: Those with ``close()`` end so; where none has it, the work is interrupted at once.
     """
-    close = getattr(source, "close", None)
-    if close is None or threading.current_thread() is not threading.main_thread():
+    closes = [close for source in sources if (close := getattr(source, "close", None)) is not None]
+    if not closes or threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def end(*_: Any) -> None:
         signal.signal(signal.SIGINT, before)
-        close()
+        for close in closes:
+            close()
 
     before = signal.signal(signal.SIGINT, end)
     try:

@@ -11,6 +11,7 @@ VERBS: dict[str, str] = {
     "convert": "write an event file in another format, or a part of it",
     "export": "write tracks as a data set for robot learning: LeRobot, Zarr",
     "record": "record a camera into a folder: lossless, in files, readable after a crash",
+    "align": "put two fingers, and a robot's poses, on one clock, and say how well it is known",
     "simulate": "render a scene of the digital twin into a recording folder with ground truth",
     "design": "compute a sensor from its parameters, check it, and write its parts and drawings",
     "calibrate": "learn where the markers rest and how they look, from slides or contacts",
@@ -33,7 +34,7 @@ VERBS: dict[str, str] = {
 """Verb -> one line of help."""
 
 FOLDERS: dict[str, tuple[str, ...]] = {
-    "files": ("info", "convert", "export", "record"),
+    "files": ("info", "convert", "export", "record", "align"),
     "robot": ("probe", "guard"),
     "sensing": ("calibrate", "track", "contact", "touch", "force"),
     "studies": ("train", "experiment", "bench"),

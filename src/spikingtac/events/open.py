@@ -42,7 +42,7 @@ def open_events(
             ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
-        sensor: In a folder, the sensor on the same clock: 1 opens ``events_1.raw``.
+        sensor: In a folder, the sensor: 1 opens ``events_1.raw``, on the first sensor's clock.
         encoding: RAW words to assume whatever the header says: evt2, evt21 or evt3.
         size: ``(width, height)`` to assume whatever the file says, px.
 
@@ -67,12 +67,20 @@ def open_events(
         return CameraSource(Address.parse(path), options)
     file = _file(Path(path), sensor)
     if Path(path).is_dir() and file.suffix == ".raw":
-        from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
-
-        parts = parts_of(file)
-        if len(parts) > 1:
-            return RawParts(parts, options)
+        return _of_folder(Path(path), file, sensor, options)
     return _opener(file)(file, options)
+
+
+def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
+    """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
+    from spikingtac.events.clocks.recorded import time_base_of
+    from spikingtac.events.clocks.retimed import RetimedSource
+    from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
+
+    parts = parts_of(file)
+    source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)
+    time_map = time_base_of(folder, sensor)
+    return source if time_map is None else RetimedSource(source, time_map, options)
 
 
 def _file(path: Path, sensor: int) -> Path:

@@ -16,12 +16,8 @@ from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import ColumnFile, load_arrays
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.manifest import MANIFEST, SCHEMA, TRUTH, read_manifest
 from spikingtac.types import EventPacket, LossCounters
-
-SCHEMA = 1
-"""Version of the manifest that this package writes and reads."""
-
-MANIFEST, TRUTH = "manifest.json", "truth.npz"
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class Recording:
                 f"{str(path)!r} is no recording folder: it holds no events.raw; "
                 "open a single file with open_events"
             )
-        return cls(folder, _read_manifest(folder / MANIFEST))
+        return cls(folder, read_manifest(folder / MANIFEST))
 
     @property
     def sensors(self) -> int:
@@ -172,19 +168,3 @@ class RecordingWriter:
         if self._truth is None:
             self._truth = ColumnFile(self.path / TRUTH)
         return self._truth
-
-
-def _read_manifest(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RecordingError(f"{str(path)!r} cannot be read: {error}") from error
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        found = manifest.get("schema") if isinstance(manifest, dict) else None
-        raise RecordingError(
-            f"{str(path)!r} has schema {found!r}, this version reads {SCHEMA}; "
-            "update the package, or remove the manifest to read the events alone"
-        )
-    return manifest

@@ -29,10 +29,11 @@ class EventStore:
         size: ``(width, height)`` of the sensor, px.
         ended: True once the source has nothing more.
         waited_s: Seconds spent waiting for the source so far.
+        losses: What the source has lost so far, by kind.
     """
 
     def __init__(self, source: EventSource) -> None:
-        self.size = source.size
+        self.size, self.losses = source.size, source.losses
         self.ended = False
         self.waited_s = 0.0
         self._stream: Iterator[EventPacket] = iter(source)

@@ -16,12 +16,13 @@ import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import WINDOW_US
+from spikingtac.events.source_health import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.live.event_store import EventStore
 from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
-from spikingtac.types import Contact, MarkerFrame
+from spikingtac.types import Contact, MarkerFrame, SourceHealth
 
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""
@@ -78,6 +79,7 @@ class Playback:
         self._make_tracker, self._make_detector = make_tracker, make_detector
         self._step_s: deque[float] = deque(maxlen=RECENT_STEPS)
         self._spent_s = 0.0
+        self._rated_us, self._rate_ev_s = -1, 0.0
         self.aim_us = store.t_start_us
         self._restart()
 
@@ -196,11 +198,20 @@ class Playback:
         if start_us < edge_us:
             self._tracker.absorb(packet)
         if estimate:
-            self.frame = self._tracker.estimate(edge_us)
+            self.frame = self._tracker.estimate(edge_us).with_health(self._health(edge_us))
         self._spent_s += time.perf_counter() - begun_s
         if estimate:
             self._step_s.append(self._spent_s)
             self._spent_s = 0.0
+
+    def _health(self, t_us: int) -> SourceHealth:
+        """Return the stream's health at a time, as `follow` gives it."""
+        first_us = self.store.first_event_us
+        until_us = t_us // SLOT_US * SLOT_US
+        if first_us is not None and until_us != self._rated_us:
+            rate_ev_s = slot_rate_ev_s(t_us, first_us, lambda *span: len(self.store.between(*span)))
+            self._rated_us, self._rate_ev_s = until_us, rate_ev_s
+        return source_health(self.store.losses, self._rate_ev_s)
 
     def _restart(self) -> None:
         self._history: TrackerHistory[_State] = TrackerHistory()

@@ -7,8 +7,9 @@ were packed. Times are data times; nothing here reads a clock.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
+from spikingtac.events.source_health import HealthMeter
 from spikingtac.events.windows import cut, stretches
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
@@ -16,33 +17,40 @@ from spikingtac.types import EventPacket, MarkerFrame
 
 
 def follow(
-    packets: Iterable[EventPacket], tracker: MarkerTracker, rate_hz: float
+    packets: Iterable[EventPacket],
+    tracker: MarkerTracker,
+    rate_hz: float,
+    losses: Mapping[str, int] | None = None,
 ) -> Iterator[MarkerFrame]:
     """Track a stream and yield the markers at a regular rate.
 
     The first estimate is at the first event, the last one at most a period before the end of the
     stream. Silence in between is filled with estimates too, up to a minute: after a longer one (a
     leap of the clock) the estimates continue at the next event, at the same regular times.
+    Every frame carries the health of the stream.
 
     Args:
         packets: Packets in order of time, of any length.
         tracker: Any tracker, freshly made or reset.
         rate_hz: Estimates per second of data time.
+        losses: What their source counts, for the health; that of ``packets`` unless given.
 
     Raises:
         ConfigError: The rate is not between 0 and 1 MHz.
     """
     check_rate(rate_hz)
+    meter = HealthMeter(getattr(packets, "losses", {}) if losses is None else losses)
     stream = iter(packets)
     first = next((packet for packet in stream if len(packet)), None)
     if first is None:
         return
     times = EstimateTimes(int(first.t[0]), rate_hz)
-    yield tracker.estimate(times.first_us)
+    yield tracker.estimate(times.first_us).with_health(meter.now())
     for stretch in stretches(itertools.chain([first], stream)):
         begun = next(stretch)
         edges_us = times.since(begun.t_start_us)
         for window in cut(itertools.chain([begun], stretch), edges_us):
             tracker.absorb(window)
+            meter.absorb(window)
             if times.includes(window.t_end_us):
-                yield tracker.estimate(window.t_end_us)
+                yield tracker.estimate(window.t_end_us).with_health(meter.now())

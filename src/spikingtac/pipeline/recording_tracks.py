@@ -44,8 +44,8 @@ def track_to_file(
         force: Tells the wrench of every frame, too (``.npz`` only).
 
     Returns:
-        A summary: counts, largest displacement, markers never observed, anomalies, and what the
-        recording has against the calibration.
+        A summary: counts, largest displacement, markers never observed, anomalies, health, and
+        what the recording has against the calibration.
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
@@ -66,7 +66,8 @@ def track_to_file(
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
-        meta = {**_provenance(source, config), **calibration.scale()}
+        health = source.counters().summary()
+        meta = {**_provenance(source, config), **calibration.scale(), "health": health}
         writer.close({**meta, "calibration_misfit": checked.misfit})
     except BaseException:
         writer.abandon()
@@ -75,6 +76,7 @@ def track_to_file(
         **counts.summary(),
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
+        "health": health,
         "calibration_misfit": checked.misfit,
         "output": str(output),
     }

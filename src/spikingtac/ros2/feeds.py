@@ -136,7 +136,8 @@ class _EventsFeed:
         packets: Iterator[EventPacket] = iter(self._events)
         if not self._live:
             packets = paced(windows(packets, STEP_US), pace)
-        for frame in follow(_telling(packets, stream), self._tracker, self._tracking.rate_hz):
+        told, rate_hz = _telling(packets, stream), self._tracking.rate_hz
+        for frame in follow(told, self._tracker, rate_hz, self._events.losses):
             yield frame, None
 
 

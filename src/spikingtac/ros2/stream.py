@@ -165,6 +165,7 @@ class SensorStream:
             "readers": self._publisher.readers(self._topic("field")),
             "behind_ms": (self._clock_ns() - stamp_ns) / 1e6,
             **figures,
+            **frame.health.summary(),
         }
         coasted = int(frame.coasted.sum())
         message = diagnostics_message(self._config.hardware, coasted, told)

@@ -36,6 +36,15 @@ COLUMN_TYPES = {
 }
 """Key of a file -> the type of its numbers."""
 
+HEALTH_TYPES = {
+    "gaps": np.int32,
+    "overflows": np.int32,
+    "damaged": np.int32,
+    "reconnects": np.int32,
+    "rate_ev_s": np.float32,
+}
+"""Key of a file -> the type of a counter of the source, one a time; older files lack them."""
+
 VECTORS = ("detected_px", "position_px", "displacement_px")
 """Those that have an x and a y."""
 
@@ -54,6 +63,8 @@ def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[An
         rows = [getattr(frame, FIELDS.get(name, name)) for frame in frames]
         shape = (len(frames), markers, 2) if name in VECTORS else (len(frames), markers)
         columns[name] = np.array(rows, dtype).reshape(shape)
+    for name, dtype in HEALTH_TYPES.items():
+        columns[name] = np.array([getattr(frame.health, name) for frame in frames], dtype)
     return columns
 
 
@@ -100,3 +111,6 @@ def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
         shape = (*times, markers, 2) if name in VECTORS else (*times, markers)
         if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
+    for name in HEALTH_TYPES:
+        if name in values and values[name].shape != times:
+            raise ValueError(f"{name} has shape {values[name].shape}, not {times}")

@@ -9,7 +9,7 @@ from typing import Any
 
 from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import MissingExtraError
-from spikingtac.tracks.columns import CSV_COLUMNS, long_columns, stacked
+from spikingtac.tracks.columns import CSV_COLUMNS, VECTORS, long_columns, stacked
 from spikingtac.types import MarkerFrame
 
 META_KEY = "spikingtac"
@@ -75,6 +75,6 @@ class ParquetTracksWriter:
             return
         frames, self._frames = self._frames, []
         columns = stacked(frames, len(frames[0].coasted))
-        t_us, held, confidence = (columns.pop(name) for name in ("t_us", "held", "confidence"))
-        rows = long_columns(t_us, columns, held, confidence)
+        vectors = {name: columns[name] for name in VECTORS}
+        rows = long_columns(columns["t_us"], vectors, columns["held"], columns["confidence"])
         self._file.write_table(self._make_table(rows, schema=self._schema))

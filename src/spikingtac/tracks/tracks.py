@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.tracks.columns import FIELDS, VECTORS, long_columns, require_shapes, stacked
+from spikingtac.tracks.columns import FIELDS, HEALTH_TYPES, VECTORS, require_shapes, stacked
 from spikingtac.tracks.files import NpzTracksWriter, create_tracks
-from spikingtac.types import MarkerFrame
+from spikingtac.tracks.tables import as_pandas, as_xarray
+from spikingtac.types import MarkerFrame, SourceHealth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +30,6 @@ DRAWING = "spikingtac.plots.tracks"
 """Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
 WRENCHES = ("wrench_estimate", "wrench_half_width", "wrench_distance")
 """Arrays that are there where a force model was given."""
-UNITS = ("px", "mm")
-"""Ends of names that are units."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,6 +50,12 @@ class Tracks:
             model was given.
         wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
         wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
+        gaps: ``(n,)`` stretches that were missing up to then; this and the following, the health of
+            the events, are None in files of older versions.
+        overflows: ``(n,)`` buffers that overran up to then.
+        damaged: ``(n,)`` places that the decoder had to mend up to then.
+        reconnects: ``(n,)`` how often the camera had come back.
+        rate_ev_s: ``(n,)`` events per second in the latest full tenth of a second.
     """
 
     t_us: NDArray[np.int64]
@@ -64,6 +69,11 @@ class Tracks:
     wrench_estimate: NDArray[np.float32] | None = None
     wrench_half_width: NDArray[np.float32] | None = None
     wrench_distance: NDArray[np.float32] | None = None
+    gaps: NDArray[np.int32] | None = None
+    overflows: NDArray[np.int32] | None = None
+    damaged: NDArray[np.int32] | None = None
+    reconnects: NDArray[np.int32] | None = None
+    rate_ev_s: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         """Return one line for people."""
@@ -144,7 +154,21 @@ class Tracks:
                 displacement_px=self.displacement_px[number],
                 coasted=self.coasted[number],
                 confidence=self.confidence[number],
+                health=self._health(number),
             )
+
+    def _health_at_the_end(self) -> dict[str, float] | None:
+        if self.rate_ev_s is None or not len(self.rate_ev_s):
+            return None
+        last = self._health(len(self.t_us) - 1)
+        return replace(last, rate_ev_s=float(self.rate_ev_s.mean(dtype=np.float64))).summary()
+
+    def _health(self, number: int) -> SourceHealth:
+        columns = {name: getattr(self, name) for name in HEALTH_TYPES}
+        known = {
+            name: column[number].item() for name, column in columns.items() if column is not None
+        }
+        return SourceHealth(**known)
 
     @property
     def px_per_mm(self) -> float | None:
@@ -173,7 +197,8 @@ class Tracks:
             ``markers``, ``estimates``, ``t_first_us``, ``t_last_us``, ``duration_s``, ``rate_hz``
             (the median), ``displacement_max_px`` with its ``displacement_max_marker`` and
             ``displacement_max_t_us``, ``displacement_max_mm``, ``held_share``, ``never_observed``
-            (markers that were coasted throughout) and ``px_per_mm``; None where unknown.
+            (markers that were coasted throughout), ``health`` (the counters at the end, and the
+            mean rate) and ``px_per_mm``; None where unknown.
         """
         estimates, markers = self.coasted.shape
         figures: dict[str, Any] = {"markers": markers, "estimates": estimates}
@@ -194,6 +219,7 @@ class Tracks:
             "displacement_max_mm": largest_px / self.px_per_mm if self.px_per_mm else None,
             "held_share": 0.0 if empty else float(self.coasted.mean()),
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
+            "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
         }
 
@@ -206,15 +232,7 @@ class Tracks:
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise MissingExtraError(
-                "tables need pandas; install it with: pip install 'spikingtac[tables]'"
-            ) from error
-        return pandas.DataFrame(
-            long_columns(self.t_us, self._vectors(), self.coasted, self.confidence)
-        )
+        return as_pandas(self._arrays())
 
     def to_xarray(self) -> Dataset:
         """Return the tracks with named axes: ``t_us``, ``marker`` and ``axis``, which is x or y.
@@ -226,37 +244,7 @@ class Tracks:
         Raises:
             MissingExtraError: xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise MissingExtraError(
-                "named axes need xarray; install it with: pip install 'spikingtac[xarray]'"
-            ) from error
-        of_all, of_each = ("t_us", "marker", "axis"), ("t_us", "marker")
-        arrays: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
-            **{name: (of_all, values) for name, values in self._vectors().items()},
-            "held": (of_each, self.coasted),
-            "confidence": (of_each, self.confidence),
-            "reference_px": (("marker", "axis"), self.reference_px),
-        }
-        for name, values in self._wrenches().items():
-            arrays[name] = (("t_us", "component")[: values.ndim], values)
-        variables = {
-            name: (
-                axes,
-                values,
-                {"units": unit} if (unit := name.rpartition("_")[2]) in UNITS else {},
-            )
-            for name, (axes, values) in arrays.items()
-        }
-        places = {
-            "t_us": self.t_us,
-            "marker": np.arange(len(self.reference_px)),
-            "axis": ["x", "y"],
-        }
-        return xarray.Dataset(
-            variables, {**places, **self._grid()}, {"meta": json.dumps(self.meta, sort_keys=True)}
-        )
+        return as_xarray(self._arrays(), self.meta)
 
     def plot(
         self,
@@ -270,23 +258,22 @@ class Tracks:
         draw = importlib.import_module(DRAWING).plot_tracks
         return draw(self, kind, at_us=at_us, theme=theme, width=width)
 
-    def _vectors(self) -> dict[str, NDArray[Any]]:
-        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in VECTORS}
-        return (
-            found if self.px_per_mm is None else found | {"displacement_mm": self.displacement_mm}
-        )
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        vectors = {name: getattr(self, name) for name in VECTORS}
+        in_mm = {} if self.px_per_mm is None else {"displacement_mm": self.displacement_mm}
+        each = {"held": self.coasted, "confidence": self.confidence}
+        return {
+            "t_us": self.t_us,
+            **vectors,
+            **in_mm,
+            **each,
+            "reference_px": self.reference_px,
+            **self._wrenches(),
+        }
 
     def _wrenches(self) -> dict[str, NDArray[Any]]:
         values = {name: getattr(self, name) for name in WRENCHES}
         return {name: array for name, array in values.items() if array is not None}
-
-    def _grid(self) -> dict[str, Any]:
-        """Return the row and the column of each marker, or nothing where they are not known."""
-        match self.meta.get("grid"):
-            case [int(rows), int(columns)] if rows * columns == len(self.reference_px):
-                row, column = np.divmod(np.arange(rows * columns), columns)
-                return {"row": ("marker", row), "column": ("marker", column)}
-        return {}
 
 
 def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from spikingtac.types import EventPacket
 SIZE = (32, 24)
 KEYS = {
     "format", "size", "events", "on_fraction", "t_first_us", "t_last_us", "duration_s",
-    "mean_rate_mev_s", "peak_rate_mev_s", "anomalies",
+    "mean_rate_mev_s", "peak_rate_mev_s", "anomalies", "health",
 }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.pipeline.estimate_times import EstimateTimes
 from spikingtac.pipeline.follow import follow
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.types import EventPacket, LossCounters, MarkerFrame, SourceHealth
 
 SIZE = (8, 8)
 
@@ -75,3 +76,33 @@ def test_an_empty_recording_gives_nothing() -> None:
 def test_unfit_rates_are_refused(rate_hz: float) -> None:
     with pytest.raises(ConfigError, match="rate_hz"):
         counts([packet([1], 0, 2)], rate_hz)
+
+
+class Losing:
+    """A source that loses something before its second packet."""
+
+    size = SIZE
+
+    def __init__(self) -> None:
+        self.losses = LossCounters()
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        yield packet([1_000, 1_500], 1_000, 3_000)
+        self.losses.add("overflow", 7)
+        self.losses.add("reconnected")
+        yield packet([3_100], 3_000, 203_000)
+
+
+def test_every_frame_carries_the_health_of_its_source() -> None:
+    frames = list(follow(Losing(), Recorder(), 1_000.0))
+    assert [frame.health.overflows for frame in frames[:2]] == [0, 0]
+    assert (frames[-1].health.overflows, frames[-1].health.reconnects) == (7, 1)
+    assert frames[-1].t_us == 203_000
+    assert frames[-1].health.rate_ev_s == 0.0  # nothing came from 100 to 200 ms
+    at_120_ms = next(frame for frame in frames if frame.t_us == 120_000)
+    assert at_120_ms.health.rate_ev_s == pytest.approx(3 / 0.099)
+
+
+def test_packets_that_nobody_counts_are_healthy() -> None:
+    frames = list(follow([packet([1_000], 1_000, 5_000)], Recorder(), 1_000.0))
+    assert frames[-1].health == SourceHealth()

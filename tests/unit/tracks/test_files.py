@@ -9,8 +9,9 @@ import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.tracks import CSV_COLUMNS, FRAMES_PER_CHUNK, Tracks, create_tracks
+from spikingtac.tracks.columns import HEALTH_TYPES
 from spikingtac.tracks.files import NpzTracksWriter
-from spikingtac.types import MarkerFrame
+from spikingtac.types import MarkerFrame, SourceHealth
 
 REFERENCE_PX = np.array([[10.0, 20.0], [30.0, 40.0]])
 
@@ -24,6 +25,7 @@ def frame(t_us: int) -> MarkerFrame:
         displacement_px=detected - 0.5 - REFERENCE_PX,
         coasted=np.array([False, True]),
         confidence=np.array([0.75, 0.0]),
+        health=SourceHealth(gaps=t_us // 2_000, reconnects=1, rate_ev_s=1_234.5),
     )
 
 
@@ -50,6 +52,11 @@ def test_npz_keeps_every_frame(tmp_path: Path, count: int) -> None:
         assert array.shape[:2] == (count, 2)
     np.testing.assert_allclose(tracks.displacement_px, tracks.position_px - REFERENCE_PX, atol=1e-4)
     assert tracks.meta == {"losses": {"gap": 2}}
+    assert tracks.gaps is not None
+    assert tracks.gaps.tolist() == [k // 2 for k in range(count)]
+    assert [row.health for row in tracks.frames()] == [
+        frame(1_000 * k).health for k in range(count)
+    ]
 
 
 def test_what_was_measured_lies_beside_the_frames(tmp_path: Path) -> None:
@@ -76,6 +83,20 @@ def test_what_was_measured_lies_beside_the_frames(tmp_path: Path) -> None:
 def test_equal_frames_give_equal_bytes(tmp_path: Path) -> None:
     first, second = written(tmp_path / "a.npz", 20), written(tmp_path / "b.npz", 20)
     assert first.read_bytes() == second.read_bytes()
+
+
+def test_files_without_health_are_read(tmp_path: Path) -> None:
+    arrays = dict(np.load(written(tmp_path / "t.npz", 3)))
+    for name in HEALTH_TYPES:
+        del arrays[name]
+    np.savez(tmp_path / "old.npz", **arrays)
+    tracks = Tracks.load(tmp_path / "old.npz")
+    assert tracks.gaps is None
+    assert tracks.summary()["health"] is None
+    assert next(tracks.frames()).health == SourceHealth()
+    np.savez(tmp_path / "odd.npz", **arrays, gaps=np.zeros(2, np.int32))
+    with pytest.raises(RecordingError, match="gaps has shape"):
+        Tracks.load(tmp_path / "odd.npz")
 
 
 def test_csv_is_the_same_in_long_form(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 from spikingtac._version import package_version
 from spikingtac.atomic_files import write_text
 from spikingtac.cameras.recording.segments import Part
-from spikingtac.events.recording import MANIFEST, SCHEMA
+from spikingtac.events.manifest import MANIFEST, SCHEMA, name_of
 
 RESERVE = ".reserve"
 RESERVE_BYTES = 1 << 18
@@ -28,10 +28,12 @@ class ManifestFile:
     Args:
         folder: Of the recording.
         size: ``(width, height)`` of the sensor, px.
+        sensor: Which sensor of the folder, from 0 on.
     """
 
-    def __init__(self, folder: Path, size: tuple[int, int]) -> None:
-        self._path, self._reserve = folder / MANIFEST, folder / RESERVE
+    def __init__(self, folder: Path, size: tuple[int, int], sensor: int = 0) -> None:
+        self._path = folder / name_of(MANIFEST, sensor)
+        self._reserve = folder / f"{RESERVE}{sensor or ''}"
         self._size = size
         self._started = time.time()
         # Real bytes: a sparse file reserves nothing.

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.cameras.recording.manifest import ManifestFile
-from spikingtac.cameras.recording.segments import Segments, Split
+from spikingtac.cameras.recording.segments import FIRST_NAME, Segments, Split
 from spikingtac.errors import SpikingTacError
+from spikingtac.events.manifest import name_of
 from spikingtac.types import EventPacket
 
 MANIFEST_S = 5.0
@@ -62,6 +63,7 @@ class Recorder:
         split: When the next file begins.
         about: Called for what the manifest says of the camera; must not block for long.
         room_bytes: Memory for packets that wait for the disk.
+        sensor: Which sensor of the folder, from 0 on.
     """
 
     def __init__(
@@ -71,10 +73,12 @@ class Recorder:
         split: Split | None = None,
         about: Callable[[], Mapping[str, Any]] = dict,
         room_bytes: int = ROOM_BYTES,
+        sensor: int = 0,
     ) -> None:
         self._about = about
-        self._manifest = ManifestFile(folder, size)
-        self._segments = Segments(folder, size, split or Split(), lambda: self._describe(False))
+        self._manifest = ManifestFile(folder, size, sensor)
+        name, describe = name_of(FIRST_NAME, sensor), lambda: self._describe(False)
+        self._segments = Segments(folder, size, split or Split(), describe, name)
         self._room_events = room_bytes // EVENT_BYTES
         self._waiting: deque[EventPacket] = deque()
         self._waiting_events = self._lost_events = 0

@@ -87,6 +87,7 @@ class Segments:
         size: ``(width, height)`` of the sensor, px.
         split: When the next file begins.
         on_part: Called after a file was begun or completed.
+        first_name: Name of the first file.
 
     Attributes:
         parts: The files so far, in order.
@@ -98,7 +99,9 @@ class Segments:
         size: tuple[int, int],
         split: Split,
         on_part: Callable[[], None] = lambda: None,
+        first_name: str = FIRST_NAME,
     ) -> None:
+        self._first_name = first_name
         self.parts: list[Part] = []
         self._folder, self._size, self._split, self._on_part = folder, size, split, on_part
         self._open: _Open | None = None
@@ -154,7 +157,7 @@ class Segments:
         return full or (split.most_us is not None and t_us - part.t_first_us >= split.most_us)
 
     def _begin(self, first_us: int) -> None:
-        part = Part(name=part_name(FIRST_NAME, len(self.parts)), t_first_us=first_us)
+        part = Part(name=part_name(self._first_name, len(self.parts)), t_first_us=first_us)
         digest = hashlib.sha256()
         path = self._folder / part.name
         writer = RawWriter(path, self._size, in_place=True, digest=digest)

@@ -17,11 +17,14 @@ from spikingtac.events.cameras.health import CameraHealth
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.checks.column_check import ColumnCheck
-from spikingtac.events.recording import MANIFEST, TRUTH
+from spikingtac.events.manifest import MANIFEST, TRUTH, name_of
+from spikingtac.events.source_health import source_health
 from spikingtac.types import EventPacket
 
 DESCRIBE_S = 1.0
 """Time between two looks at the camera for the manifest, s."""
+SENSORS = 2
+"""Sensors that one folder holds at most."""
 SHOW_S = 0.2
 """Time between two reports of progress, s."""
 
@@ -35,12 +38,16 @@ class RecordOptions:
         seconds: How long to record from when the camera is open, s.
         copy: Named pipe for a live copy, or None.
         room_bytes: Memory for events that wait for the disk.
+        sensor: Which sensor of the folder, from 0 on.
+        sensors: How many sensors are recorded into the folder.
     """
 
     split: Split = field(default_factory=Split)
     seconds: float = math.inf
     copy: Path | None = None
     room_bytes: int = ROOM_BYTES
+    sensor: int = 0
+    sensors: int = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,7 +106,8 @@ def recorded(folder: Path, overwrite: bool) -> list[Path]:
     """
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{str(folder)!r} is a file; name a folder for the recording")
-    old = [*folder.glob("events*.raw"), *(folder / name for name in (MANIFEST, TRUTH))]
+    names = [name_of(first, sensor) for first in (MANIFEST, TRUTH) for sensor in range(SENSORS)]
+    old = [*folder.glob("events*.raw"), *(folder / name for name in names)]
     old = [path for path in old if path.is_file()]
     if old and not overwrite:
         raise ConfigError(
@@ -124,10 +132,15 @@ class _Session:
         self._received = 0
         self._about: dict[str, Any] = self._described()
         self._recorder = Recorder(
-            folder, source.size, options.split, lambda: self._about, options.room_bytes
+            folder,
+            source.size,
+            options.split,
+            lambda: self._about,
+            options.room_bytes,
+            options.sensor,
         )
         self._copy = LiveCopy(options.copy, source.size) if options.copy else None
-        self._truth = _truth_file(source, folder)
+        self._truth = _truth_file(source, folder / name_of(TRUTH, options.sensor))
 
     def run(self) -> dict[str, Any]:
         self._source.on_poll = self._tick
@@ -187,17 +200,20 @@ class _Session:
     def _described(self) -> dict[str, Any]:
         """Return what the manifest says of the camera."""
         source, mapping = self._source, self._source.clock.mapping()
-        health = source.health().summary()
+        delivery = source.health()
+        told = delivery.summary()
         return {
             "camera": {
                 "address": str(source.address),
                 **source.camera.describe(),
                 "biases": self._biases,
             },
-            "losses": health.pop("losses"),
-            "delivery": health,
+            "losses": told.pop("losses"),
+            "health": source_health(delivery.losses, delivery.rate_ev_s).summary(),
+            "delivery": told,
             "clock": None if mapping is None else mapping.summary(),
             "gaps": [gap._asdict() for gap in source.gaps],
+            **({"sensors": self._options.sensors} if self._options.sensor == 0 else {}),
             **source.camera.manifest(),
             "received_events": self._received,
         }
@@ -221,12 +237,12 @@ class _Session:
         return "seconds" if over else self._source.ended
 
 
-def _truth_file(source: CameraSource, folder: Path) -> ColumnFile | None:
+def _truth_file(source: CameraSource, path: Path) -> ColumnFile | None:
     """Return the growing ``truth.npz`` of a simulation; None for a camera, which knows no truth."""
     fixed = source.camera.truth()
     if not fixed:
         return None
-    file = ColumnFile(folder / TRUTH)
+    file = ColumnFile(path)
     for name, values in fixed.items():
         file.set(name, values)
     source.camera.take_truth = file.append

@@ -115,6 +115,7 @@ def _convert(
         "size": list(source.size),
         "events": written,
         "anomalies": dict(source.losses.kinds()),
+        "health": source.counters().summary(),
     }
     return _Converted(document, source.notes)
 

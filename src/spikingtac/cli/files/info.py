@@ -101,6 +101,7 @@ def summary(source: FileSource) -> dict[str, Any]:
         "mean_rate_mev_s": events / duration_s / EVENTS_PER_MEV if duration_s else 0.0,
         "peak_rate_mev_s": peak / PEAK_WINDOW_US * US_PER_S / EVENTS_PER_MEV,
         "anomalies": dict(source.losses.kinds()),
+        "health": source.counters().summary(),
         **_delivery(source),
     }
 
@@ -139,4 +140,6 @@ class _PeakCounter:
 def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key.replace('_', ' ')} {count:g}" for key, count in value.items())
     return " x ".join(map(str, value)) if isinstance(value, list) else str(value)

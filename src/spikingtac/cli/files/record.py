@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +34,8 @@ class Args:
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
     """Address of a camera (spikingtac cameras lists them), a named pipe, or -."""
+    second: Annotated[Path | None, tyro.conf.arg(metavar="SOURCE")] = None
+    """The other finger's camera: events_1.raw, manifest_1.json, on the first one's clock."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
     """Folder to write: events.raw (EVT3), later files events.0001.raw ..., manifest.json."""
     seconds: float | None = None
@@ -41,8 +43,8 @@ class Args:
     split: Annotated[str, tyro.conf.arg(metavar="SIZE|TIME")] = "1GB"
     """When the next file begins: a size (500MB, 2GB) or a duration (60s, 10min, 1h)."""
     copy: Annotated[Path | None, tyro.conf.arg(metavar="PIPE")] = None
-    """Named pipe for a live copy, to watch meanwhile: spikingtac view PIPE. A reader that stalls
-    delays nothing; what it does not take is counted."""
+    """Named pipe for a live copy (of the first camera), to watch meanwhile: spikingtac view PIPE. A
+    reader that stalls delays nothing; what it does not take is counted."""
     overwrite: bool = False
     """Replace a recording that is there."""
     json: bool = False
@@ -51,6 +53,7 @@ class Args:
 
 def run(args: Args) -> int:
     """Record, and print what was recorded; exit 3 where the disk refused to write."""
+    from spikingtac.cameras.recording.pair import record_pair
     from spikingtac.cameras.recording.segments import Split
     from spikingtac.cameras.recording.session import (
         RecordOptions,
@@ -69,24 +72,34 @@ def run(args: Args) -> int:
         seconds=math.inf if args.seconds is None else args.seconds,
         copy=args.copy,
     )
-    address = Address.parse(camera_address(args.source))
+    given = [args.source] if args.second is None else [args.source, args.second]
+    addresses = [Address.parse(camera_address(source)) for source in given]
     recorded(args.output, args.overwrite)  # before the camera is waited for
-    remark(f"opening {address}; Ctrl-C ends the recording")
-    source = CameraSource(address, ReadOptions(), when_lost="reconnect")
+    remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
+    sources = [CameraSource(one, ReadOptions(), when_lost="reconnect") for one in addresses]
     prepare_folder(args.output, args.overwrite)
-    with ending_on_interrupt(source), _screen() as show:
-        summary = record(source, args.output, options, show)
+    with ending_on_interrupt(*sources), _screen() as show:
+        if args.second is None:
+            summary = record(sources[0], args.output, options, lambda one: show([one]))
+        else:
+            summary = record_pair(sources, args.output, options, show)
     if args.json:
         emit_json(summary)
     else:
         _print(summary)
-    if summary["failure"] is not None:
-        remark(
-            f"spikingtac: error: nothing more could be written ({summary['failure']}); "
-            f"{summary['events']} events are in {str(args.output)!r} and can be read, "
-            f"{summary['lost_events']} were lost; make room, or choose another disk"
-        )
-        return EXIT_MACHINE
+    return _ended_well(summary, args.output)
+
+
+def _ended_well(summary: dict[str, Any], output: Path) -> int:
+    """Return the exit code; say what a disk has refused."""
+    for told in (summary, summary.get("second", summary)):
+        if told["failure"] is not None:
+            remark(
+                f"spikingtac: error: nothing more could be written ({told['failure']}); "
+                f"{told['events']} events are in {str(output)!r} and can be read, "
+                f"{told['lost_events']} were lost; make room, or choose another disk"
+            )
+            return EXIT_MACHINE
     return 0
 
 
@@ -115,13 +128,13 @@ def camera_address(source: Path) -> str:
 
 
 @contextmanager
-def _screen() -> Iterator[Callable[[Progress], object]]:
+def _screen() -> Iterator[Callable[[Sequence[Progress]], object]]:
     """Yield what shows the progress: one line on stderr where it is a terminal."""
     if not sys.stderr.isatty():
         yield lambda progress: None
         return
     try:
-        yield lambda progress: sys.stderr.write(f"\r\x1b[2K{line(progress)}")
+        yield lambda shown: sys.stderr.write("\r\x1b[2K" + " | ".join(map(line, shown)))
     finally:
         sys.stderr.write("\r\x1b[2K")
 
@@ -147,6 +160,20 @@ def line(progress: Progress) -> str:
 
 
 def _print(summary: dict[str, Any]) -> None:
+    second = summary.get("second")
+    emit_table(f"recording {summary['output']}", ("", ""), _rows(summary), words=2)
+    if second is None:
+        return
+    emit_table("the second camera", ("", ""), _rows(second), words=2)
+    base = summary["time_base"]
+    if base is not None:
+        remark(
+            f"the second clock is on the first one within {base['error_us']:.0f} us, but for what "
+            "the cameras' transports differ by; spikingtac align finds that by what both feel"
+        )
+
+
+def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     delivery = summary["delivery"]
     clock = summary["clock"]
     rows = [
@@ -163,8 +190,7 @@ def _print(summary: dict[str, Any]) -> None:
     if clock is not None and clock["drift_error_ppm"] is not None:
         drift = f"{clock['drift_ppm']:.1f} +- {clock['drift_error_ppm']:.1f} ppm against this host"
         rows.append(("camera's clock", drift))
-    rows += [(kind, str(count)) for kind, count in summary["losses"].items()]
-    emit_table(f"recording {summary['output']}", ("", ""), rows, words=2)
+    return rows + [(kind, str(count)) for kind, count in summary["losses"].items()]
 
 
 ENDED = {

@@ -37,8 +37,10 @@ class Args:
     """
 
     recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a a
+    """Event file, or recording folder of one or two sensors (events.raw, events_1.raw); a
     camera's address, a named pipe or - for events as they come, with --quiet."""
+    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
     calibration: tuple[Path, ...] = ()
     """calibration.json of each sensor; unless given, calibration.json and calibration_1.json beside
     the recording are used."""
@@ -61,7 +63,6 @@ class Args:
 
 def run(args: Args) -> int:
     """Learn from the quiet windows, find the contacts, and report them."""
-    from spikingtac.contact.recording import find_contacts
     from spikingtac.events.formats.evt.raw_stream import is_stream
 
     config = _config(args)
@@ -71,20 +72,13 @@ def run(args: Args) -> int:
             f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
             "of the moving arm without contact to learn from: --quiet RECORDING"
         )
-    sources = _sources(args.recording, args.strict)
+    sources = _sources(args.recording, args.strict, args.second)
     calibrations = _calibrations(args, sources)
     name = config.detector or ("default" if calibrations else "event_count")
     detector = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
     checked = _checked(sources, calibrations, args.strict)
-    found = []
-    what = f"finding contacts in {args.recording.name}"
-    with ending_on_interrupt(sources[0]), progress(what) as advance:
-        for contact in find_contacts(checked, detector):
-            found.append(contact)
-            if live:
-                remark(f"contact at {contact.contact.t_us} us")
-            advance(sources[0].progress)
+    found = _found(sources, checked, detector, live)
     summary = {
         "contacts": [_contact(contact) for contact in found],
         "detector": name,
@@ -93,13 +87,34 @@ def run(args: Args) -> int:
         "rule": learned.rule,
         "quiet": _quiet(args, learned),
         "anomalies": _anomalies(sources),
+        "health": [source.counters().summary() for source in sources],
         "calibration_misfit": _misfit(checked),
     }
     if args.json:
         emit_json(summary)
-    else:
-        _print(summary, args, fallback=config.detector is None and not calibrations)
+        return 0
+    _print(summary, args, fallback=config.detector is None and not calibrations)
     return 0
+
+
+def _found(
+    sources: Sequence[FileSource],
+    checked: Sequence[EventSource],
+    detector: ContactDetector,
+    live: bool,
+) -> list[FoundContact]:
+    """Return the contacts; those of a camera are told as they come."""
+    from spikingtac.contact.recording import find_contacts
+
+    found = []
+    bar = progress(f"finding contacts in {sources[0].path.name}")
+    with ending_on_interrupt(*sources), bar as advance:
+        for contact in find_contacts(checked, detector):
+            found.append(contact)
+            if live:
+                remark(f"contact at {contact.contact.t_us} us")
+            advance(sources[0].progress)
+    return found
 
 
 def _checked(
@@ -163,9 +178,13 @@ def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
     return statistics | dict(learned.figures)
 
 
-def _sources(path: Path, strict: bool) -> list[FileSource]:
+def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileSource]:
     from spikingtac.events.open import open_events
 
+    if second is not None:
+        from spikingtac.cli.second import open_two
+
+        return open_two(path, second, strict=strict)
     sensors = 2 if (path / SECOND_SENSOR).is_file() else 1
     return [open_events(path, strict=strict, sensor=sensor) for sensor in range(sensors)]
 
@@ -175,8 +194,7 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
 
     if args.detector == "event_count":
         return []
-    folder = args.recording if args.recording.is_dir() else args.recording.parent
-    beside = [folder / name for name in CALIBRATION_NAMES[: len(sources)]]
+    beside = _beside(args)[: len(sources)]
     paths = list(args.calibration) or [path for path in beside if path.is_file()]
     if args.calibration and len(paths) != len(sources):
         raise ConfigError(
@@ -194,6 +212,15 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
                 "spikingtac calibrate RECORDING -o calibration.json"
             )
     return calibrations
+
+
+def _beside(args: Args) -> list[Path]:
+    """Return where calibrations lie unless they are named: beside each recording."""
+    own = args.recording if args.recording.is_dir() else args.recording.parent
+    other = args.second if args.second is not None and args.second.is_dir() else None
+    if other is None or other == own:
+        return [own / name for name in CALIBRATION_NAMES]
+    return [own / CALIBRATION_NAMES[0], other / CALIBRATION_NAMES[0]]
 
 
 def _contact(found: FoundContact) -> dict[str, Any]:

@@ -12,12 +12,13 @@ import tyro
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
-from spikingtac.cli.sensing.touch_rows import slip_text, touch_row, write_rows
+from spikingtac.cli.messages import emit_json, progress, remark, warn
+from spikingtac.cli.sensing.touch_rows import print_rows, touch_row, write_rows
+from spikingtac.cli.sensing.touch_series import frames_of, touch_config
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.touches.touch_config import TouchConfig
+    from spikingtac.events.formats.file_source import FileSource
     from spikingtac.types import MarkerFrame
 
 WORK = "spikingtac.cli.sensing.touch:touch_one"
@@ -40,8 +41,13 @@ class Args(ManyArgs):
     reference_mm, displacement_mm. Several, folders of them, patterns such as 'day/*.raw'."""
     calibration: Path | None = None
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    second: Annotated[Path | None, tyro.conf.arg(metavar="SOURCE")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """CSV file to write, one line per touch; a folder for many."""
+    """CSV file to write, one line per touch; a folder for many. The second finger's touches.csv is
+    touches_1.csv."""
     preset: str = "default"
     """Tracker: default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -61,6 +67,7 @@ class _Watched:
     unit: str
     px_per_mm: float | None
     anomalies: dict[str, int]
+    health: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +81,10 @@ class _Found:
 
 def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
-    if means_many(args, args.sources):
+    many = means_many(args, args.sources)
+    if args.second is not None:
+        return _run_two(args, many)
+    if many:
         return _run_many(args)
     source = args.sources[0]
     if args.output is not None:
@@ -84,11 +94,44 @@ def run(args: Args) -> int:
     if args.output is not None:
         write_rows(args.output, found.rows)
     if args.json:
-        anomalies = found.watched.anomalies
-        emit_json({"t_first_us": found.first_us, "touches": found.rows, "anomalies": anomalies})
+        emit_json(_document(found))
     else:
-        _print(found, source)
+        _print(found, source, found.first_us)
     return 0
+
+
+def _run_two(args: Args, many: bool) -> int:
+    """List the touches of two fingers on the first one's clock."""
+    from spikingtac.cli.second import for_each, open_two, require_pair, second_name
+
+    calibrations = require_pair(args.calibration, args.second_calibration, many)
+    assert args.second is not None
+    paths = [] if args.output is None else [args.output, second_name(args.output)]
+    for path in paths:
+        require_free(path, args.overwrite)
+    sources = open_two(args.sources[0], args.second, strict=args.strict)
+    with ending_on_interrupt(*sources):
+        both = for_each(
+            lambda number, source: _listed(_track(args, source, calibrations[number])), sources
+        )
+    for path, found in zip(paths, both, strict=False):
+        write_rows(path, found.rows)
+    if args.json:
+        emit_json({**_document(both[0]), "second": _document(both[1])})
+        return 0
+    for found, source in zip(both, (args.sources[0], args.second), strict=True):
+        _print(found, source, both[0].first_us)
+    return 0
+
+
+def _document(found: _Found) -> dict[str, Any]:
+    watched = found.watched
+    return {
+        "t_first_us": found.first_us,
+        "touches": found.rows,
+        "anomalies": watched.anomalies,
+        "health": watched.health or None,
+    }
 
 
 def _run_many(args: Args) -> int:
@@ -135,10 +178,13 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
 def _find(
     args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Found:
+    return _listed(_watch(args, source, advance))
+
+
+def _listed(watched: _Watched) -> _Found:
     from spikingtac.touch.slip.held_touches import HeldTouchDetector
 
-    watched = _watch(args, source, advance)
-    detector = HeldTouchDetector(watched.reference, _config(watched))
+    detector = HeldTouchDetector(watched.reference, touch_config(watched.reference, watched.unit))
     found, first_us = [], None
     for frame in watched.frames:
         first_us = frame.t_us if first_us is None else first_us
@@ -152,26 +198,6 @@ def _find(
     )
 
 
-SCATTER_SHARE = 0.03
-"""Scatter of markers of another sensor, as a share of their pitch (ours: 0.045 mm of 1.6 mm on a
-published series at rest)."""
-
-
-def _config(watched: _Watched) -> TouchConfig:
-    """Return the settings: those of events, or of places from a sensor that sees no changes."""
-    import numpy as np
-
-    from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
-    from spikingtac.touch.touches.touch_config import TouchConfig
-
-    if watched.unit == "px":
-        return TouchConfig()
-    away = ((watched.reference[:, None] - watched.reference[None]) ** 2).sum(axis=2)
-    np.fill_diagonal(away, np.inf)
-    pitch = float(np.sqrt(np.median(away.min(axis=1))))
-    return TouchConfig(least_displacement_px=SCATTER_SHARE * pitch, unseen=NOTHING_UNSEEN)
-
-
 def _watch(args: Args, path: Path, advance: Any) -> _Watched:
     from spikingtac.touch.force.files.series_file import is_series, load_series
 
@@ -179,10 +205,11 @@ def _watch(args: Args, path: Path, advance: Any) -> _Watched:
         series = load_series(path).in_image()
         scale = _px_per_mm(args)
         return _Watched(
-            _frames(series),
+            frames_of(series),
             series.reference,
             series.unit,
             scale if series.unit == "px" else 1.0,
+            {},
             {},
         )
     if args.calibration is None:
@@ -190,26 +217,32 @@ def _watch(args: Args, path: Path, advance: Any) -> _Watched:
             "events need the sensor's calibration: --calibration calibration.json; "
             "make one with: spikingtac calibrate RECORDING -o calibration.json"
         )
-    return _track(args, path, advance)
+    from spikingtac.events.open import open_events
+
+    source = open_events(path, strict=args.strict, sensor=args.sensor)
+    return _track(args, source, args.calibration, advance)
 
 
-def _track(args: Args, path: Path, advance: Any) -> _Watched:
+def _track(
+    args: Args,
+    source: FileSource,
+    calibration_path: Path,
+    advance: Callable[[float], None] = lambda share: None,
+) -> _Watched:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
-    from spikingtac.events.open import open_events
     from spikingtac.markers.registry import make_tracker
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
 
-    assert args.calibration is not None  # _watch() has asked for it
-    calibration = Calibration.load(args.calibration)
+    calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
-    source = open_events(path, strict=args.strict, sensor=args.sensor)
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     anomalies: dict[str, int] = {}
+    health: dict[str, float] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
@@ -218,8 +251,10 @@ def _track(args: Args, path: Path, advance: Any) -> _Watched:
                     advance(source.progress)
                 yield frame
         anomalies.update(source.losses.kinds())
+        health.update(source.counters().summary())
 
-    return _Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, anomalies)
+    place = calibration.reference_px
+    return _Watched(frames(), place, "px", calibration.px_per_mm, anomalies, health)
 
 
 PROGRESS_EVERY = 256
@@ -234,40 +269,7 @@ def _px_per_mm(args: Args) -> float | None:
     return Calibration.load(args.calibration).px_per_mm
 
 
-def _frames(series: Any) -> Iterator[MarkerFrame]:
-    import numpy as np
-
-    from spikingtac.types import MarkerFrame
-
-    markers = len(series.reference)
-    for t_us, moved in zip(series.t_us, series.displacement, strict=True):
-        place = series.reference + moved
-        seen, sure = np.zeros(markers, np.bool_), np.ones(markers)
-        yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
-
-
-def _print(found: _Found, source: Path) -> None:
-    rows, watched, first_us = found.rows, found.watched, found.first_us or 0
-    for kind, count in watched.anomalies.items():
+def _print(found: _Found, source: Path, since_us: int | None) -> None:
+    for kind, count in found.watched.anomalies.items():
         remark(f"note: {kind} {count} times in the recording")
-    unit = "mm" if watched.px_per_mm is not None else "px"
-    emit_table(
-        f"touches in {source.name}, times from its first event",
-        (
-            *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
-            *("peak strain", "slip ms"),
-        ),
-        [
-            (
-                f"{(row['begin_us'] - first_us) / 1e3:.0f}",
-                "-" if row["end_us"] is None else f"{(row['end_us'] - first_us) / 1e3:.0f}",
-                "{:.1f}, {:.1f}".format(*row[f"place_{unit}"]),
-                f"{row[f'area_{unit}2']:.1f}",
-                f"{row[f'peak_displacement_{unit}']:.2f}",
-                f"{row['peak_strength']:.3f}",
-                slip_text(row["slips"], first_us),
-            )
-            for row in rows
-        ],
-        words=0,
-    )
+    print_rows(source.name, found.rows, found.watched.px_per_mm, since_us or 0)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.atomic_files import replacing
+from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -109,3 +110,30 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
         elif not key.startswith("outline_"):
             out[key] = value
     return out
+
+
+def print_rows(
+    name: str, rows: list[dict[str, Any]], px_per_mm: float | None, first_us: int
+) -> None:
+    """Print the touches of a recording, times from ``first_us`` on."""
+    unit = "mm" if px_per_mm is not None else "px"
+    emit_table(
+        f"touches in {name}, times from its first event",
+        (
+            *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
+            *("peak strain", "slip ms"),
+        ),
+        [
+            (
+                f"{(row['begin_us'] - first_us) / 1e3:.0f}",
+                "-" if row["end_us"] is None else f"{(row['end_us'] - first_us) / 1e3:.0f}",
+                "{:.1f}, {:.1f}".format(*row[f"place_{unit}"]),
+                f"{row[f'area_{unit}2']:.1f}",
+                f"{row[f'peak_displacement_{unit}']:.2f}",
+                f"{row['peak_strength']:.3f}",
+                slip_text(row["slips"], first_us),
+            )
+            for row in rows
+        ],
+        words=0,
+    )

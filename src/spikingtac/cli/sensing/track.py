@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -13,6 +13,10 @@ from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.types import LawName, Polarity
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.pipeline.checked_source import CheckedSource
 
 WORK = "spikingtac.cli.sensing.track:track_one"
 """What a worker calls for each of many recordings."""
@@ -33,9 +37,13 @@ class Args(ManyArgs):
     of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
-    many."""
+    many. The second finger's tracks.npz is tracks_1.npz."""
     preset: str = "default"
     """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
     rate_hz: float | None = None
@@ -55,7 +63,10 @@ class Args(ManyArgs):
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    if means_many(args, args.recordings):
+    many = means_many(args, args.recordings)
+    if args.second is not None:
+        return _run_two(args, many)
+    if many:
         return _run_many(args)
     from spikingtac.atomic_files import require_free
 
@@ -70,16 +81,54 @@ def run(args: Args) -> int:
     return 0
 
 
+def _run_two(args: Args, many: bool) -> int:
+    """Track two fingers on the first one's clock."""
+    from spikingtac.atomic_files import require_free
+    from spikingtac.cli.second import for_each, open_two, require_pair, second_name
+
+    calibrations = require_pair(args.calibration, args.second_calibration, many)
+    assert args.second is not None
+    output = args.output or Path("tracks.npz")
+    outputs = [output, second_name(output)]
+    for path in outputs:
+        require_free(path, args.overwrite)
+    sources = open_two(args.recordings[0], args.second, strict=args.strict)
+
+    def work(number: int, source: FileSource) -> dict[str, Any]:
+        return _track_source(args, source, calibrations[number], outputs[number])
+
+    with ending_on_interrupt(*sources):
+        both = for_each(work, sources)
+    if args.json:
+        emit_json({**both[0], "second": both[1]})
+        return 0
+    for summary, recording in zip(both, (args.recordings[0], args.second), strict=True):
+        _print(summary, recording)
+    return 0
+
+
 def _track(
     args: Args, recording: Path, output: Path, advance: Callable[[float], None] = lambda share: None
 ) -> dict[str, Any]:
+    from spikingtac.events.open import open_events
+
+    source = open_events(recording, strict=args.strict, sensor=args.sensor)
+    return _track_source(args, source, args.calibration, output, advance)
+
+
+def _track_source(
+    args: Args,
+    source: FileSource | CheckedSource,
+    calibration_path: Path,
+    output: Path,
+    advance: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.config import load_config
-    from spikingtac.events.open import open_events
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
-    calibration = Calibration.load(args.calibration)
+    calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
     )
@@ -88,7 +137,6 @@ def _track(
         from spikingtac.touch.force.files.model_file import load_force
 
         force = load_force(args.force)
-    source = open_events(recording, strict=args.strict, sensor=args.sensor)
     if args.strict:
         source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
     with ending_on_interrupt(source):

@@ -71,7 +71,7 @@ def run(args: Args) -> int:
 
 def _recorder(folder: Path) -> Any:
     """Return a function that renders a scene into the run's folder, if it is not there yet."""
-    from spikingtac.events.recording import MANIFEST
+    from spikingtac.events.manifest import MANIFEST
     from spikingtac.sim.scene import catalog
     from spikingtac.sim.scene.render import simulate
 

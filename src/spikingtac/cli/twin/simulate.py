@@ -57,7 +57,7 @@ def run(args: Args) -> int:
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
             f"(scenes: {', '.join(catalog.names())}, or a TOML file)"
         )
-    from spikingtac.events.recording import MANIFEST
+    from spikingtac.events.manifest import MANIFEST
     from spikingtac.sim.scene.render import simulate
 
     if (args.output / MANIFEST).is_file() and not args.overwrite:

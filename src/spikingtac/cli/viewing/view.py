@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 from spikingtac.sim.camera.config import CAMERA_NAMES
+
+if TYPE_CHECKING:
+    from spikingtac.viewer.web.show import PageOptions
 
 HEADLESS_S = 10.0
 """Duration with --headless where --seconds is not given, s."""
@@ -26,6 +29,11 @@ class Args:
     calibration: Path | None = None
     """calibration.json of this sensor; a folder's own unless given. Without one the
     events alone are shown, with rate, noise and hot pixels."""
+    second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
+    """The other finger, beside the first one on the page: what can be a SOURCE; the same folder
+    again means its second sensor. Recordings are put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger; the folder's calibration_1.json unless given."""
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -69,7 +77,9 @@ def run(args: Args) -> int:
     }
     if args.force is not None:
         arguments["force"] = str(args.force)
-    if args.export is not None:
+    if args.second is not None:
+        summary = _both_shown(arguments, args, args.second)
+    elif args.export is not None:
         if args.picture is not None:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
@@ -77,6 +87,30 @@ def run(args: Args) -> int:
         summary = show_source(arguments, args, repeat=False)
     report(args.source, summary, as_json=args.json)
     return 0
+
+
+def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
+    """Show two sources side by side, each in a session of its own."""
+    from spikingtac.live.factory import Factory
+    from spikingtac.viewer.pair.second import open_second_view
+    from spikingtac.viewer.session.opening import open_felt_source, open_view_source
+    from spikingtac.viewer.web.show import show_pair
+
+    if args.export is not None or args.picture is not None:
+        raise ConfigError("--export and --picture show one finger; leave out --second")
+    recorded = Path(args.source).exists() and Path(second).exists()
+    calibration = args.second_calibration
+    other = {
+        **arguments,
+        "source": second,
+        "calibration": None if calibration is None else str(calibration),
+    }
+    opener = open_felt_source if "force" in arguments else open_view_source
+    views = [Factory(function=opener, arguments=given) for given in (arguments, other)]
+    if recorded:
+        beside = {**other, "beside": args.source}
+        views[1] = Factory(function=open_second_view, arguments=beside)
+    return show_pair(views, page_options(args), remark, one_clock=recorded)
 
 
 def check_seconds(seconds: float | None) -> None:
@@ -109,22 +143,27 @@ def show_source(
     from spikingtac.live.factory import Factory
     from spikingtac.viewer.session.events_only import open_view_or_events
     from spikingtac.viewer.session.opening import open_felt_source
-    from spikingtac.viewer.web.show import PageOptions, show
+    from spikingtac.viewer.web.show import show
 
     check_seconds(args.seconds)
-    options = PageOptions(
+    options = replace(page_options(args), repeat=repeat, tracks=tracks)
+    opener = open_felt_source if "force" in arguments else open_view_or_events
+    open_view = Factory(function=opener, arguments=arguments)
+    return show(open_view, options, remark)
+
+
+def page_options(args: Any) -> PageOptions:
+    """Return how the page is served, by the options that ``view`` and ``demo`` share."""
+    from spikingtac.viewer.web.show import PageOptions
+
+    return PageOptions(
         host=args.host,
         port=args.port,
         browser=not (args.no_browser or args.headless),
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
-        repeat=repeat,
         picture=args.picture,
-        tracks=tracks,
         overwrite=args.overwrite,
     )
-    opener = open_felt_source if "force" in arguments else open_view_or_events
-    open_view = Factory(function=opener, arguments=arguments)
-    return show(open_view, options, remark)
 
 
 def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
@@ -138,5 +177,5 @@ def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
 
 def _text(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{kind} {count}" for kind, count in value.items()) or "none"
+        return ", ".join(f"{kind} {_text(count)}" for kind, count in value.items()) or "none"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -25,6 +25,10 @@ ROUNDS = 4
 """Times that late arrivals are left out: half of those above the line each time."""
 
 
+_Bins = tuple[list[int], list[float], list[float]]
+"""Number of each stretch, sensor time of its fastest arrival, and how late that was, s."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClockMapping:
     """Host time = offset + sensor time x (1 + drift), both in s from the host's monotonic clock.
@@ -37,6 +41,7 @@ class ClockMapping:
         drift_error_ppm: Standard error of the drift; None where the span is too short to fit one.
         jitter_us: Root mean square of the fastest arrivals about the line, us.
         span_s: Stretch of sensor time that the mapping is learned from, s.
+        middle_us: Sensor time in the middle of what it is learned from, us.
     """
 
     offset_s: float
@@ -45,6 +50,7 @@ class ClockMapping:
     drift_error_ppm: float | None
     jitter_us: float
     span_s: float
+    middle_us: float = 0.0
 
     def host_s(self, t_us: int | float) -> float:
         """Return the host's monotonic time of a sensor time, s."""
@@ -65,9 +71,8 @@ class ClockFit:
     def __init__(self) -> None:
         self._bin_s = BIN_S
         self._zero_s: float | None = None
-        self._numbers: list[int] = []
-        self._sensor_s: list[float] = []
-        self._delay_s: list[float] = []
+        # In one piece, so that another thread may ask for the mapping meanwhile.
+        self._bins: _Bins = ([], [], [])
 
     def arrived(self, t_us: int, host_s: float) -> None:
         """Learn from a delivery.
@@ -81,14 +86,8 @@ class ClockFit:
             self._zero_s = sensor_s
         number = int((sensor_s - self._zero_s) / self._bin_s)
         delay_s = host_s - sensor_s
-        if self._numbers and self._numbers[-1] == number:
-            if delay_s < self._delay_s[-1]:
-                self._sensor_s[-1], self._delay_s[-1] = sensor_s, delay_s
-            return
-        self._numbers.append(number)
-        self._sensor_s.append(sensor_s)
-        self._delay_s.append(delay_s)
-        if len(self._numbers) >= MOST_BINS:
+        _keep_fastest(self._bins, number, sensor_s, delay_s)
+        if len(self._bins[0]) >= MOST_BINS:
             self._join()
 
     def forget(self) -> None:
@@ -97,9 +96,11 @@ class ClockFit:
 
     def mapping(self) -> ClockMapping | None:
         """Return what is known; None before the first delivery."""
-        if not self._numbers:
+        numbers, sensors, delays = self._bins
+        count = min(len(numbers), len(sensors), len(delays))
+        if not count:
             return None
-        sensor_s, delay_s = np.array(self._sensor_s), np.array(self._delay_s)
+        sensor_s, delay_s = np.array(sensors[:count]), np.array(delays[:count])
         span_s = float(sensor_s[-1] - sensor_s[0])
         if span_s < LEAST_SPAN_S:
             spread_us = float(delay_s.std()) * US_PER_S
@@ -110,23 +111,29 @@ class ClockFit:
                 drift_error_ppm=None,
                 jitter_us=spread_us,
                 span_s=span_s,
+                middle_us=float(sensor_s.mean()) * US_PER_S,
             )
         return _fitted(sensor_s, delay_s, span_s)
 
     def _join(self) -> None:
         """Keep the faster one of two neighbouring stretches."""
         self._bin_s *= 2.0
-        numbers, sensor_s, delay_s = self._numbers, self._sensor_s, self._delay_s
-        self._numbers, self._sensor_s, self._delay_s = [], [], []
-        for number, at_s, late_s in zip(numbers, sensor_s, delay_s, strict=True):
-            half = number // 2
-            if self._numbers and self._numbers[-1] == half:
-                if late_s < self._delay_s[-1]:
-                    self._sensor_s[-1], self._delay_s[-1] = at_s, late_s
-                continue
-            self._numbers.append(half)
-            self._sensor_s.append(at_s)
-            self._delay_s.append(late_s)
+        joined: _Bins = ([], [], [])
+        for number, sensor_s, delay_s in zip(*self._bins, strict=True):
+            _keep_fastest(joined, number // 2, sensor_s, delay_s)
+        self._bins = joined
+
+
+def _keep_fastest(bins: _Bins, number: int, sensor_s: float, delay_s: float) -> None:
+    """Add an arrival to its stretch, of which only the fastest one is kept."""
+    numbers, sensors, delays = bins
+    if numbers and numbers[-1] == number:
+        if delay_s < delays[-1]:
+            sensors[-1], delays[-1] = sensor_s, delay_s
+        return
+    numbers.append(number)
+    sensors.append(sensor_s)
+    delays.append(delay_s)
 
 
 def _fitted(
@@ -156,4 +163,5 @@ def _fitted(
         drift_error_ppm=jitter_s / np.sqrt(spread) * 1e6 if spread else None,
         jitter_us=jitter_s * US_PER_S,
         span_s=span_s,
+        middle_us=middle_s * US_PER_S,
     )

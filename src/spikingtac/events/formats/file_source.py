@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.events.source_health import HealthMeter
+from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
 Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 """Columns x, y, p and t of some consecutive events."""
@@ -72,6 +73,7 @@ class FileSource:
         self.triggers: list[Trigger] = []
         self.notes: list[str] = []
         self.progress = 0.0
+        self._counters = HealthMeter(self.losses)
         self._options = options
         where = repr(str(path))
         if options.size is not None:
@@ -101,16 +103,26 @@ class FileSource:
         self.losses.clear()
         self.triggers.clear()
         self.progress = 0.0
+        self._counters = HealthMeter(self.losses)
         packer = Packer(self.size, self._options.chunk_events)
         check = ColumnCheck(self.size, self.losses)
         for columns in self._columns():
             self._refuse_damage()
-            yield from packer.push(*(columns if self.checked else check(*columns)))
+            yield from self._counted(packer.push(*(columns if self.checked else check(*columns))))
             self._refuse_damage()
-        yield from packer.push(*check.finish())
+        yield from self._counted(packer.push(*check.finish()))
         self._refuse_damage()
-        yield from packer.finish()
+        yield from self._counted(packer.finish())
         self.progress = 1.0
+
+    def counters(self) -> SourceHealth:
+        """Return what the latest iteration has met so far; the rate is the mean one."""
+        return self._counters.total()
+
+    def _counted(self, packets: Iterable[EventPacket]) -> Iterator[EventPacket]:
+        for packet in packets:
+            self._counters.absorb(packet)
+            yield packet
 
     def _refuse_damage(self) -> None:
         if not self._options.strict:

@@ -12,8 +12,8 @@ import numpy as np
 
 from spikingtac.config import digest
 from spikingtac.events.filters import RandomDrop
+from spikingtac.events.manifest import MANIFEST, TRUTH
 from spikingtac.events.open import open_events
-from spikingtac.events.recording import MANIFEST, TRUTH
 from spikingtac.experiments.harness.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.shortened_scenes import shortened

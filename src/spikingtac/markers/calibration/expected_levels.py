@@ -186,7 +186,7 @@ def walk_kernel(
     touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
     last_owner = np.full(len(now), -1, np.int32)
     at = index[0]
-    count = formers = kept = 0
+    formers = kept = 0
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
@@ -207,8 +207,7 @@ def walk_kernel(
             kept += 1
         former[:count], formers = touched[:count], count
         for q in former[:count]:
-            now[q] = 0.0
-            whose[q] = -1
+            now[q], whose[q] = 0.0, -1
     events[:, 2:] /= phases.shape[1]
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
+from spikingtac.events.manifest import MANIFEST
+from spikingtac.events.recording import Recording, RecordingWriter
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.sim.scene.source import SceneSource
 

@@ -88,6 +88,7 @@ class Record:
             "displacement_max_px": last.get("displacement_max_px", 0.0),
             "held_at_once": self._lost,
             "losses": last.get("losses", {}),
+            "health": last.get("health"),
         }
         if len(errors_px):
             document["error_mean_px"] = round(float(errors_px.mean(dtype=np.float64)), 4)

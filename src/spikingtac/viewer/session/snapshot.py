@@ -84,6 +84,7 @@ def moving(view: ViewSource, playback: Playback) -> tuple[dict[str, Any], dict[s
         "contacts_us": contacts,
         "contact": asdict(latest) if latest else None,
         "felt": view.felt.shown() if view.felt else None,
+        "health": playback.frame.health.summary() if playback.frame else None,
     }
     return scalars, {"counts": counts, **_markers(view, playback.frame)}
 

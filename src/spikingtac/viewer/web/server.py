@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib import resources
 from typing import Any
@@ -30,6 +30,8 @@ KINDS = {
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
+FINGER = "finger"
+"""Parameter of an address that names one of two sessions."""
 CLOSED_BY_POLICY = 1008
 """WebSocket close code (RFC 6455 section 7.4.1)."""
 SHUTDOWN_S = 1
@@ -41,25 +43,42 @@ Command = Callable[[str, Any], None]
 
 
 def make_app(feed: Feed, command: Command, gate: Gate) -> ASGIApp:
-    """Return the application.
+    """Return the application that shows one session.
 
     Args:
         feed: Where frames and greetings come from.
         command: Takes the pages' commands; must not wait.
         gate: Decides who may view.
     """
-    feeds = PageFeeds(feed)
+    return _app([feed], [command], gate)
+
+
+def make_pair_app(feeds: Sequence[Feed], commands: Sequence[Command], gate: Gate) -> ASGIApp:
+    """Return the application that shows two sessions side by side.
+
+    The first page holds two ordinary ones, each with the number of its finger in its address.
+
+    Args:
+        feeds: Where frames and greetings of each come from.
+        commands: Take the commands of each one's pages; must not wait.
+        gate: Decides who may view.
+    """
+    return _app(feeds, commands, gate)
+
+
+def _app(given: Sequence[Feed], commands: Sequence[Command], gate: Gate) -> ASGIApp:
+    every = [PageFeeds(feed) for feed in given]
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        polling = asyncio.create_task(feeds.poll())
+        polling = [asyncio.create_task(feeds.poll()) for feeds in every]
         yield
-        polling.cancel()
-        with suppress(asyncio.CancelledError):
-            await polling
+        for task in polling:
+            task.cancel()
+        await asyncio.gather(*polling, return_exceptions=True)
 
     async def serve_file(request: Request) -> Response:
-        name = request.path_params.get("name", "index.html")
+        name = request.path_params.get("name") or _first_page(request, len(every))
         # The scripts hold no data; the page that loads them has shown its token.
         refusal = "" if name != "index.html" and gate.token else _refusal(gate, request)
         return PlainTextResponse(refusal + "\n", 403) if refusal else _file(name)
@@ -68,18 +87,29 @@ def make_app(feed: Feed, command: Command, gate: Gate) -> ASGIApp:
         if refusal := _refusal(gate, socket):
             await socket.send_denial_response(PlainTextResponse(refusal + "\n", 403))
             return
-        if len(feeds.pages) >= MOST_PAGES:
+        finger = _finger(socket, len(every))
+        if len(every[finger].pages) >= MOST_PAGES:
             await socket.send_denial_response(PlainTextResponse("too many pages are open\n", 503))
             return
         await socket.accept()
-        await _attend(feeds, socket, command)
+        await _attend(every[finger], socket, commands[finger])
 
     routes = [
         Route("/", serve_file),
         Route("/{name}", serve_file),
         WebSocketRoute("/socket", serve_socket),
     ]
-    return _Guarded(Starlette(routes=routes, lifespan=lifespan), gate)
+    return _Guarded(Starlette(routes=routes, lifespan=lifespan), gate, framed=len(every) > 1)
+
+
+def _first_page(request: Request, sessions: int) -> str:
+    return "index.html" if sessions == 1 or FINGER in request.query_params else "pair.html"
+
+
+def _finger(connection: HTTPConnection, sessions: int) -> int:
+    """Return which session a page asks for; the first one where it asks for none that is there."""
+    asked = connection.query_params.get(FINGER, "0")
+    return int(asked) if asked.isdecimal() and int(asked) < sessions else 0
 
 
 class _Guarded:
@@ -88,10 +118,11 @@ class _Guarded:
     Args:
         app: Answers the requests whose Host is accepted.
         gate: Decides about the Host.
+        framed: Whether one of its pages holds others.
     """
 
-    def __init__(self, app: ASGIApp, gate: Gate) -> None:
-        self._app, self._gate = app, gate
+    def __init__(self, app: ASGIApp, gate: Gate, framed: bool = False) -> None:
+        self._app, self._gate, self._framed = app, gate, framed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -100,7 +131,7 @@ class _Guarded:
             return
         host = Headers(scope=scope).get("host", "")
         refusal = self._gate.host_refusal(host)
-        headers = page_headers("" if refusal else host)
+        headers = page_headers("" if refusal else host, self._framed)
 
         async def send_guarded(message: Message) -> None:
             if message["type"] in ("http.response.start", "websocket.http.response.start"):

@@ -7,7 +7,7 @@ import os
 import socket
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
+from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
-from spikingtac.viewer.web.server import make_app, serve
+from spikingtac.viewer.web.server import make_app, make_pair_app, serve
 
 OPENING_S = 1_800.0
 """Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some
@@ -61,6 +62,42 @@ class PageOptions:
     overwrite: bool = False
 
 
+def show_pair(
+    open_views: Sequence[Factory[ViewSource]],
+    options: PageOptions,
+    report: Callable[[str], None],
+    *,
+    one_clock: bool,
+) -> dict[str, Any]:
+    """Serve two views on one page until interrupted or until the time is up.
+
+    Args:
+        open_views: Open the views, each in a session's process.
+        options: How the page is served; pictures and tracks are those of a single view.
+        report: Takes the lines for the user.
+        one_clock: Whether their times are on one clock, so that both go to the same time.
+
+    Returns:
+        The summary of the first one; that of the other is its ``second``.
+
+    Raises:
+        SpikingTacError: As of :func:`show`.
+    """
+    check_address(options.host, options.port)
+    sessions = [SessionProcess(view, repeat=options.repeat) for view in open_views]
+    together = Together(sessions, one_clock=one_clock)
+    try:
+        monitors = _served(sessions, options, report, together)
+        for session, monitor in zip(sessions, monitors, strict=True):
+            session.stop()
+            monitor.take_frame()
+    finally:
+        for session in sessions:
+            session.close()
+    first, second = (monitor.record.summary() for monitor in monitors)
+    return {**first, "second": second}
+
+
 def show(
     open_view: Factory[ViewSource], options: PageOptions, report: Callable[[str], None]
 ) -> dict[str, Any]:
@@ -83,7 +120,7 @@ def show(
     session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
     ended_well = False
     try:
-        monitor = _served(session, options, report)
+        (monitor,) = _served([session], options, report)
         session.stop()  # what is summarized ends where the tracks do
         monitor.take_frame()
     finally:
@@ -102,10 +139,13 @@ def show(
 
 
 def _served(
-    session: SessionProcess, options: PageOptions, report: Callable[[str], None]
-) -> _SessionMonitor:
+    sessions: Sequence[SessionProcess],
+    options: PageOptions,
+    report: Callable[[str], None],
+    together: Together | None = None,
+) -> list[_SessionMonitor]:
     gate = Gate.for_host(options.host)
-    monitor = _SessionMonitor(session, options.seconds, report)
+    monitors = [_SessionMonitor(session, options.seconds, report) for session in sessions]
 
     def ready(port: int) -> None:
         for line in addresses(options.host, port, gate.token):
@@ -113,12 +153,23 @@ def _served(
         if options.browser:
             webbrowser.open(_url("127.0.0.1", port, gate.token))
 
-    monitor.await_view()
+    for monitor in monitors:
+        monitor.await_view()
     _lower_priority()
-    app = make_app(session, session.command, gate)
-    serve(app, options.host, options.port, ready, monitor.poll)
-    _raise_failure(session)
-    return monitor
+    if together is None:
+        app = make_app(sessions[0], sessions[0].command, gate)
+    else:
+        app = make_pair_app(sessions, together.commands, gate)
+
+    def alive() -> bool:
+        if together is not None:
+            together.begin()
+        return all([monitor.poll() for monitor in monitors])
+
+    serve(app, options.host, options.port, ready, alive)
+    for session in sessions:
+        _raise_failure(session)
+    return monitors
 
 
 class _SessionMonitor:

@@ -106,5 +106,5 @@ def test_attributes_without_end_are_given_up(
 def test_a_reader_of_attributes_that_fails_is_told(tmp_path: Path) -> None:
     with write(tmp_path / "a.h5") as file:
         file["events/x"] = np.zeros(8, np.int64)
-    with pytest.raises(ValueError, match="cannot be read: .*nowhere"):
+    with pytest.raises(ValueError, match=r"cannot be read: .*nowhere"):
         hdf5_attributes.read_attributes(tmp_path / "a.h5", ["/nowhere"])

@@ -51,8 +51,8 @@ def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _told(value: Any) -> Any:
-    plain = value.decode(errors="replace") if isinstance(value, bytes) else value
-    plain = plain.tolist() if hasattr(plain, "tolist") else plain
+    plain = getattr(value, "tolist", lambda: value)()
+    plain = plain.decode(errors="replace") if isinstance(plain, bytes) else plain
     return plain if len(str(plain)) <= LONGEST_VALUE else None
 
 
@@ -62,7 +62,7 @@ def _main(path: str, *objects: str) -> None:
     with h5py.File(path, "r") as file:
         every = [file[name].attrs for name in objects]
         found = [{name: _told(at[name]) for name in NAMES if name in at} for at in every]
-    print(json.dumps(found, default=str))
+    sys.stdout.write(json.dumps(found, default=str))
 
 
 if __name__ == "__main__":

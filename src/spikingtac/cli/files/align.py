@@ -1,0 +1,149 @@
+"""``spikingtac align``: two fingers, and a robot's poses, on one clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress
+from spikingtac.errors import ConfigError
+from spikingtac.events.clocks.alignment import By, PoseClock
+
+if TYPE_CHECKING:
+    from spikingtac.events.clocks.poses import Poses
+    from spikingtac.events.clocks.time_map import TimeMap
+
+POSES = "poses.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Put two fingers, and a robot's poses, on one clock; say how well it is known.
+
+    Two recordings go into a folder that every verb reads as two sensors: events.raw, events_1.raw,
+    poses.npz. Without a second recording, the poses alone are written: -o poses.npz.
+    """
+
+    first: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FIRST")]
+    """Recording whose clock is the time base; a folder of two sensors holds the second one, too."""
+    second: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="SECOND")] = None
+    """Recording of the other finger."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder to write, or poses.npz; nothing is written unless given."""
+    by: By = "auto"
+    """How the two clocks meet: host (recorded by one host), motion (what both felt), or auto: the
+    host where it is known."""
+    poses: Path | None = None
+    """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
+    poses_clock: PoseClock = "auto"
+    """What their times are: unix (time of day), monotonic (of the host), sensor, or motion: not
+    known, found by how the first three columns move."""
+    overwrite: bool = False
+    """Replace what is there."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Find the maps, write what follows them, and tell their errors."""
+    from spikingtac.events.manifest import name_of
+
+    second = args.second
+    if second is None and (args.first / name_of("events.raw", 1)).is_file():
+        second = args.first
+    if second is None and args.poses is None:
+        raise ConfigError("there is nothing to align: name a second recording, or --poses")
+    _check_output(args, second)
+    document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
+    placed = None
+    with progress("comparing clocks"):
+        if args.poses is not None:
+            placed, told = _poses(args, args.poses)
+            document["poses"] = told
+        if second is not None:
+            document |= _two(args, second)
+    if placed is not None and args.output is not None:
+        placed.save(args.output / POSES if second is not None else args.output)
+    if args.json:
+        emit_json(document)
+    else:
+        _print(document)
+    return 0
+
+
+def _check_output(args: Args, second: Path | None) -> None:
+    """Refuse an output before anything is computed."""
+    from spikingtac.atomic_files import require_free
+    from spikingtac.cameras.recording.session import recorded
+
+    if args.output is None:
+        return
+    if second is not None:
+        recorded(args.output, args.overwrite)
+    elif args.output.suffix != ".npz":
+        raise ConfigError(f"poses alone are written as .npz, not as {args.output.name!r}")
+    else:
+        require_free(args.output, args.overwrite)
+
+
+def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
+    from spikingtac.events.clocks.alignment import map_of_poses
+    from spikingtac.events.clocks.poses import load_poses
+
+    poses = load_poses(path)
+    time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
+    placed = poses.on(time_map)
+    told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
+    return placed, told | {"error_at_end_us": _at_ends(time_map, poses)}
+
+
+def _at_ends(time_map: TimeMap, poses: Poses) -> float:
+    return max(time_map.error_at_us(float(t_us)) for t_us in (poses.t_us[0], poses.t_us[-1]))
+
+
+def _two(args: Args, second: Path) -> dict[str, Any]:
+    from spikingtac.cameras.recording.session import prepare_folder
+    from spikingtac.events.clocks.alignment import SecondFinger, map_between, write_pair
+    from spikingtac.events.open import open_events
+
+    other = SecondFinger(args.first, second)
+    time_map, host_later_us = map_between(args.first, other, args.by)
+    told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}
+    if args.output is None:
+        return told
+    if args.output.exists() and any(
+        path.exists() and args.output.samefile(path) for path in (args.first, second)
+    ):
+        raise ConfigError("-o names a recording that is read; choose another folder")
+    prepare_folder(args.output, args.overwrite)
+    inputs = [args.first.name, second.name]
+    first = open_events(args.first)
+    return told | {
+        "events": write_pair(args.output, first, other.source, time_map, {"inputs": inputs})
+    }
+
+
+def _print(document: dict[str, Any]) -> None:
+    rows = []
+    for name, key in (("second sensor", "time_base"), ("poses", "poses")):
+        if key in document:
+            found = document[key]
+            drift = f"{found['drift_ppm']:.2f}"
+            if found["drift_error_ppm"] is not None:
+                drift += f" +- {found['drift_error_ppm']:.2f}"
+            shift_ms = (found["base_us"] - found["own_us"]) / 1e3
+            rows.append(
+                (name, found["learned_from"], f"{shift_ms:.3f}", f"{found['error_us']:.0f}", drift)
+            )
+    columns = ("clock of the", "found by", "ms to add", "error us", "drift ppm")
+    emit_table("on the first sensor's clock", columns, rows, words=2)
+    if document.get("host_later_us") is not None:
+        emit_table(
+            "the host puts the second sensor later, by",
+            ("us",),
+            [(f"{document['host_later_us']:.0f}",)],
+            words=0,
+        )

@@ -1,0 +1,101 @@
+"""Two fingers: two sources of events on one time base, for every verb that takes two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from spikingtac.cli.messages import warn
+from spikingtac.errors import ConfigError
+from spikingtac.events.manifest import name_of
+
+if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
+
+Result = TypeVar("Result")
+
+
+def second_name(path: Path) -> Path:
+    """Return where the second sensor's output goes: ``tracks.npz`` becomes ``tracks_1.npz``."""
+    return path.with_name(name_of(path.name, 1))
+
+
+def require_pair(first: Path | None, second: Path | None, many: bool) -> list[Path]:
+    """Return the calibrations of two fingers.
+
+    Args:
+        first: Of the first one, or None where it was not given.
+        second: Of the other one, likewise.
+        many: Whether the command line means many recordings.
+
+    Raises:
+        ConfigError: One is missing, or there are many recordings.
+    """
+    if many:
+        raise ConfigError("--second is the other finger of one recording; give a single one")
+    if first is None or second is None:
+        raise ConfigError(
+            "two fingers need a calibration each: --calibration and --second-calibration"
+        )
+    return [first, second]
+
+
+def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:
+    """Open two fingers, the second one with its times on the first one's clock.
+
+    Cameras meet on the host's clock while they deliver; recordings of cameras bring their clocks in
+    their manifests. The same folder twice means its second sensor.
+
+    Raises:
+        ConfigError: One is a camera and the other a recording.
+        SpikingTacError: As of :func:`~spikingtac.events.open.open_events`.
+    """
+    from spikingtac.events.clocks.second import open_second
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.open import open_events
+
+    live = [is_stream(first), is_stream(second)]
+    if all(live):
+        return _cameras(first, second, strict)
+    if any(live):
+        raise ConfigError(
+            f"{str(first)!r} and {str(second)!r}: one is a camera and the other a recording; give "
+            "two of a kind"
+        )
+    source, known = open_second(first, second, strict=strict)
+    if not known:
+        warn(
+            f"{first.name} and {second.name} know no common clock; their times are taken as they "
+            f"are. To find it by what both felt: spikingtac align {first} {second} -o PAIR"
+        )
+    return [open_events(first, strict=strict), source]
+
+
+def for_each(
+    work: Callable[[int, FileSource], Result], sources: Sequence[FileSource]
+) -> list[Result]:
+    """Do the work on both sources: at once for cameras, which do not wait, else one by one."""
+    if not all(hasattr(source, "close") for source in sources):
+        return [work(number, source) for number, source in enumerate(sources)]
+    with ThreadPoolExecutor(len(sources), "spikingtac-finger") as pool:
+        try:
+            return list(pool.map(work, range(len(sources)), sources))
+        except BaseException:
+            for source in sources:
+                source.close()  # type: ignore[attr-defined]
+            raise
+
+
+def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:
+    from spikingtac.cli.files.record import camera_address
+    from spikingtac.events.address import Address
+    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.clocks.live_pair import live_pair
+    from spikingtac.events.formats.file_source import ReadOptions
+
+    options = ReadOptions(strict=strict)
+    addresses = [Address.parse(camera_address(path)) for path in (first, second)]
+    cameras = [CameraSource(address, options) for address in addresses]
+    return list(live_pair(cameras[0], cameras[1], options))

@@ -1,0 +1,1 @@
+"""Two fingers on one page."""

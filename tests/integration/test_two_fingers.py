@@ -1,0 +1,270 @@
+"""Two fingers on one time base: recorded, read back, tracked, and aligned by what both felt."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from selenium.webdriver.support.ui import WebDriverWait
+
+from spikingtac.cameras.recording.pair import record_pair
+from spikingtac.cameras.recording.session import RecordOptions, prepare_folder
+from spikingtac.cli.main import main
+from spikingtac.errors import ConfigError
+from spikingtac.events.address import Address
+from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.clocks.live_pair import live_pair
+from spikingtac.events.create import create_events
+from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.events.open import open_events
+from spikingtac.events.recording import Recording
+from spikingtac.tracks import Tracks
+from spikingtac.types import EventPacket
+from stand_ins.browser import browser
+from stand_ins.camera_counterparts import SIZE, datagrams
+from stand_ins.viewer import CirclingDots, open_circling
+
+COMMAND = Path(sys.executable).with_name("spikingtac")
+LATER_US = 7_000_000
+"""The second sensor's clock is ahead of the first one's by so much."""
+BURSTS, PERIOD_S = 40, 0.02
+
+
+def burst(number: int, shift_us: int) -> EventPacket:
+    """200 events at one column, which tells the burst."""
+    t = shift_us + 1_000 + round(number * PERIOD_S * 1e6) + np.arange(200, dtype=np.int64)
+    x, y = np.full(200, number, np.uint16), np.arange(200, dtype=np.uint16)
+    return EventPacket(x, y, x % 2 == 0, t, int(t[0]), int(t[-1]) + 1, SIZE)
+
+
+def send_both(sources: Sequence[CameraSource]) -> None:
+    """Send each burst to both cameras at once, as time passes, on clocks of their own."""
+    begun_s = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for number in range(BURSTS):
+            time.sleep(max(begun_s + number * PERIOD_S - time.monotonic(), 0.0))
+            for source, shift_us in zip(sources, (0, LATER_US), strict=True):
+                for datagram in datagrams(burst(number, shift_us)):
+                    out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+
+
+def two_cameras(more: str = "") -> list[CameraSource]:
+    address = Address.parse(f"udp:127.0.0.1:0?encoding=evt2&size=320x320{more}")
+    return [CameraSource(address, ReadOptions()) for _ in range(2)]
+
+
+def burst_times(packets: Sequence[EventPacket]) -> dict[int, int]:
+    """Burst -> time of its first event."""
+    whole = EventPacket.concatenate(list(packets))
+    return {int(x): int(whole.t[whole.x == x][0]) for x in np.unique(whole.x)}
+
+
+def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path) -> None:
+    sources = two_cameras()
+    prepare_folder(tmp_path / "day", overwrite=False)
+    sender = threading.Thread(target=send_both, args=(sources,))
+    sender.start()
+    told = record_pair(sources, tmp_path / "day", RecordOptions(seconds=1.2))
+    sender.join()
+    assert told["events"] == told["second"]["events"] == 200 * BURSTS
+    assert told["time_base"]["learned_from"] == "host"
+    recording = Recording.open(tmp_path / "day")
+    assert recording.sensors == recording.manifest["sensors"] == 2
+    one, other = (burst_times(list(recording.events(sensor))) for sensor in (0, 1))
+    assert one.keys() == other.keys()
+    apart_us = [abs(one[number] - other[number]) for number in one]
+    assert np.median(apart_us) < 10_000  # arrivals decide: this machine may be busy
+    raw = burst_times(list(open_events(tmp_path / "day" / "events_1.raw")))
+    assert abs(raw[0] - LATER_US - 1_000) < 10
+    assert "clock" in " ".join(recording.events(1).notes)
+
+
+def test_a_recorder_that_was_killed_leaves_the_map_in_its_manifests(tmp_path: Path) -> None:
+    sources = two_cameras()
+    prepare_folder(tmp_path / "day", overwrite=False)
+    sender = threading.Thread(target=send_both, args=(sources,))
+    sender.start()
+    record_pair(sources, tmp_path / "day", RecordOptions(seconds=1.0))
+    sender.join()
+    path = tmp_path / "day" / "manifest_1.json"
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    del manifest["time_base"]
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+    assert open_events(tmp_path / "day", sensor=1).notes[-1].startswith("times are on the first")
+
+
+def test_two_live_cameras_share_a_clock_while_they_run() -> None:
+    sources = two_cameras("&seconds=1.2")
+    pair = live_pair(sources[0], sources[1], ReadOptions())
+    sender = threading.Thread(target=send_both, args=(sources,))
+    sender.start()
+    one, other = (burst_times(list(source)) for source in pair)
+    sender.join()
+    both = [abs(one[number] - other[number]) for number in one if number in other]
+    assert len(both) >= BURSTS - 2  # the last microsecond of a stream ends with it
+    assert np.median(both) < 10_000
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of two sensors that see the same, and their calibrations."""
+    made = tmp_path_factory.mktemp("day")
+    for name in ("events.raw", "events_1.raw"):
+        with create_events(made / name, SIZE) as writer:
+            for packet in CirclingDots(duration_us=500_000, noise_per_ms=2):
+                writer.write(packet)
+    for name in ("calibration.json", "calibration_1.json"):
+        open_circling().calibration.save(made / name)
+    return made
+
+
+def asked(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def calibrations(day: Path) -> list[object]:
+    return [
+        "--calibration", day / "calibration.json",
+        "--second-calibration", day / "calibration_1.json",
+    ]  # fmt: skip
+
+
+def test_track_and_touch_take_two(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [day, "--second", day, *calibrations(day), "--preset", "fast"]
+    found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
+    assert found["second"]["output"] == str(tmp_path / "t_1.npz")
+    one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
+    np.testing.assert_array_equal(one.t_us, other.t_us)
+    np.testing.assert_array_equal(one.detected_px, other.detected_px)
+    touched = asked(capsys, "touch", *given, "-o", tmp_path / "touches.csv")
+    assert touched["second"]["t_first_us"] == touched["t_first_us"]
+    assert touched["second"]["touches"] == touched["touches"]
+    assert touched["health"]["gaps"] == 0
+    assert (tmp_path / "touches_1.csv").read_text() == (tmp_path / "touches.csv").read_text()
+
+
+def test_contact_takes_two_recordings(day: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["contact", day / "events.raw", "--second", day / "events_1.raw"]
+    found = asked(capsys, *given, "--quiet", day, "--detector", "event_count")
+    assert found["sensors"] == 2
+    assert len(found["health"]) == 2
+
+
+def test_two_fingers_that_do_not_go_together_are_refused(day: Path, tmp_path: Path) -> None:
+    for arguments, words in (
+        (["track", day, "--second", day, "--calibration", day / "calibration.json"], "each"),
+        (["touch", day, "--second", "udp:7777", *calibrations(day)], "one is a camera"),
+        (["track", day, day, "--second", day, *calibrations(day)], "single one"),
+        (["align", day / "events.raw"], "nothing to align"),
+        (["align", day, "--by", "host"], "know no host"),
+        (["align", day / "events.raw", day / "events_1.raw", "-o", day], "holds a recording"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            run_verb([*map(str, arguments)])
+
+
+def run_verb(arguments: list[str]) -> None:
+    """Run a verb, and let its error through."""
+    from spikingtac.cli.main import _dispatch
+
+    _dispatch(arguments)
+
+
+def tapped(path: Path, shift_us: int, drift: float, seed: int) -> None:
+    """Write a recording: noise, and bursts at moments that are the same for every seed."""
+    rng = np.random.default_rng(seed)
+    moments_us = np.sort(np.random.default_rng(99).uniform(0.5e6, 19.5e6, 14))
+    times = [rng.uniform(0.0, 20e6, 20_000)]
+    times += [moment + rng.exponential(30_000, 4_000) for moment in moments_us]
+    t = np.sort(np.concatenate(times) * (1.0 + drift) + shift_us).astype(np.int64)
+    x, y = rng.integers(0, 320, (2, len(t))).astype(np.uint16)
+    with create_events(path, SIZE) as writer:
+        writer.write(EventPacket(x, y, x > y, t, int(t[0]), int(t[-1]) + 1, SIZE))
+
+
+def test_align_writes_two_recordings_that_felt_the_same_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left, right, pair = tmp_path / "left.npz", tmp_path / "right.npz", tmp_path / "pair"
+    tapped(left, 0, 0.0, 1)
+    tapped(right, 4_321_000, 100e-6, 2)
+    rows = [f"{t / 1e6:.6f},{t * 1e-5},0,0" for t in range(0, 20_000_000, 8_000)]
+    (tmp_path / "robot.csv").write_text("t_s,x_mm,y_mm,z_mm\n" + "\n".join(rows) + "\n")
+    poses = ["--poses", tmp_path / "robot.csv", "--poses-clock", "sensor"]
+    found = asked(capsys, "align", left, right, "-o", pair, *poses)
+    assert found["time_base"]["learned_from"] == "motion"
+    base = found["time_base"]
+    assert abs(base["drift_ppm"] + 100.0) < 5.0 * base["drift_error_ppm"]
+    truth_us = (base["own_us"] - 4_321_000) / (1 + 100e-6)
+    assert abs(base["base_us"] - truth_us) < 5.0 * base["error_us"] < 5_000
+    assert Recording.open(pair).sensors == 2
+    one, other = (EventPacket.concatenate(list(open_events(pair, sensor=n))) for n in (0, 1))
+    busy = [np.bincount(events.t // 10_000, minlength=2_100)[:2_100] for events in (one, other)]
+    assert np.corrcoef(busy[0], busy[1])[0, 1] > 0.9
+    assert np.load(pair / "poses.npz")["state"].shape == (2_500, 3)
+    alone = asked(capsys, "align", left, *poses, "-o", tmp_path / "poses.npz")
+    assert alone["poses"]["rows"] == 2_500
+    assert (tmp_path / "poses.npz").is_file()
+
+
+def test_view_shows_two_and_tells_of_both(day: Path) -> None:
+    given = ["view", str(day), "--second", str(day), "--headless", "--seconds", "1", "--port", "0"]
+    done = subprocess.run(
+        [COMMAND, *given, "--preset", "fast", "--json"], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["estimates"] > 10
+    assert told["second"]["estimates"] > 10
+    assert "error_mean_px" not in told["second"]
+    refused = subprocess.run(
+        [COMMAND, *given[:4], "--export", "x.gif"], capture_output=True, text=True, timeout=300
+    )
+    assert refused.returncode == 2
+    assert "leave out --second" in refused.stderr
+
+
+def test_the_page_of_two_shows_both_in_a_browser(day: Path, tmp_path: Path) -> None:
+    given = [
+        COMMAND,
+        "view",
+        day,
+        "--second",
+        day,
+        "--no-browser",
+        "--port",
+        "0",
+        "--seconds",
+        "40",
+    ]
+    with (
+        browser(tmp_path / "profile") as chrome,
+        subprocess.Popen(list(map(str, given)), stderr=subprocess.PIPE, text=True) as process,
+    ):
+        try:
+            assert process.stderr is not None
+            lines = iter(process.stderr.readline, "")
+            address = next(line.split()[1] for line in lines if line.startswith("open http"))
+            chrome.get(address)
+            for name in ("first", "second"):
+                chrome.switch_to.frame(name)
+                WebDriverWait(chrome, 60, 0.1).until(
+                    lambda page: page.execute_script("return window.__m && __m.frames > 3")
+                )
+                chrome.switch_to.default_content()
+            found = chrome.get_log("browser")
+            assert [entry for entry in found if entry["level"] == "SEVERE"] == []
+        finally:
+            process.terminate()
