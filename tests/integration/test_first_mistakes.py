@@ -50,6 +50,25 @@ def test_help_shows_no_none(verb: str, capsys: pytest.CaptureFixture[str]) -> No
     code, text = said(capsys, verb, "--help")
     assert code == 0
     assert "{None" not in text
+    for nothing in ("(default: None)", "(default: False)", "(default: )"):
+        assert nothing not in text.replace("│ │ ", "")
+    assert "usage: spikingtac" in text
+
+
+def test_help_keeps_what_an_option_says_and_defaults_that_tell(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = said(capsys, "view", "--help")[1]
+    for kept in ("--rate-hz FLOAT", "the preset's unless given", "clean|typical|noisy", "8765)"):
+        assert kept in text
+
+
+def test_an_encoding_where_none_is_written_is_refused_by_its_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = said(capsys, "convert", "x.raw", str(tmp_path / "y.csv"), "--encoding", "evt2")
+    assert code == 2
+    assert "--encoding evt2 is for .raw files, not for 'y.csv'" in text
 
 
 def test_the_help_of_experiment_names_all_of_them(capsys: pytest.CaptureFixture[str]) -> None:

@@ -83,11 +83,11 @@ def _dispatch(arguments: list[str]) -> int:
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
     import tyro
 
-    from spikingtac.cli.options import check_options
+    from spikingtac.cli.options import HELP, check_options, for_help
 
     check_options(arguments, verb, rest)
     return tyro.cli(
-        arguments,
+        for_help(arguments) if HELP & set(rest) else arguments,
         prog=f"spikingtac {verb}",
         args=rest,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),

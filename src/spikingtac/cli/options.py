@@ -1,11 +1,11 @@
-"""Refuse options that a verb does not have, by their names."""
+"""The options of a verb: unknown ones are refused by their names, help shows no empty default."""
 
 from __future__ import annotations
 
 import typing
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
-from typing import Any
+from dataclasses import MISSING, Field, fields
+from typing import Annotated, Any
 
 import tyro
 
@@ -13,6 +13,34 @@ from spikingtac.errors import ConfigError, nearest
 
 COMMON = ("--help",)
 """Options of every verb that its dataclass does not list."""
+
+
+HELP = frozenset(("-h", "--help"))
+EMPTY: tuple[object, ...] = (None, False, ())
+"""Defaults that say nothing to a reader: the text of the option says what happens without it."""
+
+
+def for_help(arguments: type) -> type:
+    """Return a verb's arguments as its help shows them: without defaults such as None.
+
+    Args:
+        arguments: The verb's dataclass.
+    """
+    hints = typing.get_type_hints(arguments, include_extras=True)
+    shown = {
+        field.name: Annotated[hints[field.name], tyro.conf.arg(help_behavior_hint=hint)]
+        for field in fields(arguments)
+        if (hint := _hint(field)) is not None
+    }
+    names = {"__annotations__": shown, "__doc__": arguments.__doc__}
+    return type(arguments.__name__, (arguments,), {**names, "__module__": arguments.__module__})
+
+
+def _hint(field: Field[Any]) -> str | None:
+    """Return what stands behind the text of an option, or None for its default."""
+    if field.default is MISSING and field.default_factory is MISSING:
+        return "(required)"  # the parser takes a list of any length for one that may be empty
+    return "" if any(field.default is empty for empty in EMPTY) else None
 
 
 def check_options(arguments: type, verb: str, given: Sequence[str]) -> None:

@@ -21,12 +21,13 @@ VIEWER_PORT = 8765
 CAMERA_VENDORS = {"03fd": "Prophesee", "04b4": "Prophesee (Cypress bridge)", "1fc9": "Prophesee",
                   "31f7": "Prophesee", "152a": "iniVation", "37c5": "OpenMV"}  # fmt: skip
 """USB vendor id -> whose event cameras carry it."""
-CORE = ("numpy", "scipy", "numba", "onnxruntime", "ruckig", "matplotlib", "starlette", "uvicorn",
+CORE = ("numpy", "scipy", "numba", "onnxruntime", "matplotlib", "starlette", "uvicorn",
         "websockets")  # fmt: skip
 """The modules that a plain installation brings."""
 EXTRAS = {
     "train": ("torch", "safetensors", "onnx", "onnxscript"),
     "formats": ("h5py", "hdf5plugin", "lz4", "mcap_ros2", "zstandard"),
+    "arm": ("ruckig",),
     "robot": ("rtde_receive",),
     "bench": ("cv2", "trackpy", "evt3"),
     "rerun": ("rerun",),

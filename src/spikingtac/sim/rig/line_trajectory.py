@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from spikingtac.arrays import FloatArray
-from spikingtac.errors import DeviceError
+from spikingtac.errors import DeviceError, MissingExtraError
+
+if TYPE_CHECKING:
+    from ruckig import InputParameter, Trajectory
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def plan_move(
     length = float(np.linalg.norm(path))
     if length == 0.0:
         return Segment(start_s, origin_mm, np.zeros(3))
-    request = InputParameter(1)
+    request = _ruckig().InputParameter(1)
     request.target_position = [length]
     request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
     return Segment(start_s, origin_mm, path / length, _solve(request))
@@ -87,8 +90,8 @@ def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: 
     distance, speed, acceleration = moving.along(start_s)
     if speed == 0.0 and acceleration == 0.0:
         return Segment(start_s, moving.position_mm(start_s), moving.direction)
-    request = InputParameter(1)
-    request.control_interface = ControlInterface.Velocity
+    request = _ruckig().InputParameter(1)
+    request.control_interface = _ruckig().ControlInterface.Velocity
     request.current_position = [distance]
     request.current_velocity = [speed]
     request.current_acceleration = [min(max(acceleration, -deceleration_mm_s2), deceleration_mm_s2)]
@@ -99,8 +102,21 @@ def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: 
 
 
 def _solve(request: InputParameter) -> Trajectory:
-    plan = Trajectory(1)
-    result = Ruckig(1).calculate(request, plan)
-    if result not in (Result.Working, Result.Finished):
+    ruckig = _ruckig()
+    plan = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(request, plan)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise DeviceError(f"no trajectory fits the limits: ruckig says {result.name}")
     return plan
+
+
+def _ruckig() -> Any:
+    """Return the library; it comes with the package where it can be had without a compiler."""
+    try:
+        import ruckig
+    except ImportError as error:
+        raise MissingExtraError(
+            "the twin's arm needs ruckig, which has no ready package for this machine; install a "
+            "C++ compiler, then: pip install 'spikingtac[arm]'"
+        ) from error
+    return ruckig

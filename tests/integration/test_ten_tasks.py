@@ -1,0 +1,88 @@
+"""The ten tasks of a new user, as the documentation's front page gives them."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.main import _parsed, main
+from spikingtac.cli.registry import module_of
+from spikingtac.sim.scene.catalog import load
+from spikingtac.sim.scene.render import simulate
+from stand_ins.pasted import SHOWN
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "README.md"
+MOST_COMMANDS = 3
+PYTHON = "st."
+ELSEWHERE = ("calibrate", "cameras")
+"""Calibration takes half a minute and is run for the tutorial; cameras are no part of a test."""
+
+
+def tasks() -> dict[str, list[str]]:
+    """Return task -> its commands and lines of Python."""
+    table = PAGE.read_text(encoding="utf-8").split("## Ten tasks")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", table, re.M)[1:]
+    found = {task: re.findall(r"`((?:spikingtac |st\.)[^`]+)`", text) for task, text in rows}
+    return {task: commands for task, commands in found.items() if not task.startswith("---")}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short recording, and a calibration of its sensor."""
+    where = tmp_path_factory.mktemp("tasks")
+    simulate(load("finger-presses"), where / "made", seed=1, duration_s=0.8)
+    shutil.copy(where / "made" / "events.raw", where / "press.raw")
+    with np.load(where / "made" / "truth.npz") as truth:
+        Calibration(
+            reference_px=truth["reference_px"].astype(float),
+            radius_px=truth["radius_px"].astype(float),
+            grid=(8, 8),
+            size=(320, 320),
+        ).save(where / "finger.json")
+    assert main(["track", str(where / "press.raw"), "--calibration", str(where / "finger.json"),
+                 "-o", str(where / "press.npz")]) == 0  # fmt: skip
+    return where
+
+
+def test_there_are_ten_and_none_takes_many_commands() -> None:
+    found = tasks()
+    assert len(found) == 10
+    assert {task: len(commands) for task, commands in found.items() if not commands} == {}
+    assert max(map(len, found.values())) <= MOST_COMMANDS
+
+
+@pytest.fixture(scope="module")
+def shown() -> set[str]:
+    """Commands that showed a page; one that two tasks have is run once."""
+    return set()
+
+
+@pytest.mark.parametrize("task", tasks())
+def test_a_task_is_done_by_its_commands(
+    task: str, folder: Path, shown: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("press.raw", "finger.json", "press.npz"):
+        shutil.copy(folder / name, tmp_path / name)
+    if task == "track":
+        (tmp_path / "press.npz").unlink()
+    monkeypatch.chdir(tmp_path)
+    for command in tasks()[task]:
+        if command.startswith(PYTHON):
+            pytest.importorskip("pandas", reason="the extra [tables] is not installed")
+            exec(f"import spikingtac as st\nfound = {command}\nassert len(found)", {})
+            continue
+        _, verb, *rest = shlex.split(command)
+        assert _parsed(importlib.import_module(module_of(verb)).Args, verb, rest) is not None
+        if verb in ELSEWHERE or "openmv:" in command or command in shown:
+            continue
+        if verb in SHOWN and "--export" not in rest:
+            shown.add(command)
+            rest += ["--headless", "--seconds", "1", "--port", "0"]
+        assert main([verb, *rest]) == 0, command
