@@ -24,7 +24,7 @@ const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
 const course = new Course($("course")), readings = new Readings($("readings"));
-const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
+const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
@@ -61,7 +61,7 @@ function greet(document_) {
   else refreshControls($("controls"), hello.controls);
   const markers = hello.reference_px.length > 0;
   $("tuning").hidden = hello.controls.length === 0;
-  $("truth-option").hidden = !hello.truth;
+  $("truth-option").hidden = !hello.truth || !markers;
   $("unit").value = "px";
   for (const id of ["course", "trace"]) $(id).closest("figure").hidden = !markers;
   for (const id of ["arrows", "heat", "mesh", "discs", "scale"]) $(id).closest("label").hidden = !markers;
@@ -88,8 +88,9 @@ function receive(buffer) {
 function draw() {
   waiting = false;
   if (!frame || !hello) return;
-  const { meta, arrays } = (drawn = decode(frame));
+  const begun = performance.now(), { meta, arrays } = (drawn = decode(frame));
   frame = null;
+  document.body.classList.remove("starting");
   $("sensor").hidden = false;
   $("waiting").hidden = true;
   counts.add(meta, arrays.counts);
@@ -99,6 +100,8 @@ function draw() {
   measure(meta);
   send({ ack: ++metrics.frames });
   if (performance.now() - slowAt > SLOW_MS) showReadings(meta, arrays);
+  metrics.draw_ms.push(performance.now() - begun);
+  if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
 }
 
 // Everything that is drawn, from the latest frame.
