@@ -30,6 +30,8 @@ COMMAND = Path(sys.executable).with_name("spikingtac")
 SIZES = ((1400, 900), (1920, 1080), (390, 844))
 LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
 SETTLING_S, WATCHED_S, PATIENCE_S = 3.0, 10.0, 300.0
+PICTURED_US = 6_000_000
+"""Moment of the demo that the picture shows, us."""
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
 
 
@@ -64,6 +66,18 @@ def measured(page: webdriver.Chrome, size: tuple[int, int]) -> dict[str, Any]:
     }
 
 
+def pictured(page: webdriver.Chrome, picture: Path) -> None:
+    """Write a picture of the page as it looks after some contacts."""
+    page.set_window_size(1400, 1040)
+    page.execute_script(
+        "document.documentElement.dataset.theme = 'light'; document.getElementById('theme').click()"
+    )
+    until_s = time.monotonic() + PATIENCE_S
+    while page.execute_script("return __m.meta.t_us") < PICTURED_US and time.monotonic() < until_s:
+        time.sleep(0.02)
+    page.save_screenshot(str(picture))
+
+
 def watch(address: str, picture: Path | None) -> list[dict[str, Any]]:
     """Show the page with all layers, and measure each size."""
     with tempfile.TemporaryDirectory() as profile:
@@ -76,9 +90,7 @@ def watch(address: str, picture: Path | None) -> list[dict[str, Any]]:
                     raise TimeoutError("the page draws nothing")
                 time.sleep(0.2)
             if picture is not None:
-                page.set_window_size(1400, 1040)
-                time.sleep(SETTLING_S)
-                page.save_screenshot(str(picture))
+                pictured(page, picture)
             for layer in LAYERS:
                 page.execute_script(
                     "const b = document.getElementById(arguments[0]); if (!b.checked) b.click()",

@@ -4,7 +4,7 @@ import { buildControls, refreshControls } from "./controls.js";
 import { Course } from "./course.js";
 import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
 import { drawGuide, showGuide } from "./guide.js";
-import { showHealth } from "./health.js";
+import { showHealth, steady } from "./health.js";
 import { listen } from "./keys.js";
 import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
@@ -55,7 +55,10 @@ function greet(document_) {
   const first = !hello || names(hello) !== names(document_);
   const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
-  if (other) forget();
+  if (other) {
+    forget();
+    sensor.options.marker = $("marker").value = middle(hello);
+  }
   sensor.greet(hello);
   if (first) buildControls($("controls"), hello.controls, (name, value) => { forget(); send({ set: [name, value] }); });
   else refreshControls($("controls"), hello.controls);
@@ -66,6 +69,12 @@ function greet(document_) {
   for (const id of ["course", "trace"]) $(id).closest("figure").hidden = !markers;
   for (const id of ["arrows", "heat", "mesh", "discs", "scale"]) $(id).closest("label").hidden = !markers;
   $("save").hidden = !markers;
+}
+
+// The marker nearest to the middle of the image: it moves in most contacts.
+function middle({ reference_px: places, size }) {
+  const far = places.map(([x, y]) => Math.hypot(x - size[0] / 2, y - size[1] / 2));
+  return places.length ? far.indexOf(Math.min(...far)) : 0;
 }
 
 // Other markers, or other settings: what was drawn before says nothing about them.
@@ -137,7 +146,7 @@ function showMoment(meta) {
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
   $("play").textContent = meta.playing ? "Pause" : "Play";
   $("play").setAttribute("aria-pressed", String(meta.playing));
-  setState(meta.state, meta.watchdog);
+  setState(steady(meta.state), meta.watchdog);
   $("notice").hidden = !meta.notice;
   $("notice").textContent = meta.notice;
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
