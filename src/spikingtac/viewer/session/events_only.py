@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from spikingtac.events.source import EventSource
 from spikingtac.live.camera_stream import stream_packets
 from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
+from spikingtac.sim.twin_camera import is_twin
 from spikingtac.types import LossCounters
 from spikingtac.viewer.session.calibrating.desk import CalibrationDesk, SaveTarget
 from spikingtac.viewer.session.opening import (
@@ -53,29 +54,40 @@ def open_view_or_events(
             return open_view_source(source, **options)
         except NoCalibrationError:
             pass
-    elif not is_stream(Path(source)) and not Path(source).exists():
-        camera = options.get("camera")  # a scene's name: the twin as a camera
-        source = f"twin:{source}?seed={options.get('seed', 0)}"
-        source += f"&camera={camera}" if camera else ""
-    live = is_stream(Path(source))
+    live, target = is_stream(Path(source)), save or SaveTarget()
+    if is_twin(source) or not (live or Path(source).exists()):
+        scene = open_view_source(source, **options)  # its events; the truth shows how well it went
+        return _guided(
+            scene, CalibrationDesk(scene.label, scene.source.size, target, None), options
+        )
     events = open_live(source) if live else open_events(source)
     label = source if is_address(source) else Path(source).resolve().name
     whole = None if live else Factory(function=open_whole, arguments={"path": source})
-    desk = CalibrationDesk(label, events.size, save or SaveTarget(), whole)
-    preset, rate_hz = options.get("preset", "default"), options.get("rate_hz")
-    contact = load_config(preset).contact
-    return ViewSource(
+    desk = CalibrationDesk(label, events.size, target, whole)
+    view = ViewSource(
         label=label,
         source=events,
         calibration=no_markers(events.size),
         config=NothingToTune(),
         make_tracker=desk.make_tracker,
+        ends=not live,
+        provenance={"input": label},
+    )
+    return _guided(view, desk, options)
+
+
+def _guided(view: ViewSource, desk: CalibrationDesk, options: dict[str, Any]) -> ViewSource:
+    """Return the view of the same events whose markers are not known yet."""
+    preset, rate_hz = options.get("preset", "default"), options.get("rate_hz")
+    contact = load_config(preset).contact
+    return replace(
+        view,
+        calibration=no_markers(view.source.size),
+        config=NothingToTune(),
+        make_tracker=desk.make_tracker,
         make_detector=partial(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
-        simulated=source.startswith("twin:"),
-        ends=not live,
-        provenance={"input": label},
         desk=desk,
         calibrated=partial(calibrated_view, preset=preset, rate_hz=rate_hz),
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from spikingtac.markers.calibration.finding.sighting import region
 from spikingtac.markers.calibration.guide.coverage import OPPOSITE
-from spikingtac.markers.calibration.guide.guide import ENOUGH_SHARE, GuideView
+from spikingtac.markers.calibration.guide.guide import ENOUGH_SHARE, FEWEST_RESTS, GuideView
 
 NEAR_BORDER_PITCHES = 1.5
 """A grid that ends further from the image's border than so many pitches may go on unseen. (Ours: a
@@ -31,7 +31,7 @@ def advice(view: GuideView) -> list[str]:
     if view.grid is None:
         return [FIRST]
     lines = [*_unmoved(view), *_unseen(view)]
-    if not view.rests:
+    if view.rests < FEWEST_RESTS:
         lines.append("Take everything off the skin and wait half a second.")
     if not lines:
         rows, columns = view.grid

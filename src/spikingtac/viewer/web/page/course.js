@@ -20,6 +20,7 @@ export class Course {
     this.bucketUs = BUCKET_US;
     this.top = 1;
     this.painted = "";
+    this.newest = this.before = undefined;
   }
 
   // Keep a frame's displacements; true where they are the largest so far.
@@ -33,8 +34,9 @@ export class Course {
     for (let i = 0; i < moved.length; i += 2) largest = Math.max(largest, Math.hypot(moved[i], moved[i + 1]));
     while (largest > this.top) [this.top, this.painted] = [nextNice(this.top), ""];
     if (this.samples.size * moved.length > MOST_FLOATS) this.thin(startUs);
+    const since = tUs - (this.newest?.t_us ?? -Infinity);
+    this.before = since > 0 && since <= GAP_US ? this.newest : this.samples.get(bucket - 1);
     this.newest = this.samples.get(bucket);
-    this.before = this.samples.get(bucket - 1);
   }
 
   thin(startUs) {

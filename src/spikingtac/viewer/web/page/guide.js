@@ -2,6 +2,7 @@
 const $ = (id) => document.getElementById(id);
 const TURNS = { 1: Math.PI, 2: 0, 3: -Math.PI / 2, 4: Math.PI / 2 }; // the way that a marker should go
 const ENOUGH_WAY = 0;
+const SLOW_S = 15;
 
 export function drawGuide(sensor, guide, arrays) {
   if (!guide || !arrays.guide_px) return;
@@ -27,7 +28,7 @@ export function showGuide(guide, hello) {
   $("guide").dataset.state = guide.state;
   const total = guide.grid ? guide.grid[0] * guide.grid[1] : 0;
   write("guide-advice", { calibrating: "Calibrating. You may go on watching.", failed: "The calibration failed.", done: "Calibrated." }[guide.state] ?? guide.advice[0]);
-  write("guide-more", guide.state === "guide" ? guide.advice.slice(1).join(" ") : guide.state === "calibrating" ? `${(guide.running_s ?? 0).toFixed(0)} s` : guide.said);
+  write("guide-more", guide.state === "guide" ? guide.advice.slice(1).join(" ") : guide.state === "calibrating" ? runningText(guide.running_s ?? 0) : guide.said);
   const live = guide.state === "guide" || guide.state === "failed";
   $("guide-progress").hidden = $("guide-count").hidden = !live;
   Object.assign($("guide-progress"), { max: Math.max(total, 1), value: guide.enough });
@@ -35,7 +36,6 @@ export function showGuide(guide, hello) {
     ? `${guide.enough} of ${total} markers have moved enough, grid ${guide.grid.join(" × ")}, ${guide.rests} ${guide.rests === 1 ? "rest" : "rests"}`
     : "no grid yet");
   $("calibrate").hidden = $("begin-anew").hidden = !live;
-  $("calibrate").disabled = !guide.grid && !hello.ends;
   $("calibrate").classList.toggle("ready", guide.ready);
   write("calibrate", guide.state === "failed" ? "Calibrate again" : "Calibrate");
   write("guide-path", guide.state === "guide" ? `It will be saved as ${guide.path}. The same without the page: ${guide.command}` : "");
@@ -60,6 +60,10 @@ function showResult(result, hello) {
     [term.textContent, value.textContent] = [title, text];
     return [term, value];
   }));
+}
+
+function runningText(seconds) {
+  return `${seconds.toFixed(0)} s${seconds > SLOW_S ? "; the first one on a machine compiles, which may take a minute" : ""}`;
 }
 
 function names(markers, [, columns]) {

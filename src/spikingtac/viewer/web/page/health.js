@@ -9,6 +9,17 @@ const SAID = {
   CONNECTING: ["", "connecting", "Waiting for the command that serves this page."],
   STARTING: ["", "starting", "The first start on a machine compiles for some seconds."],
 };
+const LATE_SHARE = [0.25, 0.5], MEMORY = 0.03; // of the last half second's pictures: not late, late
+let lateShare = 0, late = false;
+
+// A machine at its limit is late now and then; the line does not flicker with it.
+export function steady(state) {
+  if (state !== "OK" && state !== "OVERLOAD") return state;
+  lateShare += MEMORY * ((state === "OVERLOAD") - lateShare);
+  late = lateShare > LATE_SHARE[late ? 0 : 1];
+  return late ? "OVERLOAD" : "OK";
+}
+
 const PAST = {
   STALE: ["poor", "the camera was silent"],
   OVERLOAD: ["poor", "the camera was too fast"],

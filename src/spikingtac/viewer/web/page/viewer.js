@@ -4,7 +4,7 @@ import { buildControls, refreshControls } from "./controls.js";
 import { Course } from "./course.js";
 import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
 import { drawGuide, showGuide } from "./guide.js";
-import { showHealth } from "./health.js";
+import { showHealth, steady } from "./health.js";
 import { listen } from "./keys.js";
 import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
@@ -24,7 +24,7 @@ const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
 const course = new Course($("course")), readings = new Readings($("readings"));
-const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
+const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
@@ -55,17 +55,26 @@ function greet(document_) {
   const first = !hello || names(hello) !== names(document_);
   const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
-  if (other) forget();
+  if (other) {
+    forget();
+    sensor.options.marker = $("marker").value = middle(hello);
+  }
   sensor.greet(hello);
   if (first) buildControls($("controls"), hello.controls, (name, value) => { forget(); send({ set: [name, value] }); });
   else refreshControls($("controls"), hello.controls);
   const markers = hello.reference_px.length > 0;
   $("tuning").hidden = hello.controls.length === 0;
-  $("truth-option").hidden = !hello.truth;
+  $("truth-option").hidden = !hello.truth || !markers;
   $("unit").value = "px";
   for (const id of ["course", "trace"]) $(id).closest("figure").hidden = !markers;
   for (const id of ["arrows", "heat", "mesh", "discs", "scale"]) $(id).closest("label").hidden = !markers;
   $("save").hidden = !markers;
+}
+
+// The marker nearest to the middle of the image: it moves in most contacts.
+function middle({ reference_px: places, size }) {
+  const far = places.map(([x, y]) => Math.hypot(x - size[0] / 2, y - size[1] / 2));
+  return places.length ? far.indexOf(Math.min(...far)) : 0;
 }
 
 // Other markers, or other settings: what was drawn before says nothing about them.
@@ -88,8 +97,9 @@ function receive(buffer) {
 function draw() {
   waiting = false;
   if (!frame || !hello) return;
-  const { meta, arrays } = (drawn = decode(frame));
+  const begun = performance.now(), { meta, arrays } = (drawn = decode(frame));
   frame = null;
+  document.body.classList.remove("starting");
   $("sensor").hidden = false;
   $("waiting").hidden = true;
   counts.add(meta, arrays.counts);
@@ -99,6 +109,8 @@ function draw() {
   measure(meta);
   send({ ack: ++metrics.frames });
   if (performance.now() - slowAt > SLOW_MS) showReadings(meta, arrays);
+  metrics.draw_ms.push(performance.now() - begun);
+  if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
 }
 
 // Everything that is drawn, from the latest frame.
@@ -134,7 +146,7 @@ function showMoment(meta) {
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
   $("play").textContent = meta.playing ? "Pause" : "Play";
   $("play").setAttribute("aria-pressed", String(meta.playing));
-  setState(meta.state, meta.watchdog);
+  setState(steady(meta.state), meta.watchdog);
   $("notice").hidden = !meta.notice;
   $("notice").textContent = meta.notice;
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
