@@ -17,15 +17,15 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
-from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.create import create_events
+from spikingtac.live.camera_stream import stream_packets
 from spikingtac.live.factory import Factory
 from spikingtac.live.guard.arrivals import stream_arrivals
 from spikingtac.live.guard.contact_process import ContactProcess
+from spikingtac.live.process_source import ProcessSource
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.session.events_only import open_view_or_events
-from spikingtac.viewer.session.opening import stream_packets
 from stand_ins.guarded import NotingArm, detector, stops
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
@@ -116,9 +116,15 @@ def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
     summary = json.loads(done.stdout)
     assert summary["estimates"] > 10  # a cold cache is compiled meanwhile
     assert summary["displacement_max_px"] > 0.1
-    unknown = spikingtac("view", "-", "--headless", "--port", "0")
-    assert unknown.returncode == 2
-    assert "mkfifo" in unknown.stderr
+
+
+def test_the_page_shows_standard_input_without_a_calibration(circling: Path) -> None:
+    words = "view", "-", "--headless", "--seconds", "3", "--port", "0", "--json"
+    done = spikingtac(*words, stdin=circling / "events.raw")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["played_s"] > 0.3
+    assert summary["displacement_max_px"] == 0.0
 
 
 def test_a_touch_in_a_pipe_stops_the_arm(tmp_path: Path) -> None:
@@ -175,12 +181,13 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 
 def test_a_camera_without_a_calibration_shows_its_events() -> None:
     view = open_view_or_events("udp:127.0.0.1:0?encoding=evt2&size=320x320")
-    assert isinstance(view.source, CameraSource)
-    view.source.release()
-    assert view.source.when_lost == "reconnect"
+    assert isinstance(view.source, ProcessSource)  # a silent camera holds nothing up
+    view.source.close()
+    assert view.source.size == (320, 320)
     assert not view.ends
     assert view.calibration.reference_px.shape == (0, 2)
-    assert "spikingtac calibrate udp:" in view.notice
+    assert view.desk is not None
+    assert "spikingtac calibrate udp:" in view.desk.shown()[0]["command"]
 
 
 def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:

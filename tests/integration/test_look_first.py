@@ -56,7 +56,11 @@ def test_its_events_are_shown_with_figures_and_advice(
     assert "position_px" not in arrays
     assert np.count_nonzero(arrays["activity"]) > 10
     assert arrays["counts"].sum() > 0
-    assert "spikingtac calibrate events.raw" in meta["notice"]
+    assert meta["notice"] == ""
+    guide = meta["guide"]
+    assert guide["state"] == "guide"
+    assert guide["command"] == "spikingtac calibrate events.raw -o calibration.json"
+    assert guide["advice"]
     assert meta["displacement_max_px"] == 0.0
     session.close()
 
@@ -75,6 +79,31 @@ def test_a_damaged_calibration_is_not_passed_over(recording: Path, tmp_path: Pat
     (tmp_path / "calibration.json").write_text("{")
     with pytest.raises(CalibrationError):
         open_view_or_events(str(tmp_path))
+
+
+def test_a_scene_can_be_calibrated_as_if_it_were_unknown() -> None:
+    view = open_view_or_events("twin:bootstrap", look=True)
+    try:
+        assert view.simulated
+        assert view.truth is not None
+        assert view.calibration.reference_px.shape == (0, 2)
+        assert view.desk is not None
+        known = open_view_or_events("twin:bootstrap")
+        known.source.close()  # type: ignore[attr-defined]
+        assert known.desk is None
+        learned = view.calibrated(view, known.calibration)
+        assert len(learned.calibration.reference_px) == 64
+        assert learned.config == known.config
+    finally:
+        view.source.close()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("other", [("--calibration", "x.json"), ("--export", "x.gif")])
+def test_a_calibration_is_either_given_or_made(
+    other: tuple[str, str], recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(recording), "--calibrate", *other]) == 2
+    assert "--calibrate" in capsys.readouterr().err
 
 
 def test_the_verb_serves_it_and_ends_well(

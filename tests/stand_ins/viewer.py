@@ -109,10 +109,11 @@ class KnowingTracker:
 
 
 class EverySecond(BurstDetector):
-    """Reports a contact 0.3 s after each full second."""
+    """Reports a contact 0.3 s after each full second, which lasts for 0.2 s."""
 
     def update(self, window: Window) -> Contact | None:
         t_us = packets_of(window)[0].t_end_us
+        self.in_contact = 300_000 <= t_us % PERIOD_US < 500_000
         return Contact(t_us, count_of(window), 20.0) if t_us % PERIOD_US == 300_000 else None
 
 

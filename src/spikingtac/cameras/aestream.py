@@ -9,6 +9,7 @@ carries no time and gets that of its arrival.
 from __future__ import annotations
 
 import time
+from itertools import groupby
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -20,7 +21,9 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
-NO_TIME = np.uint32(1 << 31)
+WORD_BYTES = 4
+NO_TIME = 1 << 7
+"""Bit 31 of a word, in the last one of its bytes."""
 WRAP_US = 1 << 32
 US_PER_S = 1e6
 
@@ -58,9 +61,12 @@ class AestreamCamera(Camera):
         """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
         if self._closed:
             return None
-        parts = [self._events(datagram) for datagram in self._socket.datagrams(timeout_s)]
-        if not parts:
+        datagrams = self._socket.datagrams(timeout_s)
+        if not datagrams:
             return self.nothing()
+        # Those of one kind are decoded at once: what each costs alone is many times its events'.
+        kinds = groupby(map(self._whole_events, datagrams), key=_is_timed)
+        parts = [self._events(b"".join(group), timed) for timed, group in kinds]
         x, y, p, t = (np.concatenate(column) for column in zip(*parts, strict=True))
         return x, y, p, t
 
@@ -73,15 +79,18 @@ class AestreamCamera(Camera):
         """Return port and encoding."""
         return {"port": self._socket.port, "encoding": "AEStream datagrams"}
 
-    def _events(self, datagram: bytes) -> Rows:
-        whole = len(datagram) // 4 * 4
-        words = np.frombuffer(datagram[:whole], "<u4")
-        timed = bool(len(words)) and not words[0] & NO_TIME
-        cut = whole < len(datagram) or (timed and len(words) % 2 == 1)
-        self.losses.add("truncated", int(cut))
+    def _whole_events(self, datagram: bytes) -> bytes:
+        """Return the whole events of a datagram."""
+        size = 2 * WORD_BYTES if _is_timed(datagram) else WORD_BYTES
+        whole = len(datagram) // size * size
+        self.losses.add("truncated", int(whole < len(datagram)))
+        return datagram[:whole]
+
+    def _events(self, data: bytes, timed: bool) -> Rows:
+        words = np.frombuffer(data, "<u4")
         if timed:
-            heads = words[: len(words) // 2 * 2 : 2]
-            t = self._unwrapped(words[1 : 2 * len(heads) : 2])
+            heads = words[::2]
+            t = self._unwrapped(words[1::2])
         else:
             heads = words
             now_us = round((time.monotonic() - self._begun_s) * US_PER_S)
@@ -92,9 +101,16 @@ class AestreamCamera(Camera):
     def _unwrapped(self, low: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Return times beyond the 32 bits of the wire: a fall by half of the range is a wrap."""
         times = low.astype(np.int64) + self._epoch_us
-        falls = np.diff(times, prepend=self._last_us) < -(WRAP_US // 2)
-        times += np.cumsum(falls) * WRAP_US
-        if len(times):
+        if not len(times):
+            return times
+        falls = times < np.concatenate(([self._last_us], times[:-1])) - WRAP_US // 2
+        if falls.any():
+            times += np.cumsum(falls) * WRAP_US
             self._epoch_us += int(falls.sum()) * WRAP_US
-            self._last_us = int(times[-1])
+        self._last_us = int(times[-1])
         return times
+
+
+def _is_timed(datagram: bytes) -> bool:
+    """Return whether the events of a datagram carry times."""
+    return len(datagram) >= WORD_BYTES and not datagram[WORD_BYTES - 1] & NO_TIME

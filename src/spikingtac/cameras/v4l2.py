@@ -8,6 +8,7 @@ device is read by ``v4l2-ctl`` (v4l-utils), as the maker shows it; a dump that i
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import shutil
@@ -27,6 +28,10 @@ from spikingtac.events.formats.evt.words import Rows
 FRAME = (4096, 391)
 """Width and height of a frame, bytes."""
 TOOL = "v4l2-ctl"
+LOOK_BYTES = 1 << 14
+"""Stretch of a frame in which its mark is looked for at once: 4 ms of EVT2 words at 1 Mev/s."""
+PIPE_BYTES = 1 << 20
+"""Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame."""
 _MARKS = {"evt2": ("<u4", 0xF00000FF, 0xE0000019), "evt3": ("<u2", 0xFFFF, 0xE019)}
 """Type of the words in which a mark is looked for, the bits that count, and their value."""
 _MARK_IN_HEADS = (0xF0000FFF, 0xE0000019)
@@ -45,10 +50,11 @@ class V4l2Camera(Camera):
         self.size = self._words.size
         width, height = address.size("frame") or FRAME
         self._frame_bytes = width * height
+        # Frames are read in place: a copy of 1.6 MB takes as long as the decoding of its words.
+        self._frame, self._filled = memoryview(bytearray(self._frame_bytes)), 0
         self._order = address.text("order", "little")
         self._file: int | None = file
         self._tool = tool
-        self._pending = bytearray()
         self._ended = False
 
     @classmethod
@@ -72,15 +78,15 @@ class V4l2Camera(Camera):
         """Return the events of the next frame; see :meth:`Camera.read`."""
         if self._file is None or self._ended:
             return None
-        while len(self._pending) < self._frame_bytes:
+        while self._filled < self._frame_bytes:
             if not select.select([self._file], [], [], timeout_s)[0]:
                 return self.nothing()
-            data = os.read(self._file, self._frame_bytes - len(self._pending))
-            if not data:
+            got = os.readv(self._file, [self._frame[self._filled :]])
+            if not got:
                 return self._end()
-            self._pending += data
-        frame, self._pending = bytes(self._pending), bytearray()
-        return self._words.feed(self._payload(frame))
+            self._filled += got
+        self._filled = 0
+        return self._words.feed(self._payload(self._frame))
 
     def close(self) -> None:
         """Stop the device, or close the file."""
@@ -100,31 +106,36 @@ class V4l2Camera(Camera):
         self._ended = True
         if self._tool is not None:
             raise CameraLostError(f"{TOOL} has ended: the device is gone, or refuses to stream")
-        self.losses.add("truncated", int(bool(self._pending)))
-        rows = self._words.feed(self._payload(bytes(self._pending)), final=True)
+        self.losses.add("truncated", int(self._filled > 0))
+        rows = self._words.feed(self._payload(self._frame[: self._filled]), final=True)
         return rows if len(rows[3]) else None
 
-    def _payload(self, frame: bytes) -> bytes:
+    def _payload(self, frame: memoryview) -> memoryview:
         """Return the words of a frame before its mark; all of them where there is none."""
         end = self._mark(frame)
         if end is None:
-            self.losses.add("no_end_mark", int(bool(frame)))
+            self.losses.add("no_end_mark", int(len(frame) > 0))
             return frame[: len(frame) // self._words.word_bytes * self._words.word_bytes]
         return frame[:end]
 
-    def _mark(self, frame: bytes) -> int | None:
-        """Return the offset of the mark, bytes."""
+    def _mark(self, frame: memoryview) -> int | None:
+        """Return the offset of the mark, bytes; a frame is looked through up to its mark only."""
         if self._words.encoding == "evt21":
             kind = ">u4" if self._order == "big" else "<u4"
-            first = 1 if self._order == "little" else 0
-            words = np.frombuffer(frame[: len(frame) // 8 * 8], kind)[first::2]
+            first, stride = (1 if self._order == "little" else 0), 2
             bits, value = _MARK_IN_HEADS
         else:
-            kind, bits, value = _MARKS[self._words.encoding]
-            size = np.dtype(kind).itemsize
-            words = np.frombuffer(frame[: len(frame) // size * size], kind)
-        places = np.flatnonzero((words & np.array(bits, words.dtype)) == value)
-        return int(places[0]) * self._words.word_bytes if len(places) else None
+            (kind, bits, value), first, stride = _MARKS[self._words.encoding], 0, 1
+        size = self._words.word_bytes
+        whole = len(frame) // size * size
+        mask = np.array(bits, kind)
+        for start in range(0, whole, LOOK_BYTES):
+            words = np.frombuffer(frame[start : min(start + LOOK_BYTES, whole)], kind)
+            found = (words[first::stride] & mask) == value
+            place = int(found.argmax())
+            if found[place]:
+                return start + place * size
+        return None
 
 
 def _streaming(path: Path) -> subprocess.Popen[bytes]:
@@ -133,6 +144,12 @@ def _streaming(path: Path) -> subprocess.Popen[bytes]:
     if tool is None:
         raise DeviceError(f"{TOOL} is not installed; get it with: sudo apt install v4l-utils")
     command = [tool, "--device", str(path), "--stream-mmap", "--stream-count=0", "--stream-to=-"]
-    return subprocess.Popen(
+    process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
+    assert process.stdout is not None
+    with contextlib.suppress(ImportError, AttributeError, OSError):  # without it, more reads
+        import fcntl
+
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+    return process

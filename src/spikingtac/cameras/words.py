@@ -73,7 +73,7 @@ class BareWords:
         self.word_bytes = decoder.word.itemsize
         warm_up(self.encoding, self.size, self._order)
 
-    def feed(self, data: bytes, final: bool = False) -> Rows:
+    def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns of the events in the next bytes; they are overwritten by the next."""
         return self._stream.feed(data, final)
 

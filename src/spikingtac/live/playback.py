@@ -88,6 +88,11 @@ class Playback:
         """The tracker, as it stands at the position."""
         return self._tracker
 
+    @property
+    def in_contact(self) -> bool:
+        """Whether the contact detector tells a contact at the position."""
+        return self._detector is not None and self._detector.in_contact
+
     def aim(self, t_us: int) -> None:
         """Set where to go, before or after the position."""
         self.aim_us = max(t_us, self.store.t_start_us)

@@ -12,7 +12,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from spikingtac.errors import SpikingTacError
+from spikingtac.errors import RecordingError, SpikingTacError
 from spikingtac.live.factory import Factory
 from spikingtac.types import EventPacket, LossCounters
 
@@ -36,22 +36,28 @@ class ProcessSource:
     def __init__(
         self,
         open_stream: Factory[Stream],
-        size: tuple[int, int],
+        size: tuple[int, int] | None,
         take_side_data: Callable[[Any], None] = lambda _: None,
     ) -> None:
         """Start the other process.
 
         Args:
             open_stream: Opens the stream, in the other process.
-            size: Size of the packets, ``(width, height)``, px.
+            size: Size of the packets, ``(width, height)``, px; where it is None, the stream
+                begins with a packet that tells it, and is not passed on.
             take_side_data: Called with each packet's side data before the packet is yielded.
+
+        Raises:
+            RecordingError: The stream ended before it told its size.
+            SpikingTacError: It could not be opened, where its size was not known.
         """
         context = multiprocessing.get_context("spawn")
-        self.size, self.losses = size, LossCounters()
+        self.losses = LossCounters()
         self._take_side_data = take_side_data
         self._items = context.Queue(ITEMS_AHEAD)
         self._process = context.Process(target=_make, args=(open_stream, self._items), daemon=True)
         self._process.start()
+        self.size = size or self._told_size()
 
     def __iter__(self) -> Iterator[EventPacket]:
         while (item := self._next()) is not None:
@@ -67,6 +73,13 @@ class ProcessSource:
         self._process.join(SHUTDOWN_S)
         self._items.cancel_join_thread()
         self._items.close()
+
+    def _told_size(self) -> tuple[int, int]:
+        item = self._next()
+        if item is None or isinstance(item, Exception):
+            self.close()
+            raise item or RecordingError("the stream ended before it began; start its writer first")
+        return item[0].size
 
     def _next(self) -> Any:
         while True:

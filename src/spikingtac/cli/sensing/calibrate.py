@@ -16,6 +16,8 @@ from spikingtac.types import Polarity
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.events.source import EventSource
+    from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +48,10 @@ class Args:
     """Picture to write: the markers as circles, good and doubtful ones told apart."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
+    guide: bool = False
+    """Say every two seconds which markers still have to move, as is always done for a camera."""
+    until_ready: bool = False
+    """End a camera by itself once every marker has moved enough and the skin rests."""
     overwrite: bool = False
     """Replace files that are already there."""
     strict: bool = False
@@ -71,8 +77,9 @@ def run(args: Args) -> int:
         allow_missing=args.allow_missing,
     )
     source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
+    guided = _guided(source, config, args)
     with ending_on_interrupt(source), progress(f"calibrating from {args.recording.name}"):
-        calibration = calibrate(source, config)
+        calibration = calibrate(guided, config)
     calibration.provenance["recording"] = args.recording.name
     calibration.save(args.output)
     if args.plot is not None:
@@ -84,6 +91,21 @@ def run(args: Args) -> int:
     else:
         _print(calibration, args)
     return 0
+
+
+def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
+    """Return the source; that of a camera tells what the calibration still lacks."""
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.markers.calibration.guide.advice import progress_line
+    from spikingtac.markers.calibration.guide.guide import CalibrationGuide
+    from spikingtac.markers.calibration.guide.guided_source import GuidedSource
+
+    if not (args.guide or args.until_ready or is_stream(args.recording)):
+        return source
+    guide = CalibrationGuide(source.size, config.grid, config.polarity)
+    return GuidedSource(
+        source, guide, lambda view: remark(progress_line(view)), until_ready=args.until_ready
+    )
 
 
 def grid_shape(text: str | None) -> tuple[int, int] | None:

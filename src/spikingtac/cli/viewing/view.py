@@ -24,16 +24,20 @@ class Args:
     """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """Event file, recording folder, a camera's address or named pipe, or name of a scene
-    (spikingtac simulate --list)."""
+    """Event file, recording folder, a camera (its address, a named pipe, or -), or name of a
+    scene (spikingtac simulate --list)."""
     calibration: Path | None = None
     """calibration.json of this sensor; a folder's own unless given. Without one the
-    events alone are shown, with rate, noise and hot pixels."""
+    events alone are shown, with rate, noise and hot pixels, and the page calibrates."""
     second: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None
     """The other finger, beside the first one on the page: what can be a SOURCE; the same folder
     again means its second sensor. Recordings are put on the first one's clock."""
     second_calibration: Path | None = None
     """calibration.json of the other finger; the folder's calibration_1.json unless given."""
+    calibrate: bool = False
+    """Calibrate with the page, even where a calibration is known."""
+    save_calibration: Path = Path("calibration.json")
+    """File that a calibration made with the page is saved as."""
     preset: str = "default"
     """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
@@ -77,6 +81,10 @@ def run(args: Args) -> int:
     }
     if args.force is not None:
         arguments["force"] = str(args.force)
+    if args.calibrate and (args.calibration or args.force or args.export):
+        raise ConfigError(
+            "--calibrate begins without one; leave out --calibration, --force and --export"
+        )
     if args.second is not None:
         summary = _both_shown(arguments, args, args.second)
     elif args.export is not None:
@@ -84,7 +92,7 @@ def run(args: Args) -> int:
             raise ConfigError("--picture is a summary of the page; give it or --export, not both")
         summary = _exported(arguments, args)
     else:
-        summary = show_source(arguments, args, repeat=False)
+        summary = _shown(arguments, args)
     report(args.source, summary, as_json=args.json)
     return 0
 
@@ -96,8 +104,8 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
     from spikingtac.viewer.session.opening import open_felt_source, open_view_source
     from spikingtac.viewer.web.show import show_pair
 
-    if args.export is not None or args.picture is not None:
-        raise ConfigError("--export and --picture show one finger; leave out --second")
+    if args.export is not None or args.picture is not None or args.calibrate:
+        raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
     recorded = Path(args.source).exists() and Path(second).exists()
     calibration = args.second_calibration
     other = {
@@ -111,6 +119,21 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
         beside = {**other, "beside": args.source}
         views[1] = Factory(function=open_second_view, arguments=beside)
     return show_pair(views, page_options(args), remark, one_clock=recorded)
+
+
+def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
+    """Show the source; standard input goes through a pipe, since another process reads it."""
+    from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT
+    from spikingtac.live.standard_input import standard_input_pipe
+    from spikingtac.viewer.session.calibrating.desk import SaveTarget
+
+    if args.force is None:
+        arguments["look"] = args.calibrate
+        arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
+    if args.source != STANDARD_INPUT:
+        return show_source(arguments, args, repeat=False)
+    with standard_input_pipe() as pipe:
+        return show_source({**arguments, "source": str(pipe)}, args, repeat=False)
 
 
 def check_seconds(seconds: float | None) -> None:

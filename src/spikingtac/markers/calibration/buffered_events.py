@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,13 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import EventSource
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, LossCounters
 
 LONGEST_US = int(np.iinfo(np.uint32).max)
 """Longest recording whose times fit 32 bits: 71 minutes."""
+
+REPLAYED_US = 10_000
+"""Length of the packets in which buffered events are read again, us."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,34 @@ class BufferedEvents:
     def inverted(self) -> BufferedEvents:
         """Return the same events with swapped polarities (dark markers become bright ones)."""
         return replace(self, code=self.code ^ np.uint32(1))
+
+
+class BufferedSource:
+    """Buffered events as a source, to be read as often as is wanted, also where a camera was not.
+
+    Args:
+        events: The events.
+    """
+
+    def __init__(self, events: BufferedEvents) -> None:
+        self.size = events.size
+        self.losses = LossCounters()
+        self._events = events
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        """Yield packets of equal duration with the recording's own times."""
+        events, last_us = self._events, max(self._events.duration_us, 1)
+        for begin_us in range(0, last_us, REPLAYED_US):
+            end_us = min(begin_us + REPLAYED_US, last_us)
+            first, last = events.index_at(np.array([begin_us, end_us], np.int64)).tolist()
+            packet = events.packet((first, last), (begin_us, end_us))
+            yield replace(
+                packet,
+                t=packet.t + events.t_start_us,
+                t_start_us=begin_us + events.t_start_us,
+                t_end_us=end_us + events.t_start_us,
+                checked=True,
+            )
 
 
 def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.buffered_events import buffer_events
+from spikingtac.markers.calibration.buffered_events import BufferedSource, buffer_events
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
 from spikingtac.markers.calibration.finding.grid import expected_places
 from spikingtac.markers.calibration.finding.rest import RestConfig
@@ -129,7 +129,7 @@ def calibrate(
     """Learn a sensor's calibration from a recording in which its markers move.
 
     Args:
-        source: The recording; it is read once (again by ``estimate_lag``, if that is given).
+        source: The recording, or a camera that ends; it is read once.
         config: What is known beforehand.
         estimate_lag: Fills in ``lag_us`` at the end; None leaves it unknown.
 
@@ -149,7 +149,8 @@ def calibrate(
     calibration = with_step_scale(look.events, refined, calibration)
     own = round(own_contradiction(look.events, calibration), 4)
     calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})
-    lag_us = estimate_lag(source, calibration) if estimate_lag else None
+    seen = look.events if look.polarity == "white" else look.events.inverted()
+    lag_us = estimate_lag(BufferedSource(seen), calibration) if estimate_lag else None
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)
 
 

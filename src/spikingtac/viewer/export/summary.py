@@ -58,8 +58,8 @@ class Record:
         meta, arrays = decode(message)
         self._played_us += max(meta["t_us"] - self._last.get("t_us", meta["t_start_us"]), 0)
         self._last = meta
-        if "position_px" not in arrays:
-            return
+        if len(arrays.get("position_px", ())) != len(reference_px) or not len(reference_px):
+            return  # no marker is known, or not yet by whoever asks
         moved_px = np.hypot(*(arrays["position_px"] - reference_px).T).astype(np.float32)
         self._lost = max(self._lost, int(arrays["held"].sum()))
         if moved_px.max() > self._largest_px:

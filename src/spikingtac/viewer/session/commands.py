@@ -23,8 +23,8 @@ def parse_command(text: str) -> tuple[str, Any]:
     """Return ``(name, value)`` of a command.
 
     Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
-    ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults`` or
-    ``reset`` (of the watchdog).
+    ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults``,
+    ``reset`` (of the watchdog), ``calibrate`` or ``begin_anew`` (the guide of a calibration).
 
     Raises:
         CommandError: The text is anything else.
@@ -64,4 +64,6 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "set": _setting,
     "defaults": lambda value: value is True,
     "reset": lambda value: value is True,
+    "calibrate": lambda value: value is True,
+    "begin_anew": lambda value: value is True,
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,15 +15,16 @@ from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT, is_stream
+from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import refuse_url
+from spikingtac.live.camera_stream import stream_packets
 from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.sim.twin_camera import is_twin, twin_options
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import LossCounters
 from spikingtac.viewer.session.felt import FeltLayer
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 
@@ -82,12 +82,27 @@ def open_view_source(
         raise CalibrationError(
             f"the calibration is for {view.calibration.size}, the recording has {view.source.size}"
         )
+    return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
+
+
+def calibrated_view(
+    view: ViewSource, calibration: Calibration, *, preset: str, rate_hz: float | None
+) -> ViewSource:
+    """Return a view whose markers are tracked by a preset.
+
+    Args:
+        view: The events.
+        calibration: Of their sensor.
+        preset: Configuration: ``default``, ``fast``, ``paper``, or a TOML file.
+        rate_hz: Estimates per second; the preset's unless given.
+    """
     settings = load_config(preset).with_tracking(rate_hz=rate_hz)
     config, contact = settings.tracking, settings.contact
     return replace(
         view,
+        calibration=calibration,
         config=config,
-        make_tracker=partial(_tracker, view.calibration),
+        make_tracker=partial(_tracker, calibration),
         make_detector=partial(
             SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
         ),
@@ -144,8 +159,6 @@ def _open_recording(path: Path, calibration: str | None) -> ViewSource:
 
 
 def _open_stream(path: Path, calibration: str | None) -> ViewSource:
-    if str(path) == STANDARD_INPUT:
-        raise ConfigError("the page reads a camera through a named pipe: mkfifo live.raw")
     if calibration is None:
         raise NoCalibrationError(f"{str(path)!r} is a camera; name its --calibration")
     chosen = Calibration.load(calibration)
@@ -165,35 +178,6 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
         ends=False,
         provenance={"input": path.name},
     )
-
-
-def stream_packets(
-    path: str, size: tuple[int, int]
-) -> Iterator[tuple[EventPacket, dict[str, int]]]:
-    """Yield a camera's packets as they come, each with what was lost or mended so far.
-
-    A camera that is unplugged is waited for.
-
-    Raises:
-        CalibrationError: The camera has another size than its calibration.
-    """
-    from spikingtac.events.cameras.source import CameraSource
-    from spikingtac.events.open import open_events
-
-    source = open_events(path)
-    if isinstance(source, CameraSource):
-        source.when_lost = "reconnect"
-    if tuple(source.size) != tuple(size):
-        raise CalibrationError(
-            f"the calibration is for {size[0]}x{size[1]}, the camera is "
-            f"{source.size[0]}x{source.size[1]}; calibrate this sensor"
-        )
-    try:
-        for packet in source:
-            yield packet, dict(source.losses.kinds())
-    finally:
-        if isinstance(source, CameraSource):
-            source.release()
 
 
 def _open_twin(source: str, seed: int, camera: str | None) -> ViewSource:

@@ -76,15 +76,11 @@ class Session:
         store = EventStore(source)
         if view.ends:
             store.extend_to_end()
+        if view.desk is not None:
+            view.desk.begin_anew()  # the kernels were warmed up with it
         self._view, self._config = view, view.config
         self._frames, self._greetings, self._repeat = frames, greetings, repeat
-        self.playback = Playback(
-            store,
-            self._tracker,
-            view.make_detector,
-            rate_hz=view.rate_hz,
-            on_frame=self._take,
-        )
+        self.playback = self._tracked(store)
         self._largest_px = 0.0
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = DEFAULT_EXPOSURE_US, False
@@ -106,6 +102,8 @@ class Session:
             "set": self._set,
             "defaults": lambda _: self._retune(self._view.config),
             "reset": lambda _: self._health.reset() if self._health else None,
+            "calibrate": lambda _: self._calibrate(),
+            "begin_anew": lambda _: self._view.desk.begin_anew() if self._view.desk else None,
         }
         if name in actions:
             actions[name](value)
@@ -113,6 +111,7 @@ class Session:
     def step(self) -> None:
         """Play on by one frame, publish it, and wait for the time of the next one."""
         self._timer.begin()
+        self._adopt_calibration()
         start_us = self.playback.position_us
         # Where tracking cannot keep up, the playhead waits: time slows down, no event is skipped.
         if self.playing and self.playback.aim_us - start_us <= SLACK_US:
@@ -137,6 +136,8 @@ class Session:
                 "retuned": self._retuned,
             }
         )
+        if self._view.desk is not None:
+            self._view.desk.close()
         self.playback.store.close()
         end = getattr(self._view.source, "close", None)
         if end is not None:
@@ -164,6 +165,35 @@ class Session:
         self._recorder.take(frame)
         if self._view.felt is not None:
             self._view.felt.take(frame)
+
+    def _tracked(self, store: EventStore) -> Playback:
+        view = self._view
+        return Playback(
+            store,
+            self._tracker,
+            view.make_detector,
+            rate_hz=view.rate_hz,
+            on_frame=self._take,
+        )
+
+    def _calibrate(self) -> None:
+        if self._view.desk is not None:
+            self._view.desk.calibrate(self.playback.store, self.playback.position_us)
+
+    def _adopt_calibration(self) -> None:
+        """Track the markers from now on, once the page's calibration is there."""
+        found = self._view.desk.poll() if self._view.desk else None
+        if found is None:
+            return
+        aim_us = self.playback.aim_us
+        self._view = self._view.calibrated(self._view, found)
+        self._config, self._notice = self._view.config, ""
+        self.playback = self._tracked(self.playback.store)
+        self.playback.aim(aim_us)
+        if self._view.ends:  # a recording is played again, now with its markers
+            self._play(True)
+            self._seek(self.playback.store.t_start_us)
+        self._greeted_s = 0.0
 
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)

@@ -26,6 +26,9 @@ HALF_SECOND_US = 500_000
 """Stretch over which the event rate is averaged."""
 JUDGED_US = 20_000_000
 """Stretch of a recording that is judged, us: its first 20 s, so that a long one opens at once."""
+TOUCHED_PX, TOUCHED_MARKERS = 1.0, 3
+"""A contact that makes no more events lasts while so many markers are displaced by so much, px.
+(Ours: a released skin's creep is below it, and one lost marker is no touch.)"""
 FULL = 255
 """Confidence 1 as a byte."""
 
@@ -54,6 +57,7 @@ def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any
         "px_per_mm": calibration.px_per_mm,
         "rate_hz": view.rate_hz,
         "truth": view.truth is not None,
+        "ends": view.ends,
         "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
@@ -82,11 +86,17 @@ def moving(view: ViewSource, playback: Playback) -> tuple[dict[str, Any], dict[s
         "events_per_s": round(events * 1e6 / max(now_us - recent_us, 1)),
         "last_window": last_window,
         "contacts_us": contacts,
+        "in_contact": playback.in_contact or (latest is not None and _displaced(playback.frame)),
         "contact": asdict(latest) if latest else None,
         "felt": view.felt.shown() if view.felt else None,
         "health": playback.frame.health.summary() if playback.frame else None,
     }
-    return scalars, {"counts": counts, **_markers(view, playback.frame)}
+    guide, guided = view.desk.shown() if view.desk else (None, {})
+    return {**scalars, "guide": guide}, {
+        "counts": counts,
+        **_markers(view, playback.frame),
+        **guided,
+    }
 
 
 def images(
@@ -110,6 +120,13 @@ def _markers(view: ViewSource, frame: MarkerFrame | None) -> dict[str, NDArray[A
     }
     truth = view.truth.at(frame.t_us) if view.truth else None
     return arrays if truth is None else {**arrays, "truth_px": truth.astype(np.float32)}
+
+
+def _displaced(frame: MarkerFrame | None) -> bool:
+    if frame is None:
+        return False
+    far_px = np.hypot(*frame.displacement_px.T)
+    return int(np.count_nonzero(far_px >= TOUCHED_PX)) >= TOUCHED_MARKERS
 
 
 def _counts(playback: Playback) -> tuple[int, NDArray[np.uint32]]:

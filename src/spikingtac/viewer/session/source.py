@@ -13,6 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.viewer.session.calibrating.desk import CalibrationDesk
 from spikingtac.viewer.session.felt import FeltLayer
 
 FIRST_ROWS = 4_096
@@ -48,6 +49,8 @@ class ViewSource:
         notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
         felt: Tells force, patch and vibration where a force model was given, or None.
+        desk: Where a page calibrates a sensor that has no calibration yet, or None.
+        calibrated: Makes the view of the same events once there is a calibration.
     """
 
     label: str
@@ -64,6 +67,10 @@ class ViewSource:
     notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     felt: FeltLayer | None = None
+    desk: CalibrationDesk | None = None
+    calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
+        default=lambda view, _: view
+    )
 
 
 class SampledTruth:

@@ -182,6 +182,7 @@ class _SessionMonitor:
         self.record = Record()
         self._session, self._seconds = session, seconds or float("inf")
         self._hello: dict[str, Any] | None = None
+        self._greeted = 0
         self._begun_s = self._reported_s = time.monotonic()
         self._until_s = self._begun_s + OPENING_S
 
@@ -194,7 +195,7 @@ class _SessionMonitor:
 
     def poll(self) -> bool:
         """Take the latest frame; False once the session or its time has ended."""
-        if self._hello is None and not self._greeted():
+        if not self._take_greeting():
             self._expect_life()
             return True
         if not self.record.number and self._session.frame(0) is not None:
@@ -205,20 +206,22 @@ class _SessionMonitor:
 
     def take_frame(self) -> None:
         """Note the latest frame, if there is one that was not noted."""
-        if self._hello is not None:
+        if self._take_greeting():
             self.record.take(self._session.frame(self.record.number), self._reference_px)
 
     def save_picture(self, path: Path) -> bool:
         """Write the summary picture; False where no frame was seen."""
         return self._hello is not None and self.record.save_picture(path, self._hello)
 
-    def _greeted(self) -> bool:
-        greeting = self._session.greeting(0)
-        document = {"starting": ""} if greeting is None else json.loads(greeting[1])
-        if "starting" in document:
-            return False
-        self._hello, self._reference_px = document, np.array(document["reference_px"])
-        return True
+    def _take_greeting(self) -> bool:
+        """Take the latest greeting, which may name other markers; True once there was one."""
+        greeting = self._session.greeting(self._greeted)
+        if greeting is not None:
+            self._greeted, document = greeting[0], json.loads(greeting[1])
+            if "starting" not in document:
+                self._hello = document
+                self._reference_px = np.array(document["reference_px"]).reshape(-1, 2)
+        return self._hello is not None
 
     def _expect_life(self) -> None:
         now_s = time.monotonic()
@@ -226,8 +229,8 @@ class _SessionMonitor:
             if now_s - self._reported_s > STILL_STARTING_S:
                 self._reported_s = now_s
                 self._report(
-                    "getting ready: the first start compiles kernels "
-                    f"({now_s - self._begun_s:.0f} s so far)"
+                    "getting ready: the first start compiles kernels, and a camera has to send "
+                    f"its first events ({now_s - self._begun_s:.0f} s so far)"
                 )
             return
         _raise_failure(self._session)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
+from spikingtac.viewer.session.wire import encode
 from spikingtac.viewer.web import show as module
 
 
@@ -54,7 +57,39 @@ def test_a_slow_machine_may_compile_for_minutes_and_says_so(
     clock, said = waited(monkeypatch, greets_s=400.0)
     assert clock.now_s >= 400.0
     assert len(said) == 24  # every 15 s, looked at once a second
-    assert "compiles kernels (16 s so far)" in said[0]
+    assert "compiles kernels" in said[0]
+    assert "(16 s so far)" in said[0]
+
+
+class Calibrating:
+    """A session whose markers are learned after its second frame."""
+
+    alive = True
+    frames = 0
+
+    def greeting(self, after: int) -> tuple[int, bytes] | None:
+        number = 1 if self.frames < 2 else 2
+        markers = [] if number == 1 else [[1.0, 2.0]] * 3
+        document = json.dumps({"reference_px": markers}).encode()
+        return (number, document) if number > after else None
+
+    def frame(self, after: int) -> tuple[int, bytes] | None:
+        self.frames += 1
+        meta = {"t_us": self.frames, "t_start_us": 0, "events_per_s": 1}
+        placed = np.full((3, 2), 5.0, np.float32)
+        arrays = {"position_px": placed, "detected_px": placed, "held": np.zeros(3, np.uint8)}
+        return self.frames, encode(meta, arrays if self.frames > 2 else {})
+
+
+def test_markers_that_are_learned_meanwhile_are_in_the_record() -> None:
+    session: Any = Calibrating()
+    monitor = module._SessionMonitor(session, None, print)
+    for _ in range(6):
+        assert monitor.poll()
+    assert [row.moved_px.tolist() for row in monitor.record._rows] == [[5.0] * 3] * len(
+        monitor.record._rows
+    )
+    assert monitor.record._rows
 
 
 def test_a_quick_start_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,6 +72,8 @@ def new_state(size: tuple[int, int], continuous: bool = False) -> NDArray[np.int
 
 def take_counts(state: NDArray[np.int64], losses: LossCounters) -> None:
     """Move the state's counters to the losses."""
+    if not state[FIRST_COUNTER:].any():  # as nearly always: this is asked at every read
+        return
     for kind, field in _COUNTED.items():
         losses.add(kind, int(state[field]))
     state[FIRST_COUNTER:] = 0

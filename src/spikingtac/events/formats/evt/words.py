@@ -40,7 +40,7 @@ class WordStream:
         self._out = Columns.empty(0, 0)
         self._in_fill = False
 
-    def feed(self, data: bytes, final: bool = False) -> Rows:
+    def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns x, y, p and t of the events in the next bytes.
 
         They are views of buffers that the next call overwrites.

@@ -228,7 +228,7 @@ def missing_markers_text(grid: Grid, size: tuple[int, int], missing: NDArray[np.
         for index in missing[:MOST_NAMED]
     ]
     more = len(missing) - len(named)
-    regions = sorted({_region(grid.expected_px[index], size) for index in missing})
+    regions = sorted({region(grid.expected_px[index], size) for index in missing})
     return (
         f"{len(missing)} of {rows * columns} markers of the {rows}x{columns} grid were not "
         f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
@@ -246,7 +246,13 @@ def _alike(blobs: Blobs) -> Blobs:
     return Blobs(blobs.center_px[keep], blobs.area_px[keep], blobs.mass[keep], blobs.cut[keep])
 
 
-def _region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
+def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
+    """Return which ninth of the image a place is in, as ``upper left``.
+
+    Args:
+        position_px: ``(2,)`` the place, px.
+        size: ``(width, height)``.
+    """
     third = np.clip(np.floor(3 * position_px / np.array(size)), 0, 2).astype(int)
     across, down = ("left", "middle", "right")[third[0]], ("upper", "middle", "lower")[third[1]]
     return "middle" if across == down else f"{down} {across}"

@@ -1,8 +1,8 @@
-// Two strips over the same time axis, and the timeline's overview.
+// Two strips over the same time axis with its seconds, and the timeline's overview.
 import { colors, fitCanvas } from "./theme.js";
 
 const STRIP_S = 2;
-const LEFT = 34; // px for the axis labels
+const LEFT = 34, BOTTOM = 16; // px for the axis labels
 const KEPT_WINDOWS = 4096;
 
 export class Counts {
@@ -41,6 +41,7 @@ export class Counts {
     if (threshold !== undefined && threshold < top) strip.level(threshold, strip.tone.contact);
     for (const at of meta.contacts_us) strip.mark(at, strip.tone.contact);
     strip.line(points, strip.tone.on);
+    strip.seconds(meta.t_start_us);
     return this.values.get(this.last);
   }
 }
@@ -62,6 +63,11 @@ export class Trace {
     while (this.samples.length && this.samples[0].t_us < sample.t_us - STRIP_S * 1e6) this.samples.shift();
   }
 
+  // What is known of another marker, so that its panel is filled at once.
+  fill(samples) {
+    this.samples = samples;
+  }
+
   draw(meta, withTruth) {
     const strip = new Strip(this.canvas, meta.t_us);
     const all = this.samples.flatMap(({ dx, dy }) => [dx, dy]);
@@ -73,7 +79,7 @@ export class Trace {
     if (withTruth) for (const key of ["truthX", "truthY"]) strip.line(series(key), strip.tone.truth, 1);
     strip.line(series("dx"), strip.tone.arrow);
     strip.line(series("dy"), strip.tone.on);
-    strip.legend([["x", strip.tone.arrow], ["y", strip.tone.on]]);
+    strip.seconds(meta.t_start_us);
   }
 }
 
@@ -86,7 +92,18 @@ class Strip {
     this.tone = colors();
     this.nowUs = nowUs;
     this.context.clearRect(0, 0, canvas.width, canvas.height);
-    this.context.font = `${10 * this.ratio}px system-ui, sans-serif`;
+    this.context.font = `${11 * this.ratio}px system-ui, sans-serif`;
+    this.floor = canvas.height - BOTTOM * this.ratio;
+  }
+
+  seconds(startUs) {
+    const context = this.context, now = (this.nowUs - startUs) / 1e6;
+    context.fillStyle = this.tone.soft;
+    [context.textAlign, context.textBaseline] = ["center", "bottom"];
+    for (let at = Math.ceil((now - STRIP_S) * 2) / 2; at <= now; at += 0.5) {
+      const x = this.x(startUs + at * 1e6);
+      if (at >= 0 && x > (LEFT + 12) * this.ratio && x < this.canvas.width - 16 * this.ratio) context.fillText(`${at.toFixed(1)} s`, x, this.canvas.height);
+    }
   }
 
   x(tUs) {
@@ -96,7 +113,7 @@ class Strip {
 
   y(value) {
     const edge = 4 * this.ratio;
-    return edge + (this.canvas.height - 2 * edge) * (this.high - value) / (this.high - this.low);
+    return edge + (this.floor - 2 * edge) * (this.high - value) / (this.high - this.low);
   }
 
   range(low, high) {
@@ -107,8 +124,8 @@ class Strip {
     context.textBaseline = "middle";
     const step = niceStep(high - low);
     for (let value = Math.ceil(low / step) * step; value <= high; value += step) {
-      if (Math.abs(this.y(value) - this.canvas.height / 2) > this.canvas.height / 2 - 6 * this.ratio) continue;
-      context.fillText(label(value), (LEFT - 6) * this.ratio, this.y(value));
+      if (Math.abs(this.y(value) - this.floor / 2) > this.floor / 2 - 6 * this.ratio) continue;
+      context.fillText(numberLabel(value), (LEFT - 6) * this.ratio, this.y(value));
     }
   }
 
@@ -123,7 +140,7 @@ class Strip {
     if (this.x(tUs) < LEFT * this.ratio) return;
     this.stroke(color, 1, () => {
       this.context.moveTo(this.x(tUs), 0);
-      this.context.lineTo(this.x(tUs), this.canvas.height);
+      this.context.lineTo(this.x(tUs), this.floor);
     });
   }
 
@@ -142,14 +159,6 @@ class Strip {
     this.context.beginPath();
     path();
     this.context.stroke();
-  }
-
-  legend(entries) {
-    this.context.textAlign = "left";
-    entries.forEach(([text, color], index) => {
-      this.context.fillStyle = color;
-      this.context.fillText(text, (LEFT + 6 + 14 * index) * this.ratio, 9 * this.ratio);
-    });
   }
 }
 
@@ -174,12 +183,12 @@ export function drawOverview(canvas, overview, meta) {
   context.fillRect(head - ratio, 0, 2 * ratio, height);
 }
 
-function niceStep(span) {
+export function niceStep(span) {
   const raw = span / 4, base = 10 ** Math.floor(Math.log10(raw));
   return [1, 2, 5, 10].map((factor) => factor * base).find((step) => step >= raw);
 }
 
-function label(value) {
+export function numberLabel(value) {
   if (value === 0) return "0";
   return Math.abs(value) >= 1000 ? `${+(value / 1000).toPrecision(3)}k` : `${+value.toPrecision(3)}`;
 }

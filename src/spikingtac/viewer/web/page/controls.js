@@ -1,4 +1,6 @@
 // The tuning panel, made from what the configuration's fields say of themselves.
+import { WORDS } from "./words.js";
+
 export function buildControls(holder, controls, set) {
   holder.replaceChildren(...controls.map((control) => build(control, set)));
 }
@@ -19,8 +21,10 @@ function build(control, set) {
   row.className = "control";
   const label = document.createElement("label");
   label.htmlFor = id;
-  label.textContent = control.name.split(".").at(-1).replace(/_(us|ms|px|mm|hz)$/, "").replaceAll("_", " ");
-  label.title = control.name;
+  const plain = control.name.split(".").at(-1).replace(/_(us|ms|px|mm|hz)$/, "").replaceAll("_", " ");
+  const [name, explained] = WORDS[control.name] ?? [plain, control.about];
+  label.textContent = name;
+  row.title = `${explained} (${control.name})`.trim();
   const input = control.kind === "choice" ? choice(control) : field(control);
   Object.assign(input, { id });
   input.dataset.name = control.name;

@@ -6,7 +6,7 @@ const PX_PER_N = 25; // sensor pixels of arrow for a newton along the skin
 export function drawFelt(sensor, felt) {
   if (!felt?.force_n) return;
   const { context, hello, tone } = sensor;
-  context.strokeStyle = context.fillStyle = felt.extrapolated ? tone.lost : tone.truth;
+  context.strokeStyle = context.fillStyle = felt.extrapolated ? tone.lost : tone.force;
   if (felt.outline_px?.length > 2) {
     context.lineWidth = 2 * devicePixelRatio;
     context.beginPath();

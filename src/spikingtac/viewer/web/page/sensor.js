@@ -1,5 +1,6 @@
 // Draws the sensor: image, discs, truth and arrows. Positions are in sensor pixels whose centres
 // are whole numbers, so that half a pixel lies between a position and the canvas's corner.
+import { FieldLayers } from "./layers.js";
 import { colors, fitCanvas } from "./theme.js";
 
 const AGE_BINS = 7;
@@ -9,6 +10,8 @@ const CHOOSE_WITHIN_PX = 25;
 const SHAFT_PX = 1.6;
 const HEAD_SHARE = 0.35;
 const LONGEST_HEAD_PX = 7;
+const MOST_OPAQUE = 0.7; // of the heat map
+const SCALE_STEPS = 64; // colours of the scale
 const SHORTEST_ARROW_PX = 0.35; // below it, in sensor pixels, a dot says more than an arrow
 
 export class Sensor {
@@ -16,16 +19,19 @@ export class Sensor {
     this.canvas = canvas;
     this.context = canvas.getContext("2d", { alpha: false });
     this.picture = document.createElement("canvas");
-    this.options = { image: "surface", scale: 2, discs: true, truth: false, marker: 0 };
+    this.options = { image: "surface", scale: 2, arrows: true, heat: false, mesh: false, discs: true, truth: false, marker: 0 };
+    this.layers = new FieldLayers();
+    this.top = 1; // px of displacement at the end of the colour scale
     this.arrows = [];
   }
 
   greet(hello) {
     this.hello = hello;
+    this.layers.greet(hello);
     [this.picture.width, this.picture.height] = hello.view_size;
     this.pixels = this.picture.getContext("2d").createImageData(...hello.view_size);
     this.words = new Uint32Array(this.pixels.data.buffer);
-    this.canvas.style.setProperty("--aspect", hello.size[0] / hello.size[1]);
+    document.documentElement.style.setProperty("--aspect", hello.size[0] / hello.size[1]);
     this.recolor();
   }
 
@@ -46,6 +52,23 @@ export class Sensor {
         word(ground.map((from, i) => from + (white[i] - from) * 0.8 * (code / MAP_LEVELS)))),
     };
     this.tone = tone;
+    const stops = [0, 1, 2, 3, 4].map((stop) => rgb(tone[`scale-${stop}`]));
+    this.scale = Array.from({ length: SCALE_STEPS }, (_, step) => {
+      const at = 4 * step / (SCALE_STEPS - 1), low = Math.min(Math.floor(at), 3);
+      return stops[low].map((from, i) => from + (stops[low + 1][i] - from) * (at - low));
+    });
+    this.scaleWords = this.scale.map(word);
+    this.scaleTexts = this.scale.map((color) => `rgb(${color.map(Math.round).join()})`);
+  }
+
+  scaleStep(moved) {
+    return Math.min(Math.floor(SCALE_STEPS * moved / this.top), SCALE_STEPS - 1);
+  }
+
+  // Colour of the heat map: where the skin has not moved, the image is seen.
+  heatWord(moved) {
+    const opaque = Math.round(255 * MOST_OPAQUE * Math.min(3 * moved / this.top, 1));
+    return (this.scaleWords[this.scaleStep(moved)] & 0xffffff | opaque << 24) >>> 0;
   }
 
   toCanvas(x, y) {
@@ -59,9 +82,12 @@ export class Sensor {
     this.context.fillStyle = this.tone.image;
     this.context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     this.drawImage(arrays);
+    this.follow(arrays);
+    if (this.options.heat && this.moved.length) this.layers.drawHeat(this, this.moved);
     if (this.options.discs) this.drawDiscs(this.hello.reference_px, this.tone.disc);
+    if (this.options.mesh && this.arrows.length) this.layers.drawMesh(this, this.arrows);
     if (this.options.truth && arrays.truth_px) this.drawDiscs(pairs(arrays.truth_px), this.tone.truth);
-    this.drawArrows(arrays);
+    if (this.arrows.length) this.drawArrows(arrays);
   }
 
   drawImage(arrays) {
@@ -92,24 +118,43 @@ export class Sensor {
     context.stroke();
   }
 
-  drawArrows({ position_px: position, held, confidence }) {
-    this.arrows = [];
+  // Where each arrow begins and ends, and how far its marker has moved.
+  follow({ position_px: position }) {
+    [this.arrows, this.moved] = [[], []];
     if (!position) return;
-    const context = this.context;
     this.hello.reference_px.forEach(([rx, ry], marker) => {
       const dx = position[2 * marker] - rx, dy = position[2 * marker + 1] - ry;
-      const tip = [rx + dx * this.options.scale, ry + dy * this.options.scale];
-      this.arrows.push([rx, ry, ...tip]);
-      const sustained = held[marker] === 1, lost = sustained && confidence[marker] === 0;
-      context.strokeStyle = context.fillStyle =
-        lost ? this.tone.lost : sustained ? this.tone.held : this.tone.arrow;
-      context.globalAlpha = sustained ? 1 : 0.35 + 0.65 * (confidence[marker] / 255);
-      context.setLineDash(sustained ? [4 * devicePixelRatio, 3 * devicePixelRatio] : []);
-      this.arrow(this.toCanvas(rx, ry), this.toCanvas(...tip), Math.hypot(dx, dy));
+      this.arrows.push([rx, ry, rx + dx * this.options.scale, ry + dy * this.options.scale]);
+      this.moved.push(Math.hypot(dx, dy));
     });
-    context.globalAlpha = 1;
-    context.setLineDash([]);
+  }
+
+  drawArrows({ position_px: position, held, confidence }) {
+    const context = this.context, dash = [4 * devicePixelRatio, 3 * devicePixelRatio];
+    if (this.options.arrows) {
+      this.arrows.forEach(([rx, ry, tx, ty], marker) => {
+        const sustained = held[marker] === 1, lost = sustained && confidence[marker] === 0;
+        // On the heat map the same colours would not be seen.
+        const plain = this.options.heat ? this.tone.text : this.scaleTexts[this.scaleStep(this.moved[marker])];
+        context.strokeStyle = context.fillStyle = lost ? this.tone.lost : sustained ? this.tone.held : plain;
+        context.setLineDash(sustained ? dash : []);
+        this.arrow(this.toCanvas(rx, ry), this.toCanvas(tx, ty), this.moved[marker]);
+        if (lost) this.cross(...this.toCanvas(rx, ry));
+      });
+      context.setLineDash([]);
+    }
     this.ring(position);
+  }
+
+  cross(x, y) {
+    const context = this.context, size = 4 * devicePixelRatio;
+    context.setLineDash([]);
+    context.beginPath();
+    for (const way of [1, -1]) {
+      context.moveTo(x - size, y - way * size);
+      context.lineTo(x + size, y + way * size);
+    }
+    context.stroke();
   }
 
   arrow([x0, y0], [x1, y1], length) {
@@ -139,7 +184,7 @@ export class Sensor {
     const marker = this.options.marker;
     const [x, y] = this.toCanvas(position[2 * marker], position[2 * marker + 1]);
     this.context.strokeStyle = this.tone.text;
-    this.context.lineWidth = devicePixelRatio;
+    this.context.lineWidth = 1.5 * devicePixelRatio;
     this.context.beginPath();
     this.context.arc(x, y, (this.hello.radius_px[marker] + 2) * this.zoom, 0, 2 * Math.PI);
     this.context.stroke();

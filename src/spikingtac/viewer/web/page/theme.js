@@ -1,21 +1,29 @@
 // Colours come from the style sheet, so that canvases and text change together.
-const NAMES = ["ground", "panel", "line", "text", "soft", "arrow", "held", "lost", "truth", "on", "off", "contact", "image", "disc"];
+const NAMES = [
+  "ground", "panel", "line", "text", "soft", "edge", "image", "on", "off", "disc", "mesh", "arrow", "held", "lost", "truth", "contact", "good",
+  "force", "scale-0", "scale-1", "scale-2", "scale-3", "scale-4",
+];
+let known;
 const ORDER = { auto: "dark", dark: "light", light: "auto" };
 
 export function colors() {
-  const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  if (!known) {
+    const style = getComputedStyle(document.documentElement);
+    known = Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  }
+  return known; // asked for in every frame, and the same until the theme changes
 }
 
 export function startTheme(changed) {
   const root = document.documentElement;
   root.dataset.theme = localStorage.getItem("theme") ?? "auto";
-  matchMedia("(prefers-color-scheme: light)").addEventListener("change", changed);
+  matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => { known = null; changed(); });
   return () => {
     const light = getComputedStyle(root).colorScheme === "light";
     root.dataset.theme = root.dataset.theme === "auto" ? (light ? "dark" : "light") : ORDER[root.dataset.theme];
     if (root.dataset.theme === "auto") root.dataset.theme = "dark";
     localStorage.setItem("theme", root.dataset.theme);
+    known = null;
     changed();
   };
 }

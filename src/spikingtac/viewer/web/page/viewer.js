@@ -1,24 +1,30 @@
 // Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
 import { Counts, Trace, drawOverview } from "./charts.js";
 import { buildControls, refreshControls } from "./controls.js";
+import { Course } from "./course.js";
 import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
+import { drawGuide, showGuide } from "./guide.js";
+import { showHealth, steady } from "./health.js";
+import { listen } from "./keys.js";
+import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
+import { savePicture, saveTable } from "./save.js";
 import { Sensor } from "./sensor.js";
 import { startTheme } from "./theme.js";
 import { decode } from "./wire.js";
 
 const RETRY_MS = 1000;
 const STALE_MS = 1500;
-const LIT_US = 150_000; // the lamp stays lit so long after a contact's beginning
+const STRIP_US = 2e6;
 const SPEAK_MS = 4000;
 const SLOW_MS = 200; // figures that change faster cannot be read
 const EXPOSURES_MS = [1, 200];
-const LEVELS = { OK: "good", "CATCHING UP": "poor", OVERLOAD: "poor", STALE: "bad", DISCONNECTED: "bad" };
+const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
-const readings = new Readings($("readings"));
-const metrics = { frames: 0, fps: 0, latencies_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null };
+const course = new Course($("course")), readings = new Readings($("readings"));
+const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
@@ -32,7 +38,7 @@ function connect() {
   socket = new WebSocket(`${scheme}//${location.host}/socket${location.search}`);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => { metrics.connected = true; send({ map: sensor.options.image === "map" }); };
-  socket.onclose = () => { metrics.connected = false; setState("DISCONNECTED"); setTimeout(connect, RETRY_MS); };
+  socket.onclose = () => { metrics.connected = false; setState("CLOSED"); setTimeout(connect, RETRY_MS); };
   socket.onmessage = ({ data }) => (typeof data === "string" ? greet(JSON.parse(data)) : receive(data));
 }
 
@@ -42,19 +48,39 @@ function greet(document_) {
   $("origin").hidden = !document_.simulated;
   if (document_.starting) {
     setState("STARTING");
-    $("notice").textContent = document_.starting;
-    $("notice").hidden = false;
+    $("waiting").textContent = document_.starting;
     return;
   }
   const names = (from) => from.controls.map((control) => control.name).join();
   const first = !hello || names(hello) !== names(document_);
+  const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
+  if (other) {
+    forget();
+    sensor.options.marker = $("marker").value = middle(hello);
+  }
   sensor.greet(hello);
-  if (first) buildControls($("controls"), hello.controls, (name, value) => send({ set: [name, value] }));
+  if (first) buildControls($("controls"), hello.controls, (name, value) => { forget(); send({ set: [name, value] }); });
   else refreshControls($("controls"), hello.controls);
+  const markers = hello.reference_px.length > 0;
   $("tuning").hidden = hello.controls.length === 0;
-  $("truth-option").hidden = !hello.truth;
-  for (const id of ["trace", "discs", "scale"]) $(id).closest("figure, label").hidden = hello.reference_px.length === 0;
+  $("truth-option").hidden = !hello.truth || !markers;
+  $("unit").value = "px";
+  for (const id of ["course", "trace"]) $(id).closest("figure").hidden = !markers;
+  for (const id of ["arrows", "heat", "mesh", "discs", "scale"]) $(id).closest("label").hidden = !markers;
+  $("save").hidden = !markers;
+}
+
+// The marker nearest to the middle of the image: it moves in most contacts.
+function middle({ reference_px: places, size }) {
+  const far = places.map(([x, y]) => Math.hypot(x - size[0] / 2, y - size[1] / 2));
+  return places.length ? far.indexOf(Math.min(...far)) : 0;
+}
+
+// Other markers, or other settings: what was drawn before says nothing about them.
+function forget() {
+  course.clear();
+  trace.clear();
 }
 
 function receive(buffer) {
@@ -71,24 +97,41 @@ function receive(buffer) {
 function draw() {
   waiting = false;
   if (!frame || !hello) return;
-  const { meta, arrays } = (drawn = decode(frame));
+  const begun = performance.now(), { meta, arrays } = (drawn = decode(frame));
   frame = null;
+  document.body.classList.remove("starting");
+  $("sensor").hidden = false;
+  $("waiting").hidden = true;
   counts.add(meta, arrays.counts);
   sample(meta, arrays);
-  sensor.draw(drawn);
-  drawFelt(sensor, meta.felt);
-  const count = counts.draw(meta, hello.window_us);
-  trace.draw(meta, sensor.options.truth);
-  drawOverview($("overview"), hello.overview, meta);
-  showMoment(meta, count);
+  paint();
+  showMoment(meta);
   measure(meta);
   send({ ack: ++metrics.frames });
   if (performance.now() - slowAt > SLOW_MS) showReadings(meta, arrays);
+  metrics.draw_ms.push(performance.now() - begun);
+  if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
+}
+
+// Everything that is drawn, from the latest frame.
+function paint() {
+  const { meta, arrays } = drawn;
+  sensor.top = course.top;
+  sensor.draw(drawn);
+  drawFelt(sensor, meta.felt);
+  drawGuide(sensor, meta.guide, arrays);
+  $("count").value = counts.draw(meta, hello.window_us) ?? "";
+  if (hello.reference_px.length) {
+    trace.draw(meta, sensor.options.truth);
+    course.draw(meta, sensor.options.marker, hello.ends);
+  }
+  drawOverview($("overview"), hello.overview, meta);
 }
 
 function sample(meta, { position_px: position, truth_px: truth }) {
-  if (!position) return;
+  if (!position || 2 * hello.reference_px.length !== position.length) return;
   const marker = sensor.options.marker, [rx, ry] = hello.reference_px[marker];
+  course.add(meta.estimate_us, meta.t_start_us, position, hello.reference_px);
   // The markers are where they were at the last estimate time, a little before the time shown.
   trace.add({
     t_us: meta.estimate_us, dx: position[2 * marker] - rx, dy: position[2 * marker + 1] - ry,
@@ -96,21 +139,22 @@ function sample(meta, { position_px: position, truth_px: truth }) {
   });
 }
 
-function showMoment(meta, count) {
+function showMoment(meta) {
   const since = (meta.t_us - meta.t_start_us) / 1e6;
   $("clock").value = `${since.toFixed(3)} s`;
   if (!scrubbing) Object.assign($("timeline"), { min: meta.t_start_us, max: meta.t_end_us, value: meta.t_us });
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
   $("play").textContent = meta.playing ? "Pause" : "Play";
   $("play").setAttribute("aria-pressed", String(meta.playing));
-  $("count").value = count === undefined ? "" : String(count);
-  setState(meta.state);
+  setState(steady(meta.state), meta.watchdog);
   $("notice").hidden = !meta.notice;
   $("notice").textContent = meta.notice;
-  const last = meta.contacts_us.at(-1), lamp = $("lamp");
-  lamp.classList.toggle("lit", last !== undefined && meta.t_us - last < LIT_US);
-  const said = last === undefined ? "no contact yet" : `contact at ${((last - meta.t_start_us) / 1e6).toFixed(3)} s`;
-  if (lamp.lastElementChild.textContent !== said) lamp.lastElementChild.textContent = said;
+  const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
+  lamp.hidden = false;
+  lamp.classList.toggle("lit", meta.in_contact);
+  write(word, meta.in_contact ? "CONTACT" : "free");
+  write(since_, last === undefined ? "" : `${meta.in_contact ? "since" : "last at"} ${((last - meta.t_start_us) / 1e6).toFixed(3)} s`);
+  showGuide(meta.guide, hello);
 }
 
 function measure(meta) {
@@ -128,7 +172,8 @@ function measure(meta) {
 function showReadings(meta, arrays) {
   slowAt = performance.now();
   const sorted = [...metrics.latencies_ms].sort((a, b) => a - b), at = (share) => sorted[Math.floor(share * (sorted.length - 1))];
-  const field = fieldOf(hello, arrays), losses = Object.entries(meta.losses);
+  const field = arrays.position_px?.length === 2 * hello.reference_px.length ? fieldOf(hello, arrays) : null;
+  const losses = Object.entries(meta.losses), quality = hello.quality;
   readings.show("force", forceText(meta.felt));
   readings.show("slip", slipText(meta.felt), meta.felt?.slip === "gross");
   readings.show("vibration", vibrationText(meta.felt, hello.px_per_mm));
@@ -138,21 +183,20 @@ function showReadings(meta, arrays) {
   readings.show("error", field?.error == null ? null : `${field.error.toFixed(3)} px`);
   readings.show("held", field && markersText(field), field?.sustained > 0);
   readings.show("rate", eventRate(meta.events_per_s));
-  const quality = hello.quality;
   readings.show("on", quality && (quality.on_fraction === null ? "no events" : `${(100 * quality.on_fraction).toFixed(1)} %`));
   readings.show("noise", quality && `${quality.noise_hz.toPrecision(2)} events/s`);
   readings.show("hot", quality && String(quality.hot_pixels), quality?.hot_pixels > 0);
   readings.show("estimates", quality ? null : `${hello.rate_hz} per s`);
-  readings.show("step", `${meta.step_p50_us.toFixed(0)}, ${meta.step_p99_us.toFixed(0)} µs`);
+  readings.show("step", quality ? null : `${meta.step_p50_us.toFixed(0)} µs, ${meta.step_p99_us.toFixed(0)} µs`);
   readings.show("pace", `× ${meta.pace.toFixed(2)}`, meta.playing && meta.pace < 0.9 * meta.speed);
-  readings.show("draw", `${at(0.5).toFixed(0)}, ${at(0.99).toFixed(0)} ms`);
-  readings.show("fps", `${metrics.fps} per s`);
+  readings.show("draw", `${at(0.5).toFixed(0)} ms, ${at(0.99).toFixed(0)} ms`);
+  readings.show("fps", String(metrics.fps));
   readings.show("late", String(meta.overruns));
-  readings.show("watchdog", watchdogText(meta.watchdog), meta.watchdog?.health !== "OK");
-  $("reset").hidden = !["STALE", "OVERLOAD"].includes(meta.watchdog?.health);
-  readings.show("damage", losses.length ? losses.map(([kind, times]) => `${kind} ${times}`).join(", ") : "none", losses.length > 0);
+  readings.show("damage", losses.length ? losses.map(([kind, times]) => `${kind.replaceAll("_", " ")} ${times}`).join(", ") : "none", losses.length > 0);
+  showLegend($("legend"), legendKeys(sensor.options, hello, meta, arrays), scaleShown() && { top: sensor.top, pxPerMm: hello.px_per_mm });
   const moved = trace.samples.at(-1);
   if (moved) $("displacement").value = length(Math.hypot(moved.dx, moved.dy), hello.px_per_mm);
+  if (field) $("largest").value = `now at most ${length(field.largest, hello.px_per_mm)}`;
   if (field && slowAt - spokenAt > SPEAK_MS) {
     spokenAt = slowAt;
     $("sensor").setAttribute("aria-label",
@@ -160,35 +204,43 @@ function showReadings(meta, arrays) {
   }
 }
 
+function scaleShown() {
+  return hello.reference_px.length > 0 && (sensor.options.arrows || sensor.options.heat);
+}
+
 function markersText({ sustained, lost }) {
   const seen = hello.reference_px.length - sustained;
   return sustained ? `${seen} seen, ${sustained - lost} held, ${lost} lost` : `${seen} seen`;
 }
 
-function watchdogText(watchdog) {
-  return watchdog && (watchdog.reason ? `${watchdog.health}: ${watchdog.reason}` : watchdog.health);
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
-function setState(state) {
-  $("state").textContent = state;
-  $("state").dataset.level = LEVELS[state] ?? "";
+function setState(state, watchdog = null) {
+  if (metrics.states.at(-1) !== state) metrics.states.push(state);
+  showHealth($("health"), $("reset"), state, watchdog);
 }
 
 function redraw() {
+  if (!hello) return;
   sensor.recolor();
-  if (!drawn || !hello) return;
-  sensor.draw(drawn);
-  drawFelt(sensor, drawn.meta.felt);
+  if (!drawn) return;
+  paint();
   metrics.arrows = sensor.arrows;
-  counts.draw(drawn.meta, hello.window_us);
-  trace.draw(drawn.meta, sensor.options.truth);
-  drawOverview($("overview"), hello.overview, drawn.meta);
+  slowAt = 0;
+  showReadings(drawn.meta, drawn.arrays);
 }
 
 function setOption(name, value) {
   sensor.options[name] = value;
   if (name === "image") send({ map: value === "map" });
-  if (name === "marker") { trace.clear(); $("marker").value = value; }
+  if (name === "marker") {
+    $("marker").value = value;
+    const now = drawn?.meta.t_us ?? 0;
+    trace.fill(course.of(value, now - STRIP_US, now));
+    metrics.sample = trace.samples.at(-1);
+  }
   if (name === "scale") $("scale-text").value = `× ${value}`;
   redraw();
 }
@@ -203,23 +255,26 @@ function pick(id, move) {
   select.dispatchEvent(new Event("change"));
 }
 
+function choose(step) {
+  const markers = hello?.reference_px.length;
+  if (markers) setOption("marker", (sensor.options.marker + step + markers) % markers);
+}
+
+function legendTexts() {
+  return [...$("legend").children].map((entry) => entry.textContent.trim()).filter(Boolean);
+}
+
 const toggleTheme = startTheme(redraw);
-const KEYS = {
+const toggle = (id) => () => $(id).click();
+listen({
   " ": () => $("play").click(), "d": toggleTheme, "?": () => $("keys").showModal(),
-  "ArrowLeft": (shift) => seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
-  "Home": () => seek(drawn.meta.t_start_us), "i": () => pick("image", 1), "t": () => $("truth").click(),
+  "ArrowLeft": (shift) => drawn && seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => drawn && seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
+  "Home": () => drawn && seek(drawn.meta.t_start_us), "i": () => pick("image", 1),
+  "a": toggle("arrows"), "h": toggle("heat"), "g": toggle("mesh"), "c": toggle("discs"), "t": toggle("truth"),
   "[": () => $("speed").selectedIndex > 0 && pick("speed", -1), "]": () => $("speed").selectedIndex < $("speed").length - 1 && pick("speed", 1),
   "-": () => { $("scale").stepDown(); setOption("scale", Number($("scale").value)); },
   "+": () => { $("scale").stepUp(); setOption("scale", Number($("scale").value)); },
-  "n": () => hello && setOption("marker", (sensor.options.marker + 1) % hello.reference_px.length),
-  "p": () => hello && setOption("marker", (sensor.options.marker + hello.reference_px.length - 1) % hello.reference_px.length),
-};
-
-document.addEventListener("keydown", (event) => {
-  const typing = event.target.matches("input, select, textarea, button, dialog *") && event.key !== "?";
-  if (typing || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
-  event.preventDefault();
-  KEYS[event.key](event.shiftKey);
+  "n": () => choose(1), "p": () => choose(-1),
 });
 $("play").addEventListener("click", () => send({ play: !(drawn?.meta.playing ?? false) }));
 $("speed").addEventListener("change", (event) => send({ speed: Number(event.target.value) }));
@@ -233,10 +288,13 @@ $("exposure").addEventListener("input", (event) => {
   send({ exposure_us: Math.round(exposureMs * 1000) });
 });
 $("scale").addEventListener("input", (event) => setOption("scale", Number(event.target.value)));
-$("discs").addEventListener("change", (event) => setOption("discs", event.target.checked));
-$("truth").addEventListener("change", (event) => setOption("truth", event.target.checked));
-$("defaults").addEventListener("click", () => send({ defaults: true }));
+for (const id of LAYERS) $(id).addEventListener("change", (event) => setOption(id, event.target.checked));
+$("defaults").addEventListener("click", () => { forget(); send({ defaults: true }); });
 $("reset").addEventListener("click", () => send({ reset: true }));
+$("calibrate").addEventListener("click", () => send({ calibrate: true }));
+$("begin-anew").addEventListener("click", () => send({ begin_anew: true }));
+$("save").addEventListener("click", () => hello && saveTable(course, hello, hello.label));
+$("picture").addEventListener("click", () => drawn && savePicture(sensor, hello.label, [$("clock").value, ...legendTexts()]));
 $("theme").addEventListener("click", toggleTheme);
 $("help").addEventListener("click", () => $("keys").showModal());
 $("sensor").addEventListener("click", (event) => {
@@ -244,5 +302,5 @@ $("sensor").addEventListener("click", (event) => {
   if (marker !== null && marker !== undefined) setOption("marker", marker);
 });
 new ResizeObserver(redraw).observe($("sensor"));
-setInterval(() => { if (metrics.connected && performance.now() - receivedAt > STALE_MS) setState("STALE"); }, 500);
+setInterval(() => { if (metrics.connected && drawn && performance.now() - receivedAt > STALE_MS) setState("STALE", drawn.meta.watchdog); }, 500);
 connect();

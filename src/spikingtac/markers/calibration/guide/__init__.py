@@ -1,0 +1,1 @@
+"""What a calibration would still need, told while events come."""

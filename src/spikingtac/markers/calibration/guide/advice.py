@@ -1,0 +1,103 @@
+"""What to do next so that a calibration succeeds, in plain words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spikingtac.markers.calibration.finding.sighting import region
+from spikingtac.markers.calibration.guide.coverage import OPPOSITE
+from spikingtac.markers.calibration.guide.guide import ENOUGH_SHARE, FEWEST_RESTS, GuideView
+
+NEAR_BORDER_PITCHES = 1.5
+"""A grid that ends further from the image's border than so many pitches may go on unseen. (Ours: a
+pitch beyond the last marker there is room for one more.)"""
+
+FIRST = (
+    "Slide a flat object or a finger over all of the skin, so that every marker moves by more than "
+    "its diameter."
+)
+"""What to do while there is no grid."""
+
+MOST_REGIONS = 3
+"""Regions that a sentence names."""
+
+
+def advice(view: GuideView) -> list[str]:
+    """Return what to do next, the most pressing first; never empty.
+
+    Args:
+        view: What the guide knows.
+    """
+    if view.grid is None:
+        return [FIRST]
+    lines = [*_unmoved(view), *_unseen(view)]
+    if view.rests < FEWEST_RESTS:
+        lines.append("Take everything off the skin and wait half a second.")
+    if not lines:
+        rows, columns = view.grid
+        lines.append(f"All {rows * columns} markers have moved enough: calibrate now.")
+    return lines
+
+
+def progress_line(view: GuideView) -> str:
+    """Return where a calibration stands and what it needs next, in one line."""
+    begun = f"{view.t_us / 1e6:.1f} s"
+    if view.grid is None:
+        return f"{begun}: no grid yet. {advice(view)[0]}"
+    rows, columns = view.grid
+    moved = f"grid {rows}x{columns}, {int(view.enough.sum())} of {rows * columns} markers moved"
+    return f"{begun}: {moved} enough. {advice(view)[0]}"
+
+
+def way_of(view: GuideView, marker: int) -> str:
+    """Return which way a marker should go next: left, right, up or down."""
+    return OPPOSITE[int(np.argmin(view.sides[marker]))]
+
+
+def _unmoved(view: GuideView) -> list[str]:
+    short = np.flatnonzero(~view.enough)
+    if not len(short):
+        return []
+    lacking = np.maximum(ENOUGH_SHARE - view.sides[short], 0.0).sum(axis=0)
+    way = OPPOSITE[int(np.argmax(lacking))]
+    back = OPPOSITE[int(np.argmax(lacking)) ^ 1]
+    counts: dict[str, int] = {}
+    for place in view.place_px[short]:
+        named = region(place, view.size)
+        counts[named] = counts.get(named, 0) + 1
+    most = sorted(counts, key=lambda name: -counts[name])[:MOST_REGIONS]
+    where = "all over" if len(counts) > MOST_REGIONS else f"on the {' and the '.join(most)} of"
+    one = len(short) == 1
+    return [
+        f"{len(short)} {'marker needs' if one else 'markers need'} more motion: "
+        f"slide {way} and back {back} {where} the skin."
+    ]
+
+
+def _unseen(view: GuideView) -> list[str]:
+    # Where the grid ends well before the image does.
+    assert view.grid is not None
+    rows, columns = view.grid
+    place = view.place_px.reshape(rows, columns, 2)
+    pitch = _pitch_px(view)
+    if pitch is None:
+        return []
+    gaps = {
+        "left": place[:, 0, 0].mean(),
+        "right": view.size[0] - 1 - place[:, -1, 0].mean(),
+        "upper": place[0, :, 1].mean(),
+        "lower": view.size[1] - 1 - place[-1, :, 1].mean(),
+    }
+    ends = [side for side, gap in gaps.items() if gap > NEAR_BORDER_PITCHES * pitch]
+    if not ends:
+        return []
+    named = " and the ".join(ends)
+    return [f"No marker has appeared near the {named} edge: if there are any, slide there too."]
+
+
+def _pitch_px(view: GuideView) -> float | None:
+    assert view.grid is not None
+    place = view.place_px.reshape(*view.grid, 2)
+    steps = [np.hypot(*np.diff(place, axis=axis).reshape(-1, 2).T) for axis in (0, 1)]
+    both = np.concatenate(steps)
+    return float(np.median(both)) if len(both) else None

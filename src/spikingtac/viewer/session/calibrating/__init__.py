@@ -1,0 +1,1 @@
+"""Calibrating a sensor with the page: the guide, the run and its result."""

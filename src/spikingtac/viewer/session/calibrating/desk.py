@@ -1,0 +1,193 @@
+"""Where a page calibrates: what the guide says, the run, the result, and where it was saved."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.atomic_files import require_free
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import SpikingTacError
+from spikingtac.events.source import EventSource
+from spikingtac.live.event_store import EventStore
+from spikingtac.live.factory import Factory
+from spikingtac.markers.calibration.calibrate import CalibrationConfig
+from spikingtac.markers.calibration.guide.advice import advice, way_of
+from spikingtac.markers.calibration.guide.guide import GuideView
+from spikingtac.viewer.session.calibrating.guide_tracker import GuideTracker
+from spikingtac.viewer.session.calibrating.run import CalibrationRun, named, stored
+
+SHOWN_S = 0.25
+"""How often the guide's view is made anew: faster than it can be read, s."""
+MOST_EVENTS = 20_000_000
+"""Events of a camera that a calibration from the page takes, the latest ones: 260 MB on disk, and
+160 MB in the memory of the process that calibrates. Contacts of ten seconds are a tenth of it."""
+FULL = 255
+"""A share of 1 as a byte."""
+WAYS = ("", "left", "right", "up", "down")
+"""Codes of the way that a marker should go."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaveTarget:
+    """Where a calibration goes.
+
+    Attributes:
+        path: The file.
+        overwrite: Whether a file that is there may be replaced.
+    """
+
+    path: Path = Path("calibration.json")
+    overwrite: bool = False
+
+
+class CalibrationDesk:
+    """The calibration of one view, from the first event to the saved file.
+
+    Args:
+        label: What the events are called.
+        size: ``(width, height)`` of the sensor, px.
+        target: Where the calibration goes.
+        open_whole: Opens a recording from its beginning; None for a camera, of which the events
+            that the guide has seen are taken.
+
+    Attributes:
+        tracker: The one that guides.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        size: tuple[int, int],
+        target: SaveTarget,
+        open_whole: Factory[EventSource] | None,
+    ) -> None:
+        self.tracker = GuideTracker(size)
+        self._label, self._target, self._open_whole = label, target, open_whole
+        self._clock: Callable[[], float] = time.monotonic
+        self._made_s = -SHOWN_S
+        self._view = GuideView(size)
+        self._run: CalibrationRun | None = None
+        self._begun_s = 0.0
+        self._state, self._said = "guide", ""
+        self._result: dict[str, Any] | None = None
+
+    def make_tracker(self, _: Any) -> GuideTracker:
+        """Return the one tracker."""
+        return self.tracker
+
+    def begin_anew(self) -> None:
+        """Forget what the guide has seen, and a result that failed."""
+        self.tracker.begin_anew()
+        if self._run is None:
+            self._state, self._said, self._result = "guide", "", None
+        self._made_s = -SHOWN_S
+
+    def calibrate(self, store: EventStore, t_us: int) -> None:
+        """Begin to calibrate from the events up to a time; does nothing while that goes on.
+
+        Args:
+            store: The events.
+            t_us: Up to where a camera's events are taken, us.
+        """
+        if self._run is not None:
+            return
+        scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
+        opened = self._open_whole
+        if opened is None:
+            begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
+            events = store.between(begin_us, t_us)
+            first = max(len(events) - MOST_EVENTS, 0)
+            if first:
+                events = events.part(first, len(events), int(events.t[first]), t_us)
+            opened = stored(events, scratch.name)
+        self._run = CalibrationRun(opened, CalibrationConfig(), scratch)
+        self._begun_s = self._clock()
+        self._state, self._said, self._result = "calibrating", "", None
+
+    def poll(self) -> Calibration | None:
+        """Return the calibration once, when it is there; it is saved by then."""
+        found = None if self._run is None else self._run.poll()
+        if self._run is None or found is None:
+            return None
+        self._run.close()
+        self._run = None
+        if isinstance(found, str):
+            self._state, self._said = "failed", found
+            return None
+        found = named(found, self._label)
+        self._state, self._said = "done", self._saved(found)
+        self._result = _figures(found)
+        return found
+
+    def shown(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return what the page shows of all this: scalars, and arrays by marker."""
+        if self._clock() - self._made_s >= SHOWN_S:
+            self._made_s, self._view = self._clock(), self.tracker.guide.view()
+        view = self._view
+        scalars = {
+            "state": self._state,
+            "said": self._said,
+            "result": self._result,
+            "running_s": round(self._clock() - self._begun_s, 1) if self._run else None,
+            "grid": view.grid and list(view.grid),
+            "radius_px": round(view.radius_px, 2),
+            "enough": int(view.enough.sum()),
+            "doubtful": int(view.doubtful.sum()),
+            "rests": view.rests,
+            "resting": view.resting,
+            "ready": view.ready,
+            "advice": advice(view),
+            "path": str(self._target.path.resolve()),
+            "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
+        }
+        return scalars, {} if self._state == "done" else _arrays(view)
+
+    def close(self) -> None:
+        """End a run that goes on."""
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+
+    def _saved(self, calibration: Calibration) -> str:
+        target = self._target
+        try:
+            require_free(target.path, target.overwrite)
+            calibration.save(target.path)
+        except (SpikingTacError, OSError) as error:
+            return f"It is used here, but was not saved: {error}"
+        return f"Saved as {target.path.resolve()}"
+
+
+def _arrays(view: GuideView) -> dict[str, NDArray[Any]]:
+    if view.grid is None:
+        return {}
+    ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
+    return {
+        "guide_px": view.place_px.astype(np.float32),
+        "guide_share": np.round(view.share * FULL).astype(np.uint8),
+        "guide_way": np.array(ways, np.uint8),
+    }
+
+
+def _figures(calibration: Calibration) -> dict[str, Any]:
+    notes = calibration.provenance
+    explained = float(np.median(notes["explained"]))
+    return {
+        "quality": notes["quality"],
+        "grid": list(calibration.grid),
+        "polarity": calibration.polarity,
+        "markers": len(calibration.radius_px),
+        "measured": len(calibration.radius_px) - len(notes["missing"]),
+        "missing": notes["missing"],
+        "doubtful": notes["doubtful"],
+        "explained": round(explained, 3),
+        "radius_px": round(float(calibration.radius_px.mean()), 2),
+    }

@@ -1,0 +1,201 @@
+"""The page as a whole: how it starts, its layers, its legend, its sizes, what it saves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from selenium.webdriver.chrome.webdriver import WebDriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from stand_ins.browser import browser
+from stand_ins.serving import served
+from stand_ins.viewer import open_circling, positions_px, reference_px
+
+ARTEFACTS = Path(__file__).resolve().parents[2] / "artefacts"
+PATIENCE_S = 60.0
+LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
+SIZES = ((1400, 900), (1920, 1080), (390, 844))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
+    with (
+        served(open_circling) as port,
+        browser(tmp_path_factory.mktemp("profile"), 1400, 900) as chrome,
+    ):
+        chrome.get(f"http://127.0.0.1:{port}/")
+        wait(chrome, "__m.frames > 60")
+        yield chrome
+
+
+def js(page: WebDriver, expression: str) -> Any:
+    return page.execute_script(f"return {expression}")
+
+
+def wait(page: WebDriver, condition: str) -> None:
+    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
+
+
+def found(page: WebDriver, name: str) -> WebElement:
+    return page.find_element(By.CSS_SELECTOR, f"[data-testid='{name}']")
+
+
+def switch(page: WebDriver, name: str, *, on: bool) -> None:
+    if found(page, name).is_selected() != on:
+        found(page, name).click()
+
+
+def legend(page: WebDriver) -> list[str]:
+    wait(page, "document.getElementById('legend').children.length > 0")
+    return js(page, "[...document.getElementById('legend').children].map((e) => e.innerText)")
+
+
+def paused_at(page: WebDriver, t_us: int) -> None:
+    if js(page, "__m.meta.playing"):
+        found(page, "play").click()
+    wait(page, "!__m.meta.playing")
+    page.execute_script(
+        "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('input'));"
+        "arguments[0].dispatchEvent(new Event('change'))",
+        found(page, "timeline"),
+        str(t_us),
+    )
+    wait(page, f"Math.abs(__m.meta.t_us - {t_us}) <= 1000 && __m.meta.state === 'OK'")
+
+
+def test_it_started_without_an_alarm(page: WebDriver) -> None:
+    states = js(page, "__m.states")
+    assert {"STALE", "CLOSED", "DISCONNECTED"} & set(states) == set()
+    assert found(page, "sensor").is_displayed()
+    assert not found(page, "waiting").is_displayed()
+
+
+def test_the_legend_names_what_is_drawn_and_nothing_else(page: WebDriver) -> None:
+    for name in LAYERS:
+        switch(page, name, on=False)
+    wait(page, "document.getElementById('legend').children.length === 3")
+    assert legend(page) == ["became brighter", "became darker", "chosen marker"]
+    switch(page, "discs", on=True)
+    switch(page, "mesh", on=True)
+    switch(page, "truth", on=True)
+    switch(page, "arrows", on=True)  # one marker of the stand-in is lost
+    wait(page, "document.getElementById('legend').children.length === 8")
+    said = legend(page)
+    for expected in ("marker at rest", "grid", "truth", "lost"):
+        assert expected in said
+    assert said[-1].startswith("0")
+    assert said[-1].endswith("mm)")
+
+
+def test_the_heat_map_shows_how_far_the_skin_moved(page: WebDriver) -> None:
+    for name in LAYERS:
+        switch(page, name, on=False)
+    page.execute_script(
+        "const s = arguments[0]; s.value = 'none'; s.dispatchEvent(new Event('change'))",
+        found(page, "image"),
+    )
+    paused_at(page, 1_500_000)
+    switch(page, "heat", on=True)
+    wait(page, f"__m.frames > {js(page, '__m.frames')} + 2")
+    shown = page.execute_script(
+        """
+        const canvas = arguments[0], zoom = canvas.width / 320;
+        return arguments[1].map(([x, y]) =>
+          [...canvas.getContext("2d").getImageData((x + 0.5) * zoom, (y + 0.5) * zoom, 1, 1).data]);
+        """,
+        found(page, "sensor"),
+        reference_px().tolist(),
+    )
+    far = np.hypot(*(positions_px(1_500_000) - reference_px()).T)
+    dark = js(page, "getComputedStyle(document.documentElement).colorScheme") == "dark"
+    light = np.array(shown)[:, :3].sum(axis=1) * (1 if dark else -1)
+    chosen = int(found(page, "marker").text)  # a ring is around it
+    assert np.corrcoef(np.delete(light, chosen), np.delete(far, chosen))[0, 1] > 0.9
+    page.execute_script(
+        "const s = arguments[0]; s.value = 'surface'; s.dispatchEvent(new Event('change'))",
+        found(page, "image"),
+    )
+
+
+def test_a_marker_that_is_chosen_while_paused_has_its_course(page: WebDriver) -> None:
+    found(page, "play").click()
+    wait(page, "__m.meta.playing && __m.meta.t_us > 2000000 && __m.meta.t_us < 3000000")
+    found(page, "play").click()
+    wait(page, "!__m.meta.playing")
+    page.find_element(By.TAG_NAME, "body").send_keys("n")
+    marker = int(found(page, "marker").text)
+    sample = js(page, "__m.sample")
+    moved = positions_px(sample["t_us"]) - reference_px()
+    np.testing.assert_allclose([sample["dx"], sample["dy"]], moved[marker], atol=0.02)
+    lit = page.execute_script(
+        """
+        const canvas = arguments[0], data = canvas.getContext("2d")
+          .getImageData(canvas.width / 2, 0, canvas.width / 2, canvas.height).data;
+        let lit = 0;
+        for (let i = 3; i < data.length; i += 4) lit += data[i] > 0;
+        return lit;
+        """,
+        found(page, "trace"),
+    )
+    assert lit > 300  # two curves and two labels, not an empty panel
+
+
+def test_keys_work_on_a_control_that_was_clicked(page: WebDriver) -> None:
+    found(page, "mesh").click()
+    found(page, "mesh").send_keys(" ")  # not the box again: it was reached by a click
+    wait(page, "__m.meta.playing")
+    before = found(page, "heat").is_selected()
+    found(page, "mesh").send_keys("h")
+    assert found(page, "heat").is_selected() != before
+
+
+def test_pictures_and_tables_are_saved(page: WebDriver) -> None:
+    found(page, "picture").click()
+    wait(page, "__m.saved?.name === 'circling_dots.png' && __m.saved.bytes > 5000")
+    found(page, "save").click()
+    wait(page, "__m.saved?.name === 'circling_dots.csv' && __m.saved.bytes > 5000")
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_everything_has_its_place(page: WebDriver, width: int, height: int, theme: str) -> None:
+    for name in LAYERS:
+        switch(page, name, on=True)
+    # A window of Chromium is 500 px wide at least; a device is as narrow as it is said to be.
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+    )
+    while js(page, "getComputedStyle(document.documentElement).colorScheme") != theme:
+        found(page, "theme").click()
+    wait(page, f"innerWidth === {width} && __m.frames > {js(page, '__m.frames')} + 3")
+    ARTEFACTS.mkdir(exist_ok=True)
+    page.save_screenshot(str(ARTEFACTS / f"page-{width}x{height}-{theme}.png"))
+    assert js(page, "document.documentElement.scrollWidth <= innerWidth")
+    small = js(
+        page,
+        """[...document.querySelectorAll('button, select, input, summary')]
+        .filter((item) => item.offsetParent !== null)
+        .map((item) => [item.id || item.outerHTML, item.getBoundingClientRect()])
+        .filter(([, box]) => box.height < 24 || box.width < 24).map(([name]) => name)""",
+    )
+    assert small == []
+    edges = js(
+        page,
+        """['.frame', '.side'].map((name) => document.querySelector(name).getBoundingClientRect())
+        .map((box) => [box.left, box.right])""",
+    )
+    assert min(edge[0] for edge in edges) <= 16
+    assert max(edge[1] for edge in edges) >= js(page, "document.documentElement.clientWidth") - 16
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:
+    said = [entry["message"] for entry in page.get_log("browser")]
+    assert [text for text in said if "getImageData" not in text] == []

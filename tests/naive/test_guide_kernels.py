@@ -1,0 +1,81 @@
+"""The guide's levels against a plain loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.markers.calibration.guide.streamed_levels import (
+    DARK,
+    SLOWEST_SWING_US,
+    SWUNG_LEVEL,
+    WHITE,
+    StreamedLevels,
+    levels_kernel,
+)
+from spikingtac.types import EventPacket
+
+PIXELS = 6
+
+
+def plain(code: np.ndarray, t_us: np.ndarray, on: float, off: float) -> tuple[np.ndarray, ...]:
+    level = np.zeros((2, PIXELS), np.float32)
+    swung, left = np.zeros((2, PIXELS), bool), np.zeros((2, PIXELS), np.int64)
+    for one, t in zip(code.tolist(), t_us.tolist(), strict=True):
+        pixel, brighter = divmod(one, 2)
+        step = np.float32(on if brighter else -off)
+        for row, sign in ((WHITE, 1), (DARK, -1)):
+            before = level[row, pixel]
+            after = np.clip(before + np.float32(sign) * step, np.float32(0), np.float32(1))
+            if before == 0 and after > 0:
+                left[row, pixel] = t
+            level[row, pixel] = after
+            swung[row, pixel] |= after >= SWUNG_LEVEL and t - left[row, pixel] <= SLOWEST_SWING_US
+    return level, swung, left
+
+
+@pytest.mark.parametrize("spread_us", [1_000, 500_000])
+def test_levels_are_those_of_a_plain_loop(spread_us: int) -> None:
+    rng = np.random.default_rng(spread_us)
+    code = rng.integers(0, 2 * PIXELS, 400).astype(np.uint32)
+    t_us = np.cumsum(rng.integers(0, spread_us, 400)).astype(np.int64)
+    maps = (
+        np.zeros((2, PIXELS), np.float32),
+        np.zeros((2, PIXELS), bool),
+        np.zeros((2, PIXELS), np.int64),
+    )
+    levels_kernel(code, t_us, np.array([0.3, 0.2], np.float32), maps)
+    for found, expected in zip(maps, plain(code, t_us, 0.3, 0.2), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_slow_rise_is_noise() -> None:
+    levels = StreamedLevels((2, 1))
+    for second in range(8):
+        one = np.zeros(1, np.uint16)
+        levels.absorb(
+            EventPacket(
+                one, one, np.ones(1, bool), np.array([second * 600_000], np.int64),
+                second * 600_000, (second + 1) * 600_000, (2, 1),
+            )
+        )  # fmt: skip
+    assert levels.level("white")[0, 0] == 1.0
+    assert not levels.swung("white").any()
+
+
+def test_steps_are_learned_from_swings() -> None:
+    """Pixels go up by eight ON events and down by four OFF ones, again and again."""
+    width = 50
+    levels = StreamedLevels((width, 1))
+    swing = np.concatenate([np.ones(8, bool), np.zeros(4, bool)])
+    p = np.tile(swing, 20)
+    for x in range(width):
+        t = np.arange(len(p), dtype=np.int64) * 1_000 + x * 1_000_000
+        column = np.full(len(p), x, np.uint16)
+        packet = EventPacket(
+            column, np.zeros_like(column), p, t, int(t[0]), int(t[-1]) + 1, (width, 1)
+        )
+        levels.absorb(packet)
+    levels.refresh()
+    assert levels.steps.on == pytest.approx(1 / 8.5, rel=0.15)
+    assert levels.steps.off == pytest.approx(2 * levels.steps.on, rel=0.15)

@@ -1,0 +1,55 @@
+"""Ideal discs on a small sensor that slide to all sides and rest in between, with some noise."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from spikingtac.types import EventPacket
+from stand_ins.ideal_events import ideal_events
+
+SIZE, GRID, PITCH_PX, RADIUS_PX = (220, 180), (4, 5), 38.0, 7.0
+MARKERS = GRID[0] * GRID[1]
+STEPS, STEP_US, REST_US = 30, 4_000, 600_000
+FAR_PX = 18.0
+WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def resting_px() -> np.ndarray:
+    row, column = np.divmod(np.arange(MARKERS), GRID[1])
+    spread = np.column_stack([column - (GRID[1] - 1) / 2, row - (GRID[0] - 1) / 2])
+    return spread * PITCH_PX + (np.array(SIZE) - 1) / 2
+
+
+def trip(way: tuple[float, float], moved: np.ndarray | float = 1.0) -> np.ndarray:
+    """A path of all markers to one side and back, each by its share of the way."""
+    along = FAR_PX * np.sin(np.linspace(0, np.pi, STEPS)) ** 2
+    share = np.broadcast_to(moved, MARKERS)
+    return resting_px() + along[:, None, None] * np.array(way) * share[:, None]
+
+
+def packets_of_trips(trips: list[np.ndarray], noise_hz: float = 0.2) -> list[EventPacket]:
+    """Packets of trips with rests before, between and after them."""
+    rng = np.random.default_rng(3)
+    path = np.concatenate(trips)
+    events = ideal_events(path, RADIUS_PX, SIZE, STEP_US)
+    t = events.t + (1 + events.t // (STEPS * STEP_US)) * REST_US
+    end_us = len(path) * STEP_US + (len(trips) + 1) * REST_US
+    count = rng.poisson(noise_hz * SIZE[0] * SIZE[1] * end_us / 1e6)
+    x = np.append(events.x, rng.integers(0, SIZE[0], count)).astype(np.uint16)
+    y = np.append(events.y, rng.integers(0, SIZE[1], count)).astype(np.uint16)
+    p = np.append(events.p, rng.random(count) < 0.5)
+    t = np.append(t, rng.integers(0, end_us, count))
+    order = np.argsort(t, kind="stable")
+    whole = EventPacket(x[order], y[order], p[order], t[order], 0, end_us, SIZE)
+    edges = np.append(np.arange(0, end_us, 20_000), end_us)
+    cuts = np.searchsorted(whole.t, edges)
+    spans = zip(cuts, cuts[1:], edges, edges[1:], strict=False)
+    return [whole.part(a, b, int(start), int(end)) for a, b, start, end in spans]
+
+
+@cache
+def sliding_packets() -> list[EventPacket]:
+    """Slides of all markers to the four sides."""
+    return packets_of_trips([trip(way) for way in WAYS])

@@ -1,0 +1,95 @@
+"""The guide over ideal slides: what has moved is known, which way, and what is lacking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.markers.calibration.guide.advice import FIRST, advice, progress_line, way_of
+from spikingtac.markers.calibration.guide.guide import CalibrationGuide, GuideView
+from spikingtac.types import EventPacket
+from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
+
+
+def seen(packets: list[EventPacket], **options: object) -> GuideView:
+    guide = CalibrationGuide(SIZE, **options)  # type: ignore[arg-type]
+    for packet in packets:
+        guide.absorb(packet)
+    return guide.view()
+
+
+@pytest.fixture(scope="module")
+def wide() -> list[EventPacket]:
+    return packets_of_trips([trip((1, 0)), trip((-1, 0))])
+
+
+def test_slides_by_more_than_a_diameter_are_enough(wide: list[EventPacket]) -> None:
+    view = seen(wide)
+    assert view.grid == GRID
+    np.testing.assert_allclose(view.place_px, resting_px(), atol=1.0)
+    assert abs(view.radius_px - RADIUS_PX) < 1.0
+    assert view.enough.all()
+    assert view.rests >= 3
+    assert view.ready
+    assert advice(view) == ["All 20 markers have moved enough: calibrate now."]
+    assert "grid 4x5, 20 of 20 markers moved enough" in progress_line(view)
+
+
+def test_dark_markers_are_recognized(wide: list[EventPacket]) -> None:
+    dark = [EventPacket(p.x, p.y, ~p.p, p.t, p.t_start_us, p.t_end_us, SIZE) for p in wide]
+    view = seen(dark)
+    assert view.polarity == "dark"
+    assert view.grid == GRID
+    assert view.enough.all()
+
+
+def test_any_packets_give_the_same(wide: list[EventPacket]) -> None:
+    """But for when the guide looked: the maps depend on the events alone."""
+    one, other = CalibrationGuide(SIZE), CalibrationGuide(SIZE)
+    for packet in wide:
+        one.absorb(packet)
+        half = len(packet) // 2
+        middle = int(packet.t[half]) if len(packet) else packet.t_end_us
+        half = int(np.searchsorted(packet.t, middle))
+        other.absorb(packet.part(0, half, packet.t_start_us, middle))
+        other.absorb(packet.part(half, len(packet), middle, packet.t_end_us))
+    np.testing.assert_array_equal(one.level, other.level)
+
+
+def test_what_went_left_only_by_a_little_has_to_go_right() -> None:
+    # The left part of the skin has moved to both sides, the right columns only to the left.
+    moved = np.where(np.arange(MARKERS) % GRID[1] >= 3, 0.2, 1.0)
+    view = seen(packets_of_trips([trip((-1, 0), moved), trip((1, 0), np.where(moved < 1, 0.0, 1))]))
+    assert view.grid == GRID
+    lacking = np.flatnonzero(~view.enough)
+    assert set(lacking) == set(np.flatnonzero(moved < 1))
+    assert {way_of(view, int(marker)) for marker in lacking} == {"right"}
+    said = advice(view)[0]
+    assert said.startswith("8 markers need more motion: slide right and back left")
+    assert "right" in said.split("on the")[1]
+    assert not view.ready
+
+
+def test_a_grid_that_ends_early_may_go_on() -> None:
+    moved = np.where(np.arange(MARKERS) % GRID[1] >= 3, 0.0, 1.0)
+    view = seen(packets_of_trips([trip((1, 0), moved), trip((-1, 0), moved)]))
+    assert view.grid == (4, 3)
+    assert any("near the right edge" in line for line in advice(view))
+
+
+def test_noise_alone_is_no_grid() -> None:
+    quiet = seen(packets_of_trips([trip((1, 0), 0.0)] * 3, noise_hz=1.0))
+    assert quiet.grid is None
+    assert advice(quiet) == [FIRST]
+    assert quiet.missing
+    assert not quiet.ready
+
+
+def test_begun_anew_it_knows_nothing(wide: list[EventPacket]) -> None:
+    guide = CalibrationGuide(SIZE)
+    for packet in wide:
+        guide.absorb(packet)
+    assert guide.view().grid
+    guide.reset()
+    assert guide.view().grid is None
+    assert not guide.level.any()

@@ -1,0 +1,59 @@
+"""Rests are told from motion by the rate of the events alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.markers.calibration.guide.rest_watch import RestWatch
+from spikingtac.types import EventPacket
+
+SIZE = (8, 8)
+
+
+def packet(begin_us: int, end_us: int, rate_hz: float, seed: int = 0) -> EventPacket:
+    rng = np.random.default_rng([seed, begin_us])
+    count = rng.poisson(rate_hz * (end_us - begin_us) / 1e6)
+    t = np.sort(rng.integers(begin_us, end_us, count))
+    one = np.ones(count, np.uint16)
+    return EventPacket(one, one, one.astype(bool), t, begin_us, end_us, SIZE)
+
+
+def fed(*stretches: tuple[float, float], packet_us: int) -> tuple[RestWatch, list[bool]]:
+    """Feed stretches of (seconds, events per second); return whether each ended in a rest."""
+    watch, resting, now = RestWatch(), [], 5_000
+    for lasting_s, rate_hz in stretches:
+        end = now + int(lasting_s * 1e6)
+        while now < end:
+            step = min(packet_us, end - now)
+            watch.absorb(packet(now, now + step, rate_hz))
+            now += step
+        resting.append(watch.resting)
+    return watch, resting
+
+
+@pytest.mark.parametrize("packet_us", [1_000, 33_000, 400_000])
+def test_motion_between_two_rests(packet_us: int) -> None:
+    watch, resting = fed((1.0, 2_000), (1.0, 200_000), (1.0, 2_000), packet_us=packet_us)
+    assert resting == [True, False, True]
+    assert watch.rests == 2
+
+
+def test_motion_goes_on_without_a_rest() -> None:
+    watch, resting = fed((0.3, 1_000), (2.0, 100_000), packet_us=10_000)
+    assert resting == [True, False]
+    assert watch.rests == 1
+
+
+def test_a_short_pause_is_no_rest() -> None:
+    watch, _ = fed((1.0, 2_000), (1.0, 200_000), (0.06, 2_000), (1.0, 200_000), packet_us=5_000)
+    assert watch.rests == 1
+
+
+def test_an_hour_of_silence_costs_nothing() -> None:
+    watch = RestWatch()
+    watch.absorb(packet(0, 1_000_000, 100_000))
+    watch.absorb(EventPacket.empty(1_000_000, 3_600_000_000, SIZE))
+    assert watch.resting
+    watch.absorb(packet(3_600_000_000, 3_601_000_000, 100_000))
+    assert not watch.resting
