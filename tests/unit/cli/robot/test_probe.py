@@ -234,3 +234,17 @@ def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
 def test_gripper_flags_need_what_they_act_on(given: dict[str, bool], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         run(Args(**given))  # type: ignore[arg-type]
+
+
+def test_the_twin_says_at_once_what_it_does_and_how_long_it_takes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = []
+
+    def calibrate(args: Args, site: object) -> None:
+        said.append(capsys.readouterr().err)
+        raise ConfigError("seen enough")
+
+    monkeypatch.setattr(probe_twin, "calibrate", calibrate)
+    assert main(["probe"]) == 2
+    assert "half a minute" in said[0]
