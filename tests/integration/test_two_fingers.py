@@ -24,6 +24,7 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.clocks.live_pair import live_pair
 from spikingtac.events.create import create_events
+from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
@@ -153,6 +154,45 @@ def test_track_and_touch_take_two(
     assert touched["second"]["touches"] == touched["touches"]
     assert touched["health"]["gaps"] == 0
     assert (tmp_path / "touches_1.csv").read_text() == (tmp_path / "touches.csv").read_text()
+
+
+def test_two_cameras_are_tracked_at_once(
+    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ports = [free_port(), free_port()]
+    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&seconds=2" for port in ports]
+    ended = threading.Event()
+    sender = threading.Thread(target=send_dots, args=(ports, ended))
+    sender.start()
+    try:
+        given = [addresses[0], "--second", addresses[1], *calibrations(day), "--preset", "fast"]
+        found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
+    finally:
+        ended.set()
+        sender.join()
+    one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
+    assert min(len(one.t_us), len(other.t_us)) > 300
+    assert abs(int(one.t_us[-1]) - int(other.t_us[-1])) < 500_000
+    assert found["second"]["health"]["rate_ev_s"] > 0.0
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def send_dots(ports: Sequence[int], ended: threading.Event) -> None:
+    """Send circling dots to both ports as time passes, on clocks that are 7 s apart."""
+    encoders = [Evt2Encoder(), Evt2Encoder()]
+    begun_s = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for packet in CirclingDots(duration_us=60_000_000):
+            if ended.wait(max(begun_s + packet.t_end_us / 1e6 - time.monotonic(), 0.0)):
+                return
+            for port, encoder, shift_us in zip(ports, encoders, (0, LATER_US), strict=True):
+                words = encoder.encode(packet.t + shift_us, packet.x, packet.y, packet.p)
+                out.sendto(words.tobytes(), ("127.0.0.1", port))
 
 
 def test_contact_takes_two_recordings(day: Path, capsys: pytest.CaptureFixture[str]) -> None:

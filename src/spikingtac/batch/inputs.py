@@ -122,7 +122,9 @@ def _below(folder: Path, members: Sequence[str]) -> Iterator[Path]:
 
 
 def _is_pattern(path: Path) -> bool:
-    return not path.exists() and bool(WILDCARDS & set(str(path)))
+    if path.exists() or is_address(path):  # the options of an address begin with a question mark
+        return False
+    return bool(WILDCARDS & set(str(path)))
 
 
 def _is_plain_folder(path: Path) -> bool:

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import time
 from itertools import groupby
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.cameras.udp import UdpSocket
+from spikingtac.cameras.udp import DatagramCamera
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
 
 WORD_BYTES = 4
@@ -28,52 +27,28 @@ WRAP_US = 1 << 32
 US_PER_S = 1e6
 
 
-class AestreamCamera(Camera):
+class AestreamCamera(DatagramCamera):
     """Datagrams with or without times; a datagram has only one kind of events."""
 
     OPTIONS: ClassVar[tuple[str, ...]] = ("size",)
 
-    def __init__(self, address: Address, size: tuple[int, int]) -> None:
-        super().__init__()
-        self.size = size
-        self._socket = UdpSocket(address, self.losses)
-        self._epoch_us, self._last_us = 0, 0
-        self._begun_s = time.monotonic()
-        self._closed = False
-
-    @classmethod
-    def open(cls, address: Address) -> Self:
-        """Listen; see :meth:`Camera.open`."""
+    def _prepare(self, address: Address) -> None:
         size = address.size("size")
         if size is None:
             raise ConfigError(
                 f"{str(address)!r}: the datagrams name no size; give the sensor's: "
                 "aestream:3333?size=346x260"
             )
-        return cls(address, size)
+        self.size = size
+        self._epoch_us, self._last_us = 0, 0
+        self._begun_s = time.monotonic()
 
-    @property
-    def port(self) -> int:
-        """The port that is listened on."""
-        return self._socket.port
-
-    def read(self, timeout_s: float) -> Rows | None:
-        """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
-        if self._closed:
-            return None
-        datagrams = self._socket.datagrams(timeout_s)
-        if not datagrams:
-            return self.nothing()
+    def _decoded(self, datagrams: list[bytes]) -> Rows:
         # Those of one kind are decoded at once: what each costs alone is many times its events'.
         kinds = groupby(map(self._whole_events, datagrams), key=_is_timed)
         parts = [self._events(b"".join(group), timed) for timed, group in kinds]
         x, y, p, t = (np.concatenate(column) for column in zip(*parts, strict=True))
         return x, y, p, t
-
-    def close(self) -> None:
-        """Release the port."""
-        self._closed = True
-        self._socket.close()
 
     def describe(self) -> dict[str, Any]:
         """Return port and encoding."""

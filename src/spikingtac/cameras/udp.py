@@ -10,6 +10,7 @@ from __future__ import annotations
 import select
 import socket
 import struct
+from abc import abstractmethod
 from collections import deque
 from typing import Any, ClassVar, Self
 
@@ -112,16 +113,16 @@ class UdpSocket:
             self._dropped = total
 
 
-class UdpCamera(Camera):
-    """Datagrams of EVT2, EVT2.1 or EVT3 words."""
+class DatagramCamera(Camera):
+    """A camera whose events come in datagrams; its kind says what these hold.
 
-    OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
-    checked = True
+    Args:
+        address: Its target is the port to listen on.
+    """
 
     def __init__(self, address: Address) -> None:
         super().__init__()
-        self._words = BareWords(address, self.losses, self.triggers)
-        self.size = self._words.size
+        self._prepare(address)
         self._socket = UdpSocket(address, self.losses)
         self._closed = False
 
@@ -140,15 +141,35 @@ class UdpCamera(Camera):
         if self._closed:
             return None
         datagrams = self._socket.datagrams(timeout_s)
-        if not datagrams:
-            return self.nothing()
-        whole = self._words.in_order([self._whole_words(item) for item in datagrams])
-        return self._words.feed(b"".join(whole))
+        return self._decoded(datagrams) if datagrams else self.nothing()
 
     def close(self) -> None:
         """Release the port."""
         self._closed = True
         self._socket.close()
+
+    @abstractmethod
+    def _prepare(self, address: Address) -> None:
+        """Take the options of the address, and the sensor's size, before the port is opened."""
+
+    @abstractmethod
+    def _decoded(self, datagrams: list[bytes]) -> Rows:
+        """Return the events of some datagrams."""
+
+
+class UdpCamera(DatagramCamera):
+    """Datagrams of EVT2, EVT2.1 or EVT3 words."""
+
+    OPTIONS: ClassVar[tuple[str, ...]] = WORD_OPTIONS
+    checked = True
+
+    def _prepare(self, address: Address) -> None:
+        self._words = BareWords(address, self.losses, self.triggers)
+        self.size = self._words.size
+
+    def _decoded(self, datagrams: list[bytes]) -> Rows:
+        whole = self._words.in_order([self._whole_words(item) for item in datagrams])
+        return self._words.feed(b"".join(whole))
 
     def describe(self) -> dict[str, Any]:
         """Return port, encoding and buffer."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -80,12 +80,14 @@ def for_each(
     if not all(hasattr(source, "close") for source in sources):
         return [work(number, source) for number, source in enumerate(sources)]
     with ThreadPoolExecutor(len(sources), "spikingtac-finger") as pool:
+        running = [pool.submit(work, number, source) for number, source in enumerate(sources)]
         try:
-            return list(pool.map(work, range(len(sources)), sources))
-        except BaseException:
-            for source in sources:
-                source.close()  # type: ignore[attr-defined]
-            raise
+            wait(running, return_when=FIRST_EXCEPTION)
+        finally:  # where one has failed, the other one would go on without end
+            if not all(future.done() for future in running):
+                for source in sources:
+                    source.close()  # type: ignore[attr-defined]
+        return [future.result() for future in running]
 
 
 def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:

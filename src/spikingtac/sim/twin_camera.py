@@ -25,10 +25,16 @@ US_PER_S = 1e6
 LARGEST_SEED = (1 << 32) - 1
 NAP_S = 0.001
 """Longest sleep before a packet is looked at again, s."""
+LATE_S = 0.02
+"""A packet that is given out later than this after its time is late, s (ours: a frame's time)."""
 
 
 class TwinCamera(Camera):
-    """A scene's packets, none before its time; a machine that is too slow delivers them late."""
+    """A scene's packets, none before its time.
+
+    A machine that is too slow delivers them late, and so does a reader that asks late; both are
+    counted (``pace`` of :meth:`describe`). Nothing is left out.
+    """
 
     OPTIONS: ClassVar[tuple[str, ...]] = ("seed", "camera")
     checked = True
@@ -50,6 +56,8 @@ class TwinCamera(Camera):
         # Waits until the kernels are compiled: only then time begins.
         self._next: EventPacket | None = next(self._packets, None)
         self._zero_s: float | None = None
+        self._given = self._late = 0
+        self._latest_s = 0.0
 
     @classmethod
     def open(cls, address: Address) -> Self:
@@ -71,6 +79,9 @@ class TwinCamera(Camera):
             wait_s = self._zero_s + packet.t_end_us / US_PER_S - now_s
             if wait_s <= 0.0:
                 self._next = None
+                self._given += 1
+                self._late += wait_s < -LATE_S
+                self._latest_s = max(self._latest_s, -wait_s)
                 return packet.x, packet.y, packet.p, packet.t
             self._next = packet
             if now_s >= until_s:
@@ -85,9 +96,14 @@ class TwinCamera(Camera):
             self._source.close()
 
     def describe(self) -> dict[str, Any]:
-        """Return scene and seed, and that it is simulated."""
+        """Return scene and seed, that it is simulated, and whether it kept up with real time."""
         named = {"simulated": True, "scene": self.scene, "seed": self.seed}
-        return named | ({"camera": self._preset} if self._preset else {})
+        pace = {
+            "packets": self._given,
+            "late_packets": self._late,
+            "latest_ms": round(1e3 * self._latest_s, 1),
+        }
+        return named | {"pace": pace} | ({"camera": self._preset} if self._preset else {})
 
     def truth(self) -> dict[str, NDArray[np.floating[Any]]]:
         """Return ``reference_px (m, 2)`` and ``radius_px (m,)``: the markers at rest, px."""

@@ -110,3 +110,10 @@ def test_the_identity_changes_with_the_recording(day: Path) -> None:
     assert [name for name, _, _ in before] == ["events.raw", "truth.npz"]
     (day / "press.2" / "events.raw").write_bytes(b"xx")
     assert identity(day / "press.2") != before
+
+
+def test_the_address_of_one_camera_is_no_pattern() -> None:
+    address = Path("udp:7777?encoding=evt2&size=320x320")
+    assert not is_many([address])
+    assert is_many([address, address])
+    assert is_many([Path("day/*.raw")])

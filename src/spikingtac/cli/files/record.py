@@ -190,6 +190,10 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if clock is not None and clock["drift_error_ppm"] is not None:
         drift = f"{clock['drift_ppm']:.1f} +- {clock['drift_error_ppm']:.1f} ppm against this host"
         rows.append(("camera's clock", drift))
+    pace = summary["camera"].get("pace")
+    if pace is not None:
+        late = f"{pace['late_packets']} of {pace['packets']} packets late"
+        rows.append(("real time", f"{late}, at worst by {pace['latest_ms']:.0f} ms (simulated)"))
     return rows + [(kind, str(count)) for kind, count in summary["losses"].items()]
 
 

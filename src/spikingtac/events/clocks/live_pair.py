@@ -7,6 +7,7 @@ late by the host's clock, through which the two cameras' clocks meet.
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 
@@ -56,6 +57,11 @@ class ReadAhead(FileSource):
         if self._thread is None:
             self._thread = threading.Thread(target=self._read, name="spikingtac-read", daemon=True)
             self._thread.start()
+
+    @property
+    def ended(self) -> bool:
+        """True once nothing more comes from the camera."""
+        return self._ended
 
     def _size(self) -> tuple[int, int]:
         return self.camera.size
@@ -117,6 +123,15 @@ class OnAnotherClock(RetimedSource):
     def close(self) -> None:
         """End the iteration soon."""
         self._camera.close()
+
+    def _columns(self) -> Iterator[Rows]:
+        pair = self._camera.beside
+        for source in pair:
+            source.start()
+        # Times that were given out cannot be corrected backwards: wait until both have delivered.
+        while self.live_map.known is None and not any(source.ended for source in pair):
+            time.sleep(POLL_S)
+        yield from super()._columns()
 
 
 def live_pair(
