@@ -33,7 +33,7 @@ def start_once(cache: str, folder: str) -> dict[str, float]:
     begun_s = time.monotonic()
     picture = Path(folder, "demo.png")
     process = subprocess.Popen(
-        [COMMAND, "demo", "--no-browser", "--port", "0", "-o", picture],
+        [COMMAND, "demo", "--no-browser", "--port", "0", "-o", picture, "--overwrite"],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,

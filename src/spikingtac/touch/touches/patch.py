@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 Field = NDArray[np.float64]
 
@@ -56,6 +55,9 @@ def _share(reference: Field) -> float:
 def _outline(places: Field) -> Field:
     if len(places) < 3:
         return places.copy()
+    # A late import: every verb's start would wait for it.
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         return places[ConvexHull(places).vertices]
     except QhullError:  # all on one line

@@ -6,30 +6,19 @@ threads share one interpreter lock. The loop therefore runs in another process t
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import queue
-import signal
-from multiprocessing.synchronize import Event
 from multiprocessing.util import Finalize
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spikingtac.live.factory import Factory
 from spikingtac.live.ring import SharedRing
-from spikingtac.viewer.session.session import Session
-from spikingtac.viewer.session.snapshot import starting
-from spikingtac.viewer.session.source import ViewSource
-from spikingtac.viewer.session.track_recorder import (
-    FileTrackRecorder,
-    NullTrackRecorder,
-    TrackRecorder,
-)
-from spikingtac.viewer.session.warm_up import warm_up
+from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
 
-FRAME_BYTES = 2 << 20
-"""Largest frame: two packed images of 640x640, and the markers of any grid in use."""
-GREETING_BYTES = 1 << 20
+if TYPE_CHECKING:
+    from spikingtac.viewer.session.source import ViewSource
+
 MOST_COMMANDS = 64
 """Commands that may wait for the loop; a page that sends faster loses the surplus."""
 TERMINATE_S = 2.0
@@ -140,59 +129,8 @@ class SessionProcess:
             self._process.join()
 
 
-def _run(open_view: Factory[ViewSource], options: dict[str, Any], channels: Any) -> None:
-    # Ctrl-C reaches the whole terminal group; the parent decides when this process ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    (frames_name, greetings_name), commands, failures, stopped = channels
-    frames = SharedRing.attach(frames_name, FRAME_BYTES)
-    greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
-    try:
-        view = open_view()
-        greetings.publish(json.dumps(starting(view)).encode())
-        warm_up(view)
-        recorder = _recorder(options["tracks"], view)
-        session = Session(view, frames, greetings, repeat=options["repeat"], recorder=recorder)
-        _serve(session, commands, stopped)
-        session.close()
-        if session.failure is not None:
-            raise session.failure
-    except Exception as error:  # sent to the parent, which reports it
-        failures.put(_portable(error))
-        raise SystemExit(1) from error
-    finally:
-        frames.close()
-        greetings.close()
+def _run(*arguments: Any) -> None:
+    # Imported only there: it needs every tracker, and the page's own process none of them.
+    from spikingtac.viewer.session.loop import run_session
 
-
-def _recorder(tracks: Path | None, view: ViewSource) -> TrackRecorder:
-    if tracks is None:
-        return NullTrackRecorder()
-    return FileTrackRecorder(tracks, view.calibration.reference_px)
-
-
-def _serve(session: Session, commands: Any, stopped: Event) -> None:
-    parent = multiprocessing.parent_process()
-    while not stopped.is_set() and (parent is None or parent.is_alive()):
-        for name, value in _waiting(commands):
-            session.command(name, value)
-        session.step()
-
-
-def _waiting(commands: Any) -> list[tuple[str, Any]]:
-    """Return the waiting commands; of a dragged slider or timeline only the last position."""
-    latest: dict[tuple[str, Any], tuple[str, Any]] = {}
-    while True:
-        try:
-            name, value = commands.get_nowait()
-        except queue.Empty:
-            return list(latest.values())
-        latest[(name, value[0] if name == "set" else None)] = (name, value)
-
-
-def _portable(error: Exception) -> Exception:
-    """Return an error that can be sent to another process."""
-    from spikingtac.errors import SpikingTacError
-
-    if isinstance(error, SpikingTacError | OSError):
-        return error
-    return RuntimeError(f"{type(error).__name__}: {error}")
+    run_session(*arguments)

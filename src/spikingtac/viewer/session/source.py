@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.events.source import EventSource
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.viewer.session.calibrating.desk import CalibrationDesk
-from spikingtac.viewer.session.felt import FeltLayer
+
+if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
+    from spikingtac.viewer.session.calibrating.desk import CalibrationDesk
+    from spikingtac.viewer.session.felt import FeltLayer
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""

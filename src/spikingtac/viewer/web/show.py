@@ -10,7 +10,7 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,9 +21,11 @@ from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
-from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app, make_pair_app, serve
+
+if TYPE_CHECKING:
+    from spikingtac.viewer.session.source import ViewSource
 
 OPENING_S = 1_800.0
 """Longest wait for the view, s. Compiling all kernels takes a minute of two idle cores, and some

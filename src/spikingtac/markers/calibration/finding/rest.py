@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
-from scipy.sparse.csgraph import connected_components
 
 from spikingtac.errors import ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
@@ -104,6 +102,10 @@ def unloaded_rests(maps: NDArray[np.float32], length_us: NDArray[np.int64]) -> N
         maps: ``(rests, height, width)`` level maps.
         length_us: ``(rests,)`` how long each lasts, us.
     """
+    # Late imports: together they take a fifth of a second, which every verb's start would wait for.
+    from scipy.ndimage import uniform_filter
+    from scipy.sparse.csgraph import connected_components
+
     smooth = np.array([uniform_filter(level, SMOOTH_PX) for level in maps])
     changed = np.array(
         [

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
@@ -157,8 +156,15 @@ def lit_share(maps: NDArray[np.float32]) -> float:
 
     Of the two polarities the right one shows the fewer: discs, and not what they passed.
     """
-    smooth = [gaussian_filter(level, SMOOTH_PX) > 0.5 for level in maps]
+    smooth = [_smoothed(level) > 0.5 for level in maps]
     return float(np.mean(smooth))
+
+
+def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    # A late import: every verb's start would wait for it.
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(level, SMOOTH_PX), np.float32)
 
 
 def sight_markers(
@@ -178,7 +184,7 @@ def sight_markers(
     Raises:
         CalibrationError: No grid is there; says what was seen instead.
     """
-    seen = BlobDetector(size, blobs).detect(gaussian_filter(level, SMOOTH_PX).astype(np.float32))
+    seen = BlobDetector(size, blobs).detect(_smoothed(level))
     found = _alike(seen)
     if len(found) < FEWEST_MARKERS:
         raise CalibrationError(
