@@ -12,8 +12,8 @@ from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
 from spikingtac.viewer.session.events_only import open_view_or_events
 from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.session.own_process.warm_up import warm_up
 from spikingtac.viewer.session.session import Session
-from spikingtac.viewer.session.warm_up import warm_up
 from spikingtac.viewer.session.wire import decode
 from stand_ins.viewer import record_circling
 

@@ -131,6 +131,6 @@ class SessionProcess:
 
 def _run(*arguments: Any) -> None:
     # Imported only there: it needs every tracker, and the page's own process none of them.
-    from spikingtac.viewer.session.loop import run_session
+    from spikingtac.viewer.session.own_process.loop import run_session
 
     run_session(*arguments)

@@ -12,6 +12,7 @@ from typing import Any
 
 from spikingtac.live.factory import Factory
 from spikingtac.live.ring import SharedRing
+from spikingtac.viewer.session.own_process.warm_up import warm_up
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.snapshot import starting
 from spikingtac.viewer.session.source import ViewSource
@@ -20,7 +21,6 @@ from spikingtac.viewer.session.track_recorder import (
     NullTrackRecorder,
     TrackRecorder,
 )
-from spikingtac.viewer.session.warm_up import warm_up
 from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
 
 
