@@ -135,10 +135,15 @@ def _opener(path: Path) -> _Opener:
         start = file.read(64)
     if not start:
         raise RecordingError(f"{str(path)!r} is empty (0 bytes): nothing was recorded into it")
-    foreign = with_plugins({}, plugins.READERS)
-    if path.suffix.lower().removeprefix(".") in foreign and not _kind_by_content(start):
-        return foreign[path.suffix.lower().removeprefix(".")]
-    kind = _kind_by_content(start) or _kind_by_ending(path)
+    kind = _kind_by_content(start)
+    if kind is None:
+        foreign, ending = with_plugins({}, plugins.READERS), path.suffix.lower().removeprefix(".")
+        if ending in foreign:
+            return foreign[ending]
+    return _own_opener(kind or _kind_by_ending(path), path)
+
+
+def _own_opener(kind: str, path: Path) -> _Opener:
     if kind == "raw":
         from spikingtac.events.formats.evt.raw import RawSource as Source
     elif kind == "npz":
