@@ -78,11 +78,14 @@ def run(args: Args) -> int:
     where = "this machine" if args.interface == "lo" else args.interface
     remark(f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends")
     begun_s = time.monotonic()
+    stop = _Stop()
     try:
         _wait(args, publisher)
-        with ending_on_interrupt(feed.source):
-            _publish(feed, stream, pace, args.seconds)
+        with ending_on_interrupt(feed.source, stop):
+            _publish(feed, stream, pace, (args.seconds, stop))
     except KeyboardInterrupt:
+        stop.close()
+    if stop.asked:
         remark("ended")
     time.sleep(ENDING_S)
     publisher.close()
@@ -118,11 +121,28 @@ def _wait(args: Args, publisher: DdsPublisher) -> None:
         time.sleep(LOOK_S)
 
 
-def _publish(feed: Feed, stream: SensorStream, pace: Pace, seconds: float | None) -> None:
+class _Stop:
+    """Ends the publishing of what cannot be closed, tracks and recordings, at the next frame.
+
+    An interrupt in the middle of a message would end the process by the signal, not with 0.
+    """
+
+    asked = False
+
+    def close(self) -> None:
+        self.asked = True
+
+
+def _publish(
+    feed: Feed, stream: SensorStream, pace: Pace, until: tuple[float | None, _Stop]
+) -> None:
+    seconds, stop = until
     first_us: int | None = None
     for frame, wrench in feed.frames(stream, pace):
         stream.frame(frame, wrench, _anomalies(feed))
         first_us = frame.t_us if first_us is None else first_us
+        if stop.asked:
+            return
         if seconds is not None and frame.t_us - first_us >= seconds * 1e6:
             return
 
