@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.by import By
-from selenium.webdriver.remote.webelement import WebElement
-from selenium.webdriver.support.ui import WebDriverWait
 
-from stand_ins.browser import browser
+from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 ARTEFACTS = Path(__file__).resolve().parents[2] / "artefacts"
-PATIENCE_S = 60.0
 LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
 SIZES = ((1400, 900), (1920, 1080), (390, 844))
 
@@ -32,18 +28,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
         chrome.get(f"http://127.0.0.1:{port}/")
         wait(chrome, "__m.frames > 60")
         yield chrome
-
-
-def js(page: WebDriver, expression: str) -> Any:
-    return page.execute_script(f"return {expression}")
-
-
-def wait(page: WebDriver, condition: str) -> None:
-    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
-
-
-def found(page: WebDriver, name: str) -> WebElement:
-    return page.find_element(By.CSS_SELECTOR, f"[data-testid='{name}']")
 
 
 def switch(page: WebDriver, name: str, *, on: bool) -> None:

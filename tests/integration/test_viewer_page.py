@@ -5,23 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.remote.webelement import WebElement
-from selenium.webdriver.support.ui import WebDriverWait
 
-from stand_ins.browser import browser
+from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 PROJECT = Path(__file__).resolve().parents[2]
 ARTEFACTS = PROJECT / "artefacts"
-PATIENCE_S = 60.0
 WATCHED_FRAMES = 100
 
 
@@ -37,18 +33,6 @@ def page(port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDri
         chrome.get(f"http://127.0.0.1:{port}/")
         wait(chrome, "__m.frames > 5")
         yield chrome
-
-
-def js(page: WebDriver, expression: str) -> Any:
-    return page.execute_script(f"return {expression}")
-
-
-def wait(page: WebDriver, condition: str) -> None:
-    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
-
-
-def found(page: WebDriver, name: str) -> WebElement:
-    return page.find_element(By.CSS_SELECTOR, f"[data-testid='{name}']")
 
 
 def set_value(page: WebDriver, name: str, value: object) -> None:

@@ -6,11 +6,18 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.chrome.webdriver import WebDriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+PATIENCE_S = 60.0
 
 FLAGS = (
     "--headless",
@@ -40,3 +47,18 @@ def browser(profile: Path, width: int = 1360, height: int = 900) -> Iterator[web
         yield chrome
     finally:
         chrome.quit()
+
+
+def js(page: WebDriver, expression: str) -> Any:
+    """Return the value of an expression of the page's script."""
+    return page.execute_script(f"return {expression}")
+
+
+def wait(page: WebDriver, condition: str) -> None:
+    """Wait until an expression of the page's script is true."""
+    WebDriverWait(page, PATIENCE_S, 0.05).until(lambda _: js(page, condition), condition)
+
+
+def found(page: WebDriver, name: str) -> WebElement:
+    """Return an element of the page by its name for tests."""
+    return page.find_element(By.CSS_SELECTOR, f"[data-testid='{name}']")
