@@ -12,6 +12,7 @@ import pytest
 
 from spikingtac.live.factory import Factory
 from spikingtac.live.guard.contact_process import ContactProcess
+from spikingtac.robot.verified_stop import StopConfig
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, long_failure, moving_ur, paced, stops
 from stand_ins.moving_rims import PERIOD_US
@@ -168,7 +169,7 @@ def until(done: Callable[[], bool]) -> float:
 
 
 def still(controller: URController) -> bool:
-    return bool(abs(controller.twin.speed_mm_s()[0]) < 0.1)
+    return bool(abs(controller.twin.speed_mm_s()[0]) <= StopConfig().rest_mm_s)
 
 
 def test_the_real_driver_stops_when_the_stream_stalls(

@@ -91,6 +91,10 @@ def paced(
         yield Arrival(slowed(window, LEAP_US if number >= leap else 0), time.monotonic())
 
 
+BEGUN_MM_S = 10.0
+"""Speed above which the arm has begun to move, mm/s."""
+
+
 def moving_ur(host: str, speed_mm_s: float) -> Arm:
     """Return the real driver, whose arm has begun to move once the stream begins."""
     from spikingtac.robot.ur import URArm, URConfig
@@ -114,6 +118,9 @@ class MovingArm:
             with contextlib.suppress(DeviceError):  # a busy machine: at the next look
                 self._arm.move_linear(far, self._speed_mm_s)
                 self._moving = True
+        if not self._moving and state is ArmState.MOVING:
+            with contextlib.suppress(DeviceError):  # a command answered too late has begun it, too
+                self._moving = float(np.linalg.norm(self._arm.speed_mm_s())) > BEGUN_MM_S
         return state
 
 
