@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
 
 
+@cache
 def calibrated(path: Path) -> Calibration:
     if not path.is_file():
         pytest.skip(f"{path.name} is not among the test recordings")
@@ -43,6 +48,26 @@ def test_slides_of_the_same_sensor_are_at_least_as_good(data_dir: Path) -> None:
     error_px = errors_px(found, data_dir / "gel" / "sim_presses.truth.npz")
     assert error_px.mean() < 0.08
     assert error_px.max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("calibrated_from", "mean_px", "p95_px"),
+    [("sim_presses.raw", 0.35, 0.8), ("sim_presses_bootstrap.raw", 0.25, 0.6)],
+)
+def test_rare_off_events_are_tracked(
+    data_dir: Path, calibrated_from: str, mean_px: float, p95_px: float
+) -> None:
+    known = calibrated(data_dir / "gel" / calibrated_from)
+    tracker = make_tracker(load_config("default").tracking, known)
+    frames = list(follow(open_events(data_dir / "gel" / "sim_presses.raw"), tracker, 500.0))
+    truth = dict(np.load(data_dir / "gel" / "sim_presses.truth.npz"))
+    at = np.searchsorted(truth["marker_t_us"], [frame.t_us for frame in frames])
+    true_px = truth["marker_px"][at.clip(0, len(truth["marker_px"]) - 1)]
+    error_px = np.linalg.norm([frame.detected_px for frame in frames] - true_px, axis=2)
+    print(f"{calibrated_from}: {error_px.mean():.3f} px, p95 {np.percentile(error_px, 95):.3f}")
+    assert error_px.mean() < mean_px
+    assert np.percentile(error_px, 95) < p95_px
+    assert error_px.max() < 5.0, "none is lost"
 
 
 def test_a_real_sensor_has_one_marker_that_never_moves(data_dir: Path) -> None:
