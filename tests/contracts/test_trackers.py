@@ -13,6 +13,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.experiments.trials.methods import main_methods
+from spikingtac.markers.tracker import PlacedTracker
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.ideal_events import ideal_events
 
@@ -154,6 +155,23 @@ def test_reset_forgets_everything(name: str) -> None:
     np.testing.assert_array_equal(
         detected(frames(tracker, events())), detected(reference_run(name))
     )
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_it_may_begin_while_the_skin_is_deformed(name: str) -> None:
+    """Where a method says that it can, it stays there, and what was before is forgotten."""
+    tracker = main_methods()[name].build(calibration())
+    if not isinstance(tracker, PlacedTracker):
+        pytest.skip(f"{name} begins at rest only")
+    frames(tracker, events())
+    away_px = GRID + np.array([5.25, -3.5])
+    try:
+        tracker.begin_at(away_px)
+    except ConfigError:
+        assert name not in ("default", "fast", "paper")
+        pytest.skip(f"{name} has a map that cannot be painted")
+    run = frames(tracker, EventPacket.empty(0, LAST_US, SIZE))
+    assert np.linalg.norm(detected(run) - away_px, axis=2).max() < 0.5
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from spikingtac.batch.run_folder import RUN, begin_run
 from spikingtac.batch.table import NAME, rows_of, write_table
 from spikingtac.errors import ConfigError
 
-Runner = Callable[[Sequence[FileJob]], Iterator[Outcome]]
+Runner = Callable[[Iterable[FileJob]], Iterator[Outcome]]
 """Yields the outcome of every job as they come: worker processes, or a cluster."""
 
 RESERVED = (JOURNAL, REPORT, RUN, f"{NAME}.csv", f"{NAME}.parquet")

@@ -12,10 +12,14 @@ import tyro
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
+from spikingtac.cli.sensing.pieces import track_in_pieces
+from spikingtac.errors import ConfigError
 from spikingtac.types import LawName, Polarity
 
 if TYPE_CHECKING:
+    from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.markers.tracking_config import TrackingConfig
     from spikingtac.pipeline.checked_source import CheckedSource
 
 WORK = "spikingtac.cli.sensing.track:track_one"
@@ -52,6 +56,9 @@ class Args(ManyArgs):
     """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
+    cut_s: float | None = None
+    """One long recording: cut it every so many seconds, so that all --workers (or the --scheduler)
+    track pieces of it; they overlap, and are joined. 60 is a good choice."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     force: Path | None = None
@@ -63,7 +70,7 @@ class Args(ManyArgs):
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    many = means_many(args, args.recordings)
+    many = means_many(args, args.recordings) and args.cut_s is None
     if args.second is not None:
         return _run_two(args, many)
     if many:
@@ -73,7 +80,10 @@ def run(args: Args) -> int:
     recording, output = args.recordings[0], args.output or Path("tracks.npz")
     require_free(output, args.overwrite)
     with progress(f"tracking {recording.name}") as advance:
-        summary = _track(args, recording, output, advance)
+        if args.cut_s is None:
+            summary = _track(args, recording, output, advance)
+        else:
+            summary = track_in_pieces(args, _settings(args), output, advance)
     if args.json:
         emit_json(summary)
         return 0
@@ -86,6 +96,8 @@ def _run_two(args: Args, many: bool) -> int:
     from spikingtac.atomic_files import require_free
     from spikingtac.cli.second import for_each, open_two, require_pair, second_name
 
+    if args.cut_s is not None:
+        raise ConfigError("--cut-s cuts one recording; --second tracks two")
     calibrations = require_pair(args.calibration, args.second_calibration, many)
     assert args.second is not None
     output = args.output or Path("tracks.npz")
@@ -123,31 +135,31 @@ def _track_source(
     output: Path,
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
-    calibration = Calibration.load(calibration_path)
-    config = load_config(args.preset).with_tracking(
-        rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
-    )
+    tracking, calibration = configured(args, calibration_path)
     force = None
     if args.force is not None:
         from spikingtac.touch.force.files.model_file import load_force
 
         force = load_force(args.force)
     if args.strict:
-        source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
+        source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):
-        return track_to_file(
-            source,
-            output,
-            config.tracking,
-            calibration.with_polarity(args.polarity),
-            advance,
-            force,
-        )
+        return track_to_file(source, output, tracking, calibration, advance, force)
+
+
+def configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Calibration]:
+    """Return how markers are followed, and the sensor's calibration, as the options say."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+
+    calibration = Calibration.load(calibration_path)
+    config = load_config(args.preset).with_tracking(
+        rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
+    )
+    return config.tracking, calibration.with_polarity(args.polarity)
 
 
 def _run_many(args: Args) -> int:
@@ -211,6 +223,11 @@ def _print(summary: dict[str, Any], recording: Path) -> None:
         remark(f"note: {kind} {count} times in the recording")
     if summary["calibration_misfit"]:
         warn(summary["calibration_misfit"])
+    if "pieces" in summary:
+        remark(
+            f"{summary['pieces']} pieces; both ways are {summary['seam_mean_px']:.2f} px apart at "
+            f"the cuts; {summary['mended']} were tracked again from the one before"
+        )
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(

@@ -17,12 +17,7 @@ mean time constant (the twin's preset ``typical``)."""
 
 def painted_graded_map(calibration: Calibration, appearance: Appearance) -> GradedStateMap:
     """Return the graded map of a sensor at rest, with the calibrated steps."""
-    width, height = calibration.size
-    start = np.zeros((height, width), np.float32)
-    for center_px, radius_px, profile in zip(
-        calibration.reference_px, calibration.radius_px, appearance.profiles, strict=True
-    ):
-        _paint_disc(start, center_px, float(radius_px), profile)
+    start = painted_levels(calibration, appearance, calibration.reference_px)
     owner = nearest_marker(calibration.reference_px, calibration.size)
     return GradedStateMap(
         start,
@@ -30,6 +25,19 @@ def painted_graded_map(calibration: Calibration, appearance: Appearance) -> Grad
         _steps(calibration.step_off_map, appearance.step_off[owner]),
         dark_markers=calibration.polarity == "dark",
     )
+
+
+def painted_levels(
+    calibration: Calibration, appearance: Appearance, center_px: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return ``(height, width)`` levels with the calibrated discs at ``(m, 2)`` places, px."""
+    width, height = calibration.size
+    levels = np.zeros((height, width), np.float32)
+    for place_px, radius_px, profile in zip(
+        center_px, calibration.radius_px, appearance.profiles, strict=True
+    ):
+        _paint_disc(levels, place_px, float(radius_px), profile)
+    return levels
 
 
 def _paint_disc(
