@@ -2,8 +2,8 @@
 
     python benchmarks/lerobot_plugin.py -o results/lerobot --python LEROBOT_ENV/bin/python
 
-LeRobot has pins of its own, so it is run by the interpreter of another environment, which also needs
-NumPy, SciPy and Numba. The plug-in is installed into a folder (a wheel, without dependencies) that
+LeRobot has pins of its own, so it is run by the interpreter of another environment, which also
+needs NumPy, SciPy and Numba. The plug-in is installed into a folder (without dependencies) that
 this interpreter sees; LeRobot's own search imports it, its own configuration parser builds the
 settings, and its own factory the camera, which plays a simulated recording. The last image is
 compared with the tracks of a tracker alone. The exit code is 1 where anything is missing.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,18 @@ def test_it_is_told_and_strict_refuses_it(
     assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
     assert main([*line, "--strict", *(["--overwrite"] if verb == "track" else [])]) == 1
     assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+
+
+def test_it_is_told_while_it_is_published(
+    slides: Path, own: Path, foreign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
+    line = ["ros2", str(slides), "--domain", str(1 + os.getpid() % 100), "--rate-hz", "50"]
+    assert main([*line, "--calibration", str(foreign)]) == 0
+    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
+    assert main([*line, "--calibration", str(foreign), "--strict"]) == 1
+    assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+    assert main([*line, "--calibration", str(own), "--strict"]) == 0
 
 
 @pytest.mark.parametrize("verb", ["track", "contact", "touch"])
