@@ -17,7 +17,7 @@ from spikingtac.batch.inputs import identity
 from spikingtac.batch.job import FileJob, Outcome
 from spikingtac.batch.journal import Journal
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.errors import RecordingError
+from spikingtac.errors import RecordingError, SpikingTacError
 from spikingtac.pipeline.pieces.join import Stretch
 from spikingtac.pipeline.pieces.piece import ends_of
 from spikingtac.pipeline.pieces.plan import Piece, PlanPass
@@ -88,11 +88,16 @@ def track_pieces(
             to be resumed.
     """
     settings = {"version": package_version(), "recording": str(work.recording), **work.settings}
-    begin_run(work.folder, settings, resume)
+    new = begin_run(work.folder, settings, resume)
     with Journal(work.folder) as journal:
         crew = _Crew(work, plan, runner, journal)
-        crew.track(advance)
-        mended = crew.mend()
+        try:
+            crew.track(advance)
+            mended = crew.mend()
+        except SpikingTacError:
+            if new and not crew.done:  # no worker was reached: nothing is to be resumed
+                remove_pieces(work.folder)
+            raise
     return Pieced(
         stretches=crew.stretches(),
         cuts_us=crew.cuts_us(),
@@ -118,7 +123,7 @@ class _Crew:
         self._outcomes: dict[str, Outcome] = {}
         self._agreed: dict[int, int | None] = {}
         self.seams: list[Distance] = []
-        self.kept = 0
+        self.done = self.kept = 0
         self.misfit: str | None = None
 
     def track(self, advance: Callable[[float], None]) -> None:
@@ -185,6 +190,7 @@ class _Crew:
             self._journal.add(outcome)
             if outcome.failed:
                 raise RecordingError(f"a piece of {str(self._work.recording)!r}: {outcome.error}")
+            self.done += 1
             yield outcome
         self.kept += len(kept)
         yield from kept
