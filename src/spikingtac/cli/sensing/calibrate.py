@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import ManyArgs, means_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.sensing.calibrate_check import run_check
 from spikingtac.errors import ConfigError
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
@@ -21,18 +23,26 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(ManyArgs):
     """Learn where the markers rest, how large they are and what an event stands for.
 
     Any recording will do in which the markers move: presses, contacts or slides. It is best when
     it begins without load, when every marker moves by more than its diameter, and when the skin
     rests for half a second between contacts.
+
+    With --check, whether recordings come from the sensor of a calibration; many go into a folder:
+    spikingtac calibrate --check left_finger.json DAY -o DAY_checked --workers 4
     """
 
-    recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -."""
+    recordings: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING")
+    ]
+    """Event file, recording folder, or a camera: its address, a named pipe, or -. With --check also
+    several, a folder of recordings or a pattern such as 'day/*.raw'."""
+    check: Annotated[Path | None, tyro.conf.arg(metavar="CALIBRATION")] = None
+    """Write no calibration: say whether the recordings fit this one."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
-    """File to write."""
+    """File to write; with --check the folder for many."""
     grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
     """Size of the grid, as 8x8; found by itself unless given."""
     pitch_mm: float | None = None
@@ -52,16 +62,15 @@ class Args:
     """Say every two seconds which markers still have to move, as is always done for a camera."""
     until_ready: bool = False
     """End a camera by itself once every marker has moved enough and the skin rests."""
-    overwrite: bool = False
-    """Replace files that are already there."""
     strict: bool = False
     """Refuse a damaged recording instead of mending it."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Calibrate, write the file, and say what was found."""
+    """Calibrate, write the file, and say what was found; or check."""
+    if args.check is not None:
+        return run_check(args, args.check)
+    recording = _only_one(args)
     from spikingtac.atomic_files import require_free
     from spikingtac.events.open import open_events
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
@@ -76,11 +85,11 @@ def run(args: Args) -> int:
         method=args.method,
         allow_missing=args.allow_missing,
     )
-    source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
+    source = open_events(recording, strict=args.strict, sensor=args.sensor)
     guided = _guided(source, config, args)
-    with ending_on_interrupt(source), progress(f"calibrating from {args.recording.name}"):
+    with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
         calibration = calibrate(guided, config)
-    calibration.provenance["recording"] = args.recording.name
+    calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
         from spikingtac.plots.calibration import save_calibration_plot
@@ -93,6 +102,20 @@ def run(args: Args) -> int:
     return 0
 
 
+def _only_one(args: Args) -> Path:
+    """Return the recording to learn from.
+
+    Raises:
+        ConfigError: Several are given, or options that are for several.
+    """
+    if means_many(args, args.recordings):
+        raise ConfigError(
+            "calibrate learns from one recording; to check many against a calibration: "
+            "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
+        )
+    return args.recordings[0]
+
+
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
     from spikingtac.events.formats.evt.raw_stream import is_stream
@@ -100,7 +123,7 @@ def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> Event
     from spikingtac.markers.calibration.guide.guide import CalibrationGuide
     from spikingtac.markers.calibration.guide.guided_source import GuidedSource
 
-    if not (args.guide or args.until_ready or is_stream(args.recording)):
+    if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
         return source
     guide = CalibrationGuide(source.size, config.grid, config.polarity)
     return GuidedSource(
