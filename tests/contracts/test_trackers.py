@@ -13,7 +13,9 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.experiments.trials.methods import main_methods
+from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import PlacedTracker
+from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.ideal_events import ideal_events
 
@@ -172,6 +174,18 @@ def test_it_may_begin_while_the_skin_is_deformed(name: str) -> None:
         pytest.skip(f"{name} has a map that cannot be painted")
     run = frames(tracker, EventPacket.empty(0, LAST_US, SIZE))
     assert np.linalg.norm(detected(run) - away_px, axis=2).max() < 0.5
+
+
+@pytest.mark.parametrize("method", ["disc", "bands", "centroid", "blobs"])
+def test_to_begin_where_the_markers_rest_is_to_begin_anew(method: str) -> None:
+    config = TrackingConfig(method=method)
+    fresh, placed = (make_tracker(config, calibration()) for _ in range(2))
+    assert isinstance(placed, PlacedTracker)
+    frames(placed, events())
+    placed.begin_at(GRID.copy())
+    np.testing.assert_array_equal(
+        detected(frames(placed, events())), detected(frames(fresh, events()))
+    )
 
 
 @pytest.mark.parametrize("name", METHODS)
