@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
-
-if TYPE_CHECKING:
-    from spikingtac.cli.sensing.calibrate import Args
+from spikingtac.cli.sensing.calibrate_args import Args
 
 WORK = "spikingtac.cli.sensing.calibrate_check:check_one"
 """What a worker calls for each of many recordings."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.cli.messages import remark
+from spikingtac.cli.sensing.track_args import Args, configured
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.cli.sensing.track import Args
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.pipeline.pieces.crew import Pieced
     from spikingtac.pipeline.pieces.plan import PlanPass
@@ -88,7 +88,6 @@ def _write(
     args: Args, source: FileSource, output: Path, found: Pieced, plan: PlanPass
 ) -> dict[str, Any]:
     """Join the pieces into the tracks of the verb."""
-    from spikingtac.cli.sensing.track import configured
     from spikingtac.markers.registry import make_law
     from spikingtac.pipeline.pieces.join import join
     from spikingtac.pipeline.recording_tracks import provenance_of
@@ -129,9 +128,8 @@ def _write(
 
 def track_one_piece(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
     """Track one piece, or mend it, and return what the crew needs to know."""
-    from spikingtac.cli.sensing.track import Args, configured
     from spikingtac.events.open import open_events
-    from spikingtac.pipeline.pieces.piece import mend_piece, track_piece
+    from spikingtac.pipeline.pieces.piece import PieceTracking, mend_piece, track_piece
     from spikingtac.pipeline.pieces.plan import Piece
 
     own = {"piece", "origin_us", "start_px", "begun", "cut_s", "calibration", "force"}
@@ -142,15 +140,14 @@ def track_one_piece(settings: Mapping[str, Any], recording: Path, output: Path) 
     tracking = replace(tracking, hysteresis="none")
     source = open_events(recording, strict=args.strict, sensor=args.sensor)
     piece, origin_us = Piece.parse(settings["piece"]), int(settings["origin_us"])
+    how = PieceTracking(tracking, calibration, origin_us)
     if "start_px" not in settings:
-        return track_piece(source, piece, output, tracking, calibration, origin_us)
+        return track_piece(source, piece, output, how)
     return mend_piece(
         source,
         piece,
         output,
-        tracking,
-        calibration,
-        origin_us,
+        how,
         start_px=np.array(settings["start_px"], np.float64),
         begun=Path(settings["begun"]),
     )

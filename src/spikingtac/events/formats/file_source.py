@@ -14,8 +14,7 @@ from spikingtac.errors import DamageError
 from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
-from spikingtac.events.formats.evt.place import Place
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Trigger
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 

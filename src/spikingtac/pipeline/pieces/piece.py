@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,23 @@ from spikingtac.tracks.files import NpzTracksWriter
 from spikingtac.types import MarkerFrame
 
 
+@dataclass(frozen=True, slots=True)
+class PieceTracking:
+    """How pieces are tracked, the same for all of a recording.
+
+    Attributes:
+        config: How markers are followed; its law must be ``none``.
+        calibration: The sensor's calibration.
+        origin_us: Time of the recording's first estimate, us.
+    """
+
+    config: TrackingConfig
+    calibration: Calibration
+    origin_us: int
+
+
 def track_piece(
-    source: FileSource,
-    piece: Piece,
-    output: Path,
-    config: TrackingConfig,
-    calibration: Calibration,
-    origin_us: int,
+    source: FileSource, piece: Piece, output: Path, how: PieceTracking
 ) -> dict[str, Any]:
     """Track a piece as if its skin rested where it begins.
 
@@ -39,19 +50,17 @@ def track_piece(
         source: The whole recording.
         piece: Which part of it.
         output: ``.npz`` file to write: the estimates from the piece's cut on.
-        config: How markers are followed; its law must be ``none``.
-        calibration: The sensor's calibration.
-        origin_us: Time of the recording's first estimate, us.
+        how: How.
 
     Returns:
         ``estimates``, and ``calibration_misfit`` (told for the first piece).
     """
     source.begin = piece.place
-    checked = CheckedSource(source, calibration) if piece.number == 0 else None
+    checked = CheckedSource(source, how.calibration) if piece.number == 0 else None
     packets = time_slice(source if checked is None else checked, piece.from_us, piece.to_us)
-    tracker = make_tracker(config, calibration)
-    frames = follow(packets, tracker, config.rate_hz, source.losses, origin_us)
-    written = _write(output, piece, calibration, frames)
+    tracker = make_tracker(how.config, how.calibration)
+    frames = follow(packets, tracker, how.config.rate_hz, source.losses, how.origin_us)
+    written = _write(output, piece, how.calibration, frames)
     return {"estimates": written, "calibration_misfit": checked and checked.misfit}
 
 
@@ -59,10 +68,7 @@ def mend_piece(
     source: FileSource,
     piece: Piece,
     output: Path,
-    config: TrackingConfig,
-    calibration: Calibration,
-    origin_us: int,
-    *,
+    how: PieceTracking,
     start_px: NDArray[np.float64],
     begun: Path,
 ) -> dict[str, Any]:
@@ -72,9 +78,7 @@ def mend_piece(
         source: The whole recording.
         piece: Which part of it.
         output: ``.npz`` file to write: the estimates from the piece's cut on.
-        config: How markers are followed; its law must be ``none``.
-        calibration: The sensor's calibration.
-        origin_us: Time of the recording's first estimate, us.
+        how: How.
         start_px: ``(m, 2)`` markers at the cut, from the piece before, px.
         begun: What :func:`track_piece` wrote.
 
@@ -87,10 +91,10 @@ def mend_piece(
     """
     source.begin = piece.place
     packets = time_slice(source, piece.cut_us, piece.to_us)
-    tracker = _placed(make_tracker(config, calibration), start_px)
-    frames = follow(packets, tracker, config.rate_hz, source.losses, origin_us)
+    tracker = _placed(make_tracker(how.config, how.calibration), start_px)
+    frames = follow(packets, tracker, how.config.rate_hz, source.losses, how.origin_us)
     agreement = Agreement(Tracks.load(begun))
-    written = _write(output, piece, calibration, agreement.until(frames))
+    written = _write(output, piece, how.calibration, agreement.until(frames))
     return {"estimates": written, "number": piece.number, "agreed_us": agreement.agreed_us}
 
 

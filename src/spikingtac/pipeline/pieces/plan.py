@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.formats.evt.place import Place
+from spikingtac.events.formats.codec import Place
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.source_health import source_health
 

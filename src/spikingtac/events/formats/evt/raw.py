@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.formats.codec import Place
 from spikingtac.events.formats.evt.header import ENCODINGS, RawHeader, read_header
-from spikingtac.events.formats.evt.place import Place
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.plausible import (
     FOREIGN_SHARE,
