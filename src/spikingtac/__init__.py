@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
     from spikingtac.events.windows import windows as windows
+    from spikingtac.live.hand.finger import Finger as Finger
+    from spikingtac.live.hand.hand import Hand as Hand
     from spikingtac.markers.calibration.calibrate import CalibrationConfig as CalibrationConfig
     from spikingtac.markers.calibration.calibrate import calibrate as calibrate
     from spikingtac.markers.registry import make_tracker as make_tracker
@@ -59,6 +61,8 @@ _HOMES = {
     "EventCountDetector": "contact.event_count",
     "EventPacket": "types",
     "EventSource": "events.source",
+    "Finger": "live.hand.finger",
+    "Hand": "live.hand.hand",
     "LossCounters": "types",
     "MarkerFrame": "types",
     "MarkerTracker": "markers.tracker",

@@ -16,8 +16,8 @@ MOST_LINES = 80
 FOREIGN = {"numpy", "matplotlib"}
 
 
-def test_they_go_from_01_to_10() -> None:
-    assert [path.name[:3] for path in EXAMPLES] == [f"{number:02}_" for number in range(1, 11)]
+def test_they_go_from_01_to_11() -> None:
+    assert [path.name[:3] for path in EXAMPLES] == [f"{number:02}_" for number in range(1, 12)]
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

@@ -34,6 +34,7 @@ def run(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str
         ("07_find_contacts.py", "contact at"),
         ("09_close_a_loop.py", "commands, from"),
         ("10_your_own_tracker.py", "64 markers"),
+        ("11_many_fingers.py", "index: ended, 500 frames"),
     ],
 )
 def test_an_example_says_what_it_promises(

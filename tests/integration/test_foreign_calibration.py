@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +61,42 @@ def test_it_is_told_and_strict_refuses_it(
     assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
     assert main([*line, "--strict", *(["--overwrite"] if verb == "track" else [])]) == 1
     assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+
+
+def test_it_is_told_while_it_is_published(
+    slides: Path, own: Path, foreign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
+    line = ["ros2", str(slides), "--domain", str(1 + os.getpid() % 100), "--rate-hz", "50"]
+    assert main([*line, "--calibration", str(foreign)]) == 0
+    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
+    assert main([*line, "--calibration", str(foreign), "--strict"]) == 1
+    assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
+    assert main([*line, "--calibration", str(own), "--strict"]) == 0
+
+
+def test_recordings_are_checked_against_a_calibration(
+    slides: Path, own: Path, foreign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", str(slides), "--check", str(own)]) == 0
+    assert "fits own.json" in capsys.readouterr().err
+    assert main(["calibrate", str(slides), "--check", str(foreign), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert not found["fits"]
+    assert found["contradiction"] > found["limit"]
+    day = tmp_path / "day"
+    day.mkdir()
+    for name in ("a", "b"):
+        shutil.copytree(slides, day / name)
+    (day / "bad.raw").write_bytes(b"junk")
+    line = ["calibrate", str(day), "--check", str(foreign), "--workers", "1", "--json"]
+    assert main([*line, "-o", str(tmp_path / "checked")]) == 1
+    many = json.loads(capsys.readouterr().out)
+    assert (many["done"], many["failed"]) == (2, 1)
+    assert [row.get("fits") for row in many["rows"]] == [None, 0, 0]
+    assert json.loads((tmp_path / "checked" / "a.json").read_text())["words"].startswith("the rec")
+    assert main(["calibrate", str(day), "--workers", "1"]) == 2
+    assert "--check" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["track", "contact", "touch"])

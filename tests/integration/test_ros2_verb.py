@@ -104,7 +104,8 @@ def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
         "typehash=RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5;",
     )
     assert set(told) >= {"rt/tactile/arrows", "rt/tactile/contact", "rt/diagnostics"}
-    assert all(data.startswith("typehash=RIHS01_") for _, data in told.values())
+    topics = [data for name, (_, data) in told.items() if name.startswith("rt/")]
+    assert all(data.startswith("typehash=RIHS01_") for data in topics)
 
 
 def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, tmp_path: Path, tracks: Path) -> None:

@@ -17,18 +17,24 @@ class DaskCluster:
     Args:
         folder: For what they log and store.
         workers: Number of workers.
+        tls: Folder with ca.pem, cert.pem and key.pem, to be reached with certificates only.
     """
 
-    def __init__(self, folder: Path, workers: int = 1) -> None:
+    def __init__(self, folder: Path, workers: int = 1, tls: Path | None = None) -> None:
         self._folder = folder
+        self._tls = [] if tls is None else ["--tls-ca-file", str(tls / "ca.pem")]
+        if tls is not None:
+            self._tls += ["--tls-cert", str(tls / "cert.pem"), "--tls-key", str(tls / "key.pem")]
         with socket.create_server(("127.0.0.1", 0)) as server:
             self._port = server.getsockname()[1]
-        self.address = f"tcp://127.0.0.1:{self._port}"
+        self.address = f"{'tls' if tls else 'tcp'}://127.0.0.1:{self._port}"
         self.start_scheduler()
         self.workers = [self.start_worker() for _ in range(workers)]
 
     def start_scheduler(self) -> None:
         options = ("--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
+        if self._tls:
+            options = ("--protocol", "tls", *options)
         self.scheduler = self._start("dask_scheduler", *options, "--dashboard-address", ":0")
 
     def start_worker(self) -> subprocess.Popen[bytes]:
@@ -36,7 +42,7 @@ class DaskCluster:
         return self._start("dask_worker", self.address, *options)
 
     def _start(self, module: str, *options: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *options, *self._tls]
         with (self._folder / "dask.log").open("ab") as log:
             environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(self._folder)}
             return subprocess.Popen(command, stdout=log, stderr=log, env=environment)

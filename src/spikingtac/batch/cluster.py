@@ -11,7 +11,7 @@ import queue
 import time
 import uuid
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
@@ -69,7 +69,7 @@ def check_address(address: str, tls: Path | None) -> str:
 
 
 def run_on_cluster(
-    jobs: Sequence[FileJob], address: str, tls: Path | None = None, patience_s: float = PATIENCE_S
+    jobs: Iterable[FileJob], address: str, tls: Path | None = None, patience_s: float = PATIENCE_S
 ) -> Iterator[Outcome]:
     """Yield the outcome of every job, as they come.
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext
@@ -24,30 +24,32 @@ PATIENCE_S = 5.0
 """Time for an idle worker to end by itself."""
 
 
-def run_in_processes(jobs: Sequence[FileJob], workers: int | None) -> Iterator[Outcome]:
+def run_in_processes(jobs: Iterable[FileJob], workers: int | None) -> Iterator[Outcome]:
     """Yield the outcome of every job, as they come.
 
     When the iteration is given up, the workers are killed: outputs are whole or not there.
 
     Args:
-        jobs: The jobs, in the order in which they are begun.
+        jobs: The jobs, in the order in which they are begun; while an iterator still finds more,
+            the first ones are worked on.
         workers: Number of processes; None takes one for every CPU, and there are never more.
     """
     for name in SINGLE_THREAD:
         os.environ.setdefault(name, "1")
-    waiting, deaths = deque(jobs), dict.fromkeys((job.key for job in jobs), 0)
-    crew = [_Worker() for _ in range(max(1, min(workers or cpu_count(), cpu_count(), len(jobs))))]
+    waiting, deaths = _Waiting(jobs), Counter[str]()
+    most = len(jobs) if isinstance(jobs, Sequence) else cpu_count()
+    crew = [_Worker() for _ in range(max(1, min(workers or cpu_count(), cpu_count(), most)))]
     try:
         while waiting or any(worker.job for worker in crew):
             for worker in crew:
                 if worker.job is None and waiting:
-                    worker.begin(waiting.popleft())
-            for worker in _ready(crew):
+                    worker.begin(waiting.pop())
+            for worker in _ready(crew, 0.0 if waiting.look_ahead() else None):
                 job, outcome = worker.end()
                 if outcome is None:
                     deaths[job.key] += 1
                     if deaths[job.key] < ATTEMPTS:
-                        waiting.append(job)
+                        waiting.put_back(job)
                         continue
                     outcome = _given_up(job)
                 yield outcome
@@ -58,8 +60,33 @@ def run_in_processes(jobs: Sequence[FileJob], workers: int | None) -> Iterator[O
             worker.kill()
 
 
-def _ready(crew: Sequence[_Worker]) -> list[_Worker]:
-    ready = wait([worker.pipe for worker in crew if worker.job])
+class _Waiting:
+    """Jobs that wait for a worker, some of them not found yet."""
+
+    def __init__(self, jobs: Iterable[FileJob]) -> None:
+        self._more = iter(jobs)
+        self._found: deque[FileJob] = deque()
+        self.look_ahead()
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def look_ahead(self) -> bool:
+        """Find one more; False where there is none."""
+        job = next(self._more, None)
+        if job is not None:
+            self._found.append(job)
+        return job is not None
+
+    def pop(self) -> FileJob:
+        return self._found.popleft()
+
+    def put_back(self, job: FileJob) -> None:
+        self._found.append(job)
+
+
+def _ready(crew: Sequence[_Worker], timeout_s: float | None) -> list[_Worker]:
+    ready = wait([worker.pipe for worker in crew if worker.job], timeout_s)
     return [worker for worker in crew if worker.pipe in ready]
 
 

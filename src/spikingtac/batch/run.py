@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ from spikingtac.batch.job import Figure, FileJob, Outcome
 from spikingtac.batch.journal import JOURNAL, Journal
 from spikingtac.batch.outliers import unlike
 from spikingtac.batch.report import REPORT, ordered, write_report
-from spikingtac.batch.run_folder import RUN, begin_run
+from spikingtac.batch.run_folder import RUN, begin_run, forget_run
 from spikingtac.batch.table import NAME, rows_of, write_table
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, SpikingTacError
 
-Runner = Callable[[Sequence[FileJob]], Iterator[Outcome]]
+Runner = Callable[[Iterable[FileJob]], Iterator[Outcome]]
 """Yields the outcome of every job as they come: worker processes, or a cluster."""
 
 RESERVED = (JOURNAL, REPORT, RUN, f"{NAME}.csv", f"{NAME}.parquet")
@@ -101,14 +101,19 @@ def run_batch(
         "below": str(common_parent(batch.recordings)),  # another one would move the results
         **batch.settings,
     }
-    begin_run(batch.folder, settings | _digests(batch.settings), resume, overwrite)
+    new = begin_run(batch.folder, settings | _digests(batch.settings), resume, overwrite)
     with Journal(batch.folder) as journal:
         found = {job.key: outcome for job in jobs if (outcome := journal.done(job))}
         kept, todo = len(found), [job for job in jobs if job.key not in found]
-        for outcome in runner(todo) if todo else ():
-            found[outcome.key] = outcome
-            journal.add(outcome)
-            advance(len(found) / len(jobs))
+        try:
+            for outcome in runner(todo) if todo else ():
+                found[outcome.key] = outcome
+                journal.add(outcome)
+                advance(len(found) / len(jobs))
+        except SpikingTacError:
+            if new and not found:  # no worker was reached: nothing is to be resumed
+                forget_run(batch.folder)
+            raise
     outcomes = [found[job.key] for job in jobs]
     rows = rows_of(outcomes, unlike([outcome.figures for outcome in outcomes]))
     title = f"spikingtac {batch.name}"

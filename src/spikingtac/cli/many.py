@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,7 +76,7 @@ def run_many(batch: Batch, args: ManyArgs) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise."""
     from spikingtac.batch.run import run_batch
 
-    runner = _Runner(args)
+    runner = CrewRunner(args)
     name = f"{batch.name}: {len(batch.recordings)} recordings"
     try:
         with progress(name) as advance:
@@ -91,7 +91,7 @@ def run_many(batch: Batch, args: ManyArgs) -> int:
     return 1 if result.failed else 0
 
 
-class _Runner:
+class CrewRunner:
     """Chooses the workers; a wrong address is refused before anything is written."""
 
     def __init__(self, args: ManyArgs) -> None:
@@ -102,7 +102,8 @@ class _Runner:
 
             self._address = check_address(args.scheduler, args.tls)
 
-    def __call__(self, jobs: Sequence[FileJob]) -> Iterator[Outcome]:
+    def __call__(self, jobs: Iterable[FileJob]) -> Iterator[Outcome]:
+        """Yield the outcome of every job, from a cluster or from worker processes."""
         if self._address:
             from spikingtac.batch.cluster import run_on_cluster
 

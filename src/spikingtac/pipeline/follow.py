@@ -21,6 +21,7 @@ def follow(
     tracker: MarkerTracker,
     rate_hz: float,
     losses: Mapping[str, int] | None = None,
+    origin_us: int | None = None,
 ) -> Iterator[MarkerFrame]:
     """Track a stream and yield the markers at a regular rate.
 
@@ -34,6 +35,8 @@ def follow(
         tracker: Any tracker, freshly made or reset.
         rate_hz: Estimates per second of data time.
         losses: What their source counts, for the health; that of ``packets`` unless given.
+        origin_us: Time of the first estimate of the recording that ``packets`` are a part of, us:
+            the part is estimated at the same times as the whole.
 
     Raises:
         ConfigError: The rate is not between 0 and 1 MHz.
@@ -44,8 +47,9 @@ def follow(
     first = next((packet for packet in stream if len(packet)), None)
     if first is None:
         return
-    times = EstimateTimes(int(first.t[0]), rate_hz)
-    yield tracker.estimate(times.first_us).with_health(meter.now())
+    begun_us = int(first.t[0])
+    times = EstimateTimes(begun_us if origin_us is None else origin_us, rate_hz)
+    yield tracker.estimate(times.at(times.index(begun_us))).with_health(meter.now())
     for stretch in stretches(itertools.chain([first], stream)):
         begun = next(stretch)
         edges_us = times.since(begun.t_start_us)

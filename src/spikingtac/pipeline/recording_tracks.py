@@ -67,7 +67,7 @@ def track_to_file(
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         health = source.counters().summary()
-        meta = {**_provenance(source, config), **calibration.scale(), "health": health}
+        meta = {**provenance_of(source, config), **calibration.scale(), "health": health}
         writer.close({**meta, "calibration_misfit": checked.misfit})
     except BaseException:
         writer.abandon()
@@ -113,7 +113,8 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
         )
 
 
-def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
+def provenance_of(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
+    """Return what tracks tell about their making: configuration, input, version and losses."""
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,

@@ -96,6 +96,9 @@ class DdsPublisher:
     Args:
         config: Domain and interface.
 
+    Attributes:
+        participant: The library's; services join it.
+
     Raises:
         MissingExtraError: cyclonedds is not installed.
         DeviceError: The domain cannot be entered.
@@ -109,10 +112,11 @@ class DdsPublisher:
                 "ROS 2 needs cyclonedds; install it with: pip install 'spikingtac[ros2]'"
             ) from error
         self._config = config
+        self.participant: Any = None
         self._writers: dict[str, tuple[str, Any]] = {}
         try:
             self._domain = domain.Domain(config.domain, config.document())
-            self._participant = domain.DomainParticipant(config.domain)
+            self.participant = domain.DomainParticipant(config.domain)
         except core.DDSException as error:
             raise DeviceError(
                 f"DDS domain {config.domain} cannot be entered on {config.interface!r}: {error}; "
@@ -134,9 +138,9 @@ class DdsPublisher:
         from cyclonedds.topic import Topic
 
         name = dds_topic(topic)
-        announced = Topic(self._participant, name, _struct(message))
+        announced = Topic(self.participant, name, _struct(message))
         qos = _qos(message, state, self._config.reliable)
-        self._writers[topic] = (message, DataWriter(self._participant, announced, qos=qos))
+        self._writers[topic] = (message, DataWriter(self.participant, announced, qos=qos))
 
     def publish(self, topic: str, values: Mapping[str, Any]) -> None:
         """Send a message; nobody who reads slowly is waited for.
@@ -159,7 +163,7 @@ class DdsPublisher:
     def close(self) -> None:
         """Leave the domain: readers see the topics end."""
         self._writers.clear()
-        del self._participant
+        self.participant = None
         del self._domain
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -18,6 +18,7 @@ from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
+from spikingtac.pipeline.checked_source import CheckedSource, refuse
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.recording_tracks import require_same_size
 from spikingtac.ros2.messages import Layout
@@ -47,7 +48,8 @@ class FeedConfig:
         rate_hz: Frames per second; None takes the preset's.
         force: Force model, or None.
         sensor: In a folder, the sensor to read.
-        strict: Refuse a damaged recording.
+        strict: Refuse a damaged recording, and the calibration of another sensor.
+        tell: Told once where the events contradict the calibration.
     """
 
     source: Path
@@ -57,6 +59,7 @@ class FeedConfig:
     force: Path | None = None
     sensor: int = 0
     strict: bool = False
+    tell: Callable[[str], None] = lambda why: None
 
 
 class Feed(Protocol):
@@ -73,6 +76,10 @@ class Feed(Protocol):
     source: FileSource | None
     force: ForceEstimator | None
     has_wrench: bool
+
+    def reset(self) -> bool:
+        """Forget everything but the calibration; False where nothing was to forget: tracks."""
+        ...
 
     def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         """Yield the frames when they are due; events go to the stream meanwhile."""
@@ -108,6 +115,9 @@ class _TracksFeed:
         self.force = _force(config, len(self._tracks.reference_px))
         self.has_wrench = self._tracks.wrench_estimate is not None
 
+    def reset(self) -> bool:
+        return False
+
     def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         wrenches = self._tracks.wrench_estimate
         for number, frame in enumerate(self._tracks.frames()):
@@ -128,12 +138,21 @@ class _EventsFeed:
         self.source: FileSource | None = self._events
         require_same_size(self._events.size, calibration.size)
         self._live = is_stream(config.source)
+        self._checked = CheckedSource(self._events, calibration, self._tell(config))
         self.layout = Layout.of_image(
             calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
         )
 
+    @staticmethod
+    def _tell(config: FeedConfig) -> Callable[[str], None]:
+        return refuse if config.strict else config.tell
+
+    def reset(self) -> bool:
+        self._tracker.reset()
+        return True
+
     def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        packets: Iterator[EventPacket] = iter(self._events)
+        packets: Iterator[EventPacket] = iter(self._checked)
         if not self._live:
             packets = paced(windows(packets, STEP_US), pace)
         told, rate_hz = _telling(packets, stream), self._tracking.rate_hz

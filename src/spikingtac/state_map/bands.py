@@ -67,6 +67,14 @@ class BandStateMap(GradedStateMap):
             self.turn,
         )
 
+    def repaint(self, levels: NDArray[np.float32]) -> None:
+        """Replace the map by ``(height, width)`` levels; the pixels' last contact is not known."""
+        super().repaint(levels)
+        self._memory += self._middle
+        self.variance[:] = self._first_variance
+        self.fired[:] = 0
+        self.turn = 1
+
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         super().reset()

@@ -113,6 +113,11 @@ class GradedStateMap:
         """``(height, width)`` the clipped sums behind :attr:`values`."""
         return self._memory
 
+    def repaint(self, levels: NDArray[np.float32]) -> None:
+        """Replace the map by ``(height, width)`` levels; the steps stay as they are."""
+        self._memory[:] = levels
+        self.values[:] = levels
+
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         self._memory[:] = self._start

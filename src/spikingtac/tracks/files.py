@@ -84,6 +84,11 @@ class NpzTracksWriter:
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
 
+    def write_columns(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Append many frames at once, by the names and types of the file."""
+        self._flush()
+        self._file.append(columns)
+
     def measure(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
         """Add what was measured in the next frame: the same names with every frame, or never."""
         self._measured.append(columns)

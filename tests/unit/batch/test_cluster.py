@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac.batch.cluster import TLS_FILES, check_address, run_on_cluster
+from spikingtac.batch.run import Batch, run_batch
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
 
 
@@ -54,6 +55,27 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"spikingtac\[cluster\]"):
         list(run_on_cluster([], "tcp://127.0.0.1:8786"))
+
+
+def test_a_first_connection_that_fails_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run.json that stayed made the same command, with the scheduler there, fail."""
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setattr("spikingtac.batch.cluster.CONNECT_S", 0.3)
+    (tmp_path / "a.raw").write_bytes(b"x")
+    batch = Batch(
+        name="convert",
+        work="spikingtac.cli.files.convert:convert_one",
+        recordings=[tmp_path / "a.raw"],
+        folder=tmp_path / "out",
+        ending=".npz",
+        settings={},
+    )
+    for _ in range(2):
+        with pytest.raises(DeviceError, match="no Dask scheduler answers"):
+            run_batch(batch, lambda jobs: run_on_cluster(jobs, "tcp://127.0.0.1:1"))
+        assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

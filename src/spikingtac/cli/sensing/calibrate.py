@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import means_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.sensing.calibrate_args import Args
+from spikingtac.cli.sensing.calibrate_check import run_check
 from spikingtac.errors import ConfigError
-from spikingtac.markers.calibration.reference import Method
-from spikingtac.types import Polarity
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
@@ -20,48 +18,11 @@ if TYPE_CHECKING:
     from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
 
-@dataclass(frozen=True, kw_only=True)
-class Args:
-    """Learn where the markers rest, how large they are and what an event stands for.
-
-    Any recording will do in which the markers move: presses, contacts or slides. It is best when
-    it begins without load, when every marker moves by more than its diameter, and when the skin
-    rests for half a second between contacts.
-    """
-
-    recording: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RECORDING")]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
-    """File to write."""
-    grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
-    """Size of the grid, as 8x8; found by itself unless given."""
-    pitch_mm: float | None = None
-    """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
-    polarity: Literal["auto"] | Polarity = "auto"
-    """White markers on dark ground, or dark on light; found by itself unless given."""
-    method: Method = "rest-mean"
-    """How rests become a reference; bounding-box is the published one."""
-    allow_missing: int | None = None
-    """So many markers may be missing: they are put where the others expect them. A third of them
-    may be missing unless given."""
-    plot: Path | None = None
-    """Picture to write: the markers as circles, good and doubtful ones told apart."""
-    sensor: int = 0
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
-    guide: bool = False
-    """Say every two seconds which markers still have to move, as is always done for a camera."""
-    until_ready: bool = False
-    """End a camera by itself once every marker has moved enough and the skin rests."""
-    overwrite: bool = False
-    """Replace files that are already there."""
-    strict: bool = False
-    """Refuse a damaged recording instead of mending it."""
-    json: bool = False
-    """Print one JSON object on stdout."""
-
-
 def run(args: Args) -> int:
-    """Calibrate, write the file, and say what was found."""
+    """Calibrate, write the file, and say what was found; or check."""
+    if args.check is not None:
+        return run_check(args, args.check)
+    recording = _only_one(args)
     from spikingtac.atomic_files import require_free
     from spikingtac.events.open import open_events
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
@@ -76,11 +37,11 @@ def run(args: Args) -> int:
         method=args.method,
         allow_missing=args.allow_missing,
     )
-    source = open_events(args.recording, strict=args.strict, sensor=args.sensor)
+    source = open_events(recording, strict=args.strict, sensor=args.sensor)
     guided = _guided(source, config, args)
-    with ending_on_interrupt(source), progress(f"calibrating from {args.recording.name}"):
+    with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
         calibration = calibrate(guided, config)
-    calibration.provenance["recording"] = args.recording.name
+    calibration.provenance["recording"] = recording.name
     calibration.save(args.output)
     if args.plot is not None:
         from spikingtac.plots.calibration import save_calibration_plot
@@ -93,6 +54,20 @@ def run(args: Args) -> int:
     return 0
 
 
+def _only_one(args: Args) -> Path:
+    """Return the recording to learn from.
+
+    Raises:
+        ConfigError: Several are given, or options that are for several.
+    """
+    if means_many(args, args.recordings):
+        raise ConfigError(
+            "calibrate learns from one recording; to check many against a calibration: "
+            "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
+        )
+    return args.recordings[0]
+
+
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
     from spikingtac.events.formats.evt.raw_stream import is_stream
@@ -100,7 +75,7 @@ def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> Event
     from spikingtac.markers.calibration.guide.guide import CalibrationGuide
     from spikingtac.markers.calibration.guide.guided_source import GuidedSource
 
-    if not (args.guide or args.until_ready or is_stream(args.recording)):
+    if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
         return source
     guide = CalibrationGuide(source.size, config.grid, config.polarity)
     return GuidedSource(

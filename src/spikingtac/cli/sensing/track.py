@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
+from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
-from spikingtac.types import LawName, Polarity
+from spikingtac.cli.sensing.pieces import track_in_pieces
+from spikingtac.cli.sensing.track_args import Args, configured
+from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
@@ -22,48 +21,9 @@ WORK = "spikingtac.cli.sensing.track:track_one"
 """What a worker calls for each of many recordings."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Args(ManyArgs):
-    """Follow every marker through a recording and write its displacement over time.
-
-    Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
-    all results and a report: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
-    """
-
-    recordings: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING...")
-    ]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -. Several, a folder
-    of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
-    calibration: Path
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
-    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
-    second_calibration: Path | None = None
-    """calibration.json of the other finger."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
-    many. The second finger's tracks.npz is tracks_1.npz."""
-    preset: str = "default"
-    """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
-    rate_hz: float | None = None
-    """Estimates per second; the preset's unless given."""
-    polarity: Polarity | None = None
-    """White markers on dark ground, or dark on light; the calibration's unless given."""
-    hysteresis: LawName | None = None
-    """Law of the output position; the calibration's or the preset's unless given."""
-    sensor: int = 0
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
-    force: Path | None = None
-    """force.json: tell the wrench of every frame, too; make one with: spikingtac force fit."""
-    strict: bool = False
-    """Refuse a damaged recording instead of mending it, and the calibration of another sensor
-    instead of a warning."""
-
-
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    many = means_many(args, args.recordings)
+    many = means_many(args, args.recordings) and args.cut_s is None
     if args.second is not None:
         return _run_two(args, many)
     if many:
@@ -73,7 +33,10 @@ def run(args: Args) -> int:
     recording, output = args.recordings[0], args.output or Path("tracks.npz")
     require_free(output, args.overwrite)
     with progress(f"tracking {recording.name}") as advance:
-        summary = _track(args, recording, output, advance)
+        if args.cut_s is None:
+            summary = _track(args, recording, output, advance)
+        else:
+            summary = track_in_pieces(args, _settings(args), output, advance)
     if args.json:
         emit_json(summary)
         return 0
@@ -86,6 +49,8 @@ def _run_two(args: Args, many: bool) -> int:
     from spikingtac.atomic_files import require_free
     from spikingtac.cli.second import for_each, open_two, require_pair, second_name
 
+    if args.cut_s is not None:
+        raise ConfigError("--cut-s cuts one recording; --second tracks two")
     calibrations = require_pair(args.calibration, args.second_calibration, many)
     assert args.second is not None
     output = args.output or Path("tracks.npz")
@@ -123,31 +88,19 @@ def _track_source(
     output: Path,
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
-    calibration = Calibration.load(calibration_path)
-    config = load_config(args.preset).with_tracking(
-        rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
-    )
+    tracking, calibration = configured(args, calibration_path)
     force = None
     if args.force is not None:
         from spikingtac.touch.force.files.model_file import load_force
 
         force = load_force(args.force)
     if args.strict:
-        source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
+        source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):
-        return track_to_file(
-            source,
-            output,
-            config.tracking,
-            calibration.with_polarity(args.polarity),
-            advance,
-            force,
-        )
+        return track_to_file(source, output, tracking, calibration, advance, force)
 
 
 def _run_many(args: Args) -> int:
@@ -211,6 +164,11 @@ def _print(summary: dict[str, Any], recording: Path) -> None:
         remark(f"note: {kind} {count} times in the recording")
     if summary["calibration_misfit"]:
         warn(summary["calibration_misfit"])
+    if "pieces" in summary:
+        remark(
+            f"{summary['pieces']} pieces; both ways are {summary['seam_mean_px']:.2f} px apart at "
+            f"the cuts; {summary['mended']} were tracked again from the one before"
+        )
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,15 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, remark
+from spikingtac.cli.messages import emit_json, remark, warn
 
 if TYPE_CHECKING:
     from spikingtac.ros2.dds import DdsPublisher
     from spikingtac.ros2.feeds import Feed
+    from spikingtac.ros2.service import TriggerService
     from spikingtac.ros2.stream import Pace, SensorStream
 
 ENDING_S = 0.1
 """Time for the last messages to leave before the topics end, s."""
+SERVE_US = 20_000
+"""Time between two looks for requests, us."""
 LOOK_S = 0.01
 """Time between two looks for a reader, s."""
 
@@ -58,7 +62,8 @@ class Args:
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False
-    """Refuse a damaged recording instead of repairing it."""
+    """Refuse a damaged recording instead of repairing it, and the calibration of another sensor
+    instead of a warning."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -67,14 +72,17 @@ def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.dds import DdsConfig, DdsPublisher, dds_topic
     from spikingtac.ros2.feeds import FeedConfig, open_feed
+    from spikingtac.ros2.service import TriggerService
     from spikingtac.ros2.stream import Pace
 
     dds_topic(f"{args.prefix}/field")  # refuses a prefix that is none
     config = DdsConfig(domain=args.domain, interface=args.interface, reliable=args.reliable)
     names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
-    feed = open_feed(FeedConfig(**{name: getattr(args, name) for name in names}))
+    given = {name: getattr(args, name) for name in names}
+    feed = open_feed(FeedConfig(**given, tell=warn))
     publisher, pace = DdsPublisher(config), Pace()
     stream = _announce(args, feed, publisher)
+    reset = TriggerService(publisher, f"{args.prefix}/reset", _resetting(feed))
     where = "this machine" if args.interface == "lo" else args.interface
     remark(f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends")
     begun_s = time.monotonic()
@@ -82,7 +90,7 @@ def run(args: Args) -> int:
     try:
         _wait(args, publisher)
         with ending_on_interrupt(feed.source, stop):
-            _publish(feed, stream, pace, (args.seconds, stop))
+            _publish(feed, stream, pace, (args.seconds, stop), reset)
     except KeyboardInterrupt:
         stop.close()
     if stop.asked:
@@ -134,17 +142,33 @@ class _Stop:
 
 
 def _publish(
-    feed: Feed, stream: SensorStream, pace: Pace, until: tuple[float | None, _Stop]
+    feed: Feed,
+    stream: SensorStream,
+    pace: Pace,
+    until: tuple[float | None, _Stop],
+    reset: TriggerService,
 ) -> None:
     seconds, stop = until
     first_us: int | None = None
+    served_us = 0
     for frame, wrench in feed.frames(stream, pace):
         stream.frame(frame, wrench, _anomalies(feed))
         first_us = frame.t_us if first_us is None else first_us
+        if frame.t_us - served_us >= SERVE_US:
+            served_us = frame.t_us
+            reset.serve()
         if stop.asked:
             return
         if seconds is not None and frame.t_us - first_us >= seconds * 1e6:
             return
+
+
+def _resetting(feed: Feed) -> Callable[[], tuple[bool, str]]:
+    def answer() -> tuple[bool, str]:
+        done = feed.reset()
+        return done, "the markers rest" if done else "tracks are published, there is no tracker"
+
+    return answer
 
 
 def _anomalies(feed: Feed) -> dict[str, int]:

@@ -14,7 +14,7 @@ from spikingtac.errors import DamageError
 from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Trigger
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Trigger
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
@@ -61,6 +61,8 @@ class FileSource:
         triggers: Trigger edges met in the latest iteration.
         notes: What had to be assumed, in plain words.
         progress: Share of the file that the latest iteration has read, 0 to 1.
+        place: Where the latest columns ended, if the format can be read on from there.
+        begin: Such a place, where iterations begin instead of the start of the file.
     """
 
     format = "events"
@@ -73,6 +75,8 @@ class FileSource:
         self.triggers: list[Trigger] = []
         self.notes: list[str] = []
         self.progress = 0.0
+        self.place: Place | None = None
+        self.begin: Place | None = None
         self._counters = HealthMeter(self.losses)
         self._options = options
         where = repr(str(path))

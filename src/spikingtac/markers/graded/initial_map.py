@@ -32,18 +32,26 @@ def _painted(
     calibration: Calibration, appearance: Appearance
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return the levels of resting discs, and each pixel's ON and OFF step."""
-    width, height = calibration.size
-    start = np.zeros((height, width), np.float32)
-    for center_px, radius_px, profile in zip(
-        calibration.reference_px, calibration.radius_px, appearance.profiles, strict=True
-    ):
-        _paint_disc(start, center_px, float(radius_px), profile)
+    start = painted_levels(calibration, appearance, calibration.reference_px)
     owner = nearest_marker(calibration.reference_px, calibration.size)
     return (
         start,
         _steps(calibration.step_on_map, appearance.step_on[owner]),
         _steps(calibration.step_off_map, appearance.step_off[owner]),
     )
+
+
+def painted_levels(
+    calibration: Calibration, appearance: Appearance, center_px: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return ``(height, width)`` levels with the calibrated discs at ``(m, 2)`` places, px."""
+    width, height = calibration.size
+    levels = np.zeros((height, width), np.float32)
+    for place_px, radius_px, profile in zip(
+        center_px, calibration.radius_px, appearance.profiles, strict=True
+    ):
+        _paint_disc(levels, place_px, float(radius_px), profile)
+    return levels
 
 
 def _paint_disc(

@@ -20,7 +20,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.event_loss import EventLoss
-from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US
+from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_levels
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
@@ -151,6 +151,7 @@ class GradedTracker:
         self._calibration = calibration
         self._law = law or NoLaw()
         appearance = appearance_of(calibration)
+        self._appearance = appearance
         self._map = locator.initial_map(calibration)
         self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
@@ -190,6 +191,12 @@ class GradedTracker:
         self._law.reset()
         self._locator.reset()
         self._start()
+
+    def begin_at(self, position_px: NDArray[np.float64]) -> None:
+        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px."""
+        self.reset()
+        self._map.repaint(painted_levels(self._calibration, self._appearance, position_px))
+        self._filter = MotionFilter(position_px)
 
     def _start(self) -> None:
         self._t_us: int | None = None

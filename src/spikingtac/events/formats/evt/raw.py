@@ -6,7 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.formats.codec import Place
 from spikingtac.events.formats.evt.header import ENCODINGS, RawHeader, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.plausible import (
@@ -66,14 +70,22 @@ class RawSource(FileSource):
         stream, base_us = self._words(), self.header.time_base_us
         total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
-            file.seek(self.header.length)
+            file.seek(self.header.length if self.begin is None else self.begin.byte)
+            if self.begin is not None:
+                stream.resume(self.begin.state)
             data = file.read(CHUNK_BYTES)
             while data:
                 following = file.read(CHUNK_BYTES)
                 x, y, p, t = stream.feed(data, final=not following)
                 self.progress = file.tell() / total
+                self._mark(stream, file.tell() - len(following), t, base_us)
                 yield x, y, p, t + base_us if base_us else t
                 data = following
+
+    def _mark(self, stream: WordStream, byte: int, t: NDArray[np.int64], base_us: int) -> None:
+        """Remember the place after a chunk; none where some of it waits for the next one."""
+        state = stream.state() if len(t) else None
+        self.place = None if state is None else Place(0, byte, state, int(t[-1]) + base_us)
 
     def _words(self) -> WordStream:
         """Return a fresh decoder with its salvage."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from spikingtac.events.formats.evt.raw import RawSource
@@ -57,10 +58,13 @@ class RawParts(FileSource):
         return self._sources[0].size
 
     def _columns(self) -> Iterator[Rows]:
-        for number, source in enumerate(self._sources):
+        first = 0 if self.begin is None else self.begin.part
+        for number, source in enumerate(self._sources[first:], start=first):
             source.losses, source.triggers = self.losses, self.triggers
+            source.begin = self.begin if number == first else None
             for rows in source.columns():
                 self.progress = (number + source.progress) / len(self._sources)
+                self.place = source.place and replace(source.place, part=number)
                 yield rows
 
 

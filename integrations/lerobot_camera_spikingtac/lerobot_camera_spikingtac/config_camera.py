@@ -1,0 +1,56 @@
+"""The settings of a sensor, registered with LeRobot as the camera type ``spikingtac``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot.cameras.configs import CameraConfig
+
+DEFAULT_FPS = 30
+
+
+@CameraConfig.register_subclass("spikingtac")
+@dataclass(kw_only=True)
+class SpikingTacCameraConfig(CameraConfig):
+    """A sensor as a camera.
+
+    Attributes:
+        source: A camera's address, or a recording, which is played.
+        calibration: The sensor's ``calibration.json``.
+        preset: Tracker: ``default``, ``fast``, or a TOML file.
+        rate_hz: Estimates per second; the preset's unless given.
+        range_px: Displacement that is drawn as 0 or 255, px.
+        cell_px: Width of a marker's cell in the image, px.
+        force: ``force.json``, where forces are wanted, too.
+    """
+
+    source: str
+    calibration: str
+    preset: str = "fast"
+    rate_hz: float | None = None
+    range_px: float = 16.0
+    cell_px: int = 8
+    force: str | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in the size of the image, which the calibration's grid decides.
+
+        Raises:
+            ValueError: A setting is not valid, or the size is not that of the grid.
+        """
+        if not self.range_px > 0.0:
+            raise ValueError(f"range_px is {self.range_px}, it must be positive")
+        if self.cell_px < 1:
+            raise ValueError(f"cell_px is {self.cell_px}, it must be at least 1")
+        grid = json.loads(Path(self.calibration).read_text(encoding="utf-8"))["grid"]
+        rows, columns = (int(count) for count in grid)
+        size = columns * self.cell_px, rows * self.cell_px
+        if (self.width or size[0], self.height or size[1]) != size:
+            raise ValueError(
+                f"the image is {size[0]}x{size[1]}: {columns} by {rows} markers of {self.cell_px} "
+                "px each; leave width and height out"
+            )
+        self.width, self.height = size
+        self.fps = self.fps or DEFAULT_FPS

@@ -1,0 +1,130 @@
+"""Pieces put together: one file of tracks, as if the recording had been tracked at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.hysteresis import OutputLaw
+from spikingtac.tracks import Tracks, create_tracks
+from spikingtac.tracks.columns import COLUMN_TYPES, FIELDS, HEALTH_TYPES
+from spikingtac.tracks.files import NpzTracksWriter
+from spikingtac.types import MarkerFrame
+
+COUNTERS = tuple(name for name in HEALTH_TYPES if name != "rate_ev_s")
+"""What counts from the beginning of a recording."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stretch:
+    """A part of a file of tracks.
+
+    Attributes:
+        path: The file.
+        from_us: First time that counts, us.
+        to_us: First time after it, us; None is the end.
+    """
+
+    path: Path
+    from_us: int
+    to_us: int | None
+
+    def load(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of the part, by their names in a file."""
+        tracks = Tracks.load(self.path)
+        first = int(tracks.t_us.searchsorted(self.from_us))
+        last = None if self.to_us is None else int(tracks.t_us.searchsorted(self.to_us))
+        names = ("t_us", *COLUMN_TYPES, *HEALTH_TYPES)
+        return {name: getattr(tracks, FIELDS.get(name, name))[first:last] for name in names}
+
+
+@dataclass(slots=True)
+class JoinSummary:
+    """What was joined.
+
+    Attributes:
+        estimates: Number of times.
+        coasted: ``(m,)`` how often each marker was coasted.
+        largest_px: Largest displacement, px.
+    """
+
+    estimates: int
+    coasted: NDArray[np.int64]
+    largest_px: float
+
+    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Count some times."""
+        self.estimates += len(columns["t_us"])
+        self.coasted += columns["held"].sum(axis=0)
+        moved_px = np.hypot(*np.moveaxis(columns["displacement_px"], 2, 0))
+        self.largest_px = max(self.largest_px, float(moved_px.max(initial=0.0)))
+
+
+def join(
+    stretches: Sequence[Stretch],
+    output: Path,
+    calibration: Calibration,
+    law: OutputLaw | None,
+    meta: Mapping[str, Any],
+) -> JoinSummary:
+    """Write stretches one after the other; one of them is in memory at a time.
+
+    A law whose output depends on the path is applied here, where the path is whole.
+
+    Args:
+        stretches: Without gap or overlap, in order of time.
+        output: ``.npz``, ``.csv`` or ``.parquet``.
+        calibration: The sensor's calibration.
+        law: Law of the output position; None where it is the detected one.
+        meta: What the file tells about itself.
+    """
+    writer = create_tracks(output, calibration.reference_px)
+    summary = JoinSummary(0, np.zeros(len(calibration.reference_px), np.int64), 0.0)
+    try:
+        for columns in _continued(stretches):
+            if law is not None:
+                _apply(law, columns, calibration.reference_px)
+            summary.add(columns)
+            if isinstance(writer, NpzTracksWriter):
+                writer.write_columns(columns)
+            else:
+                for frame in _frames(columns):
+                    writer.write(frame)
+        writer.close(meta)
+    except BaseException:
+        writer.abandon()
+        raise
+    return summary
+
+
+def _continued(stretches: Sequence[Stretch]) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the columns, with counters that go on where each piece began to count anew."""
+    reached = dict.fromkeys(COUNTERS, 0)
+    for stretch in stretches:
+        columns = stretch.load()
+        if len(columns["t_us"]):
+            for name in COUNTERS:
+                columns[name] = columns[name] - columns[name][0] + reached[name]
+                reached[name] = int(columns[name][-1])
+            yield columns
+
+
+def _apply(law: OutputLaw, columns: dict[str, NDArray[Any]], reference_px: Any) -> None:
+    position_px = columns["position_px"].copy()
+    for row, detected_px in enumerate(columns["detected_px"].astype(np.float64)):
+        position_px[row] = law.update(detected_px, reference_px)
+    columns["position_px"] = position_px
+    columns["displacement_px"] = (position_px - reference_px).astype(np.float32)
+
+
+def _frames(columns: Mapping[str, NDArray[Any]]) -> Iterator[MarkerFrame]:
+    values = {FIELDS.get(name, name): columns[name] for name in ("t_us", *COLUMN_TYPES)}
+    for row, t_us in enumerate(columns["t_us"].tolist()):
+        frame = MarkerFrame(**{name: column[row] for name, column in values.items()})
+        yield replace(frame, t_us=t_us)

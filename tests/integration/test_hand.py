@@ -1,0 +1,115 @@
+"""Several fingers at once: equal to one alone, and a dead one harms nobody."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spikingtac as st
+from spikingtac.errors import ConfigError
+from spikingtac.live.hand.reading import pack, reading_bytes, unpack
+from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
+from stand_ins.small_twin import calibration, touches
+
+RATE_HZ = 200.0
+WAIT_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def finger(tmp_path_factory: pytest.TempPathFactory) -> st.Finger:
+    folder = tmp_path_factory.mktemp("hand")
+    with st.create_events(folder / "touch.raw", touches().size) as writer:
+        writer.write(EventPacket.concatenate(list(touches().packets)))
+    calibration().save(folder / "calibration.json")
+    tracking = replace(st.load_config("fast").tracking, rate_hz=RATE_HZ)
+    return st.Finger(
+        source=folder / "touch.raw", calibration=folder / "calibration.json", tracking=tracking
+    )
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not true():
+        assert time.monotonic() < deadline_s, "it did not happen"
+        time.sleep(0.01)
+
+
+def test_a_reading_survives_the_memory() -> None:
+    moved = np.arange(8.0).reshape(4, 2)
+    coasted = np.array([True, False, False, True])
+    health = SourceHealth(gaps=1, overflows=2, damaged=3, reconnects=4, rate_ev_s=5.5)
+    frame = MarkerFrame(-7, moved, moved, moved, coasted, np.ones(4), health)
+    message = pack(frame, 123, 9, (0.25, 4.5))
+    assert len(message) == reading_bytes(4)
+    found = unpack(message, 4)
+    assert (found.t_us, found.told_ns, found.frames) == (-7, 123, 9)
+    assert (found.behind_ms, found.most_behind_ms) == (0.25, 4.5)
+    assert found.health == health
+    np.testing.assert_array_equal(found.displacement_px, moved)
+    np.testing.assert_array_equal(found.coasted, coasted)
+
+
+def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
+    finger: st.Finger, tmp_path: Path
+) -> None:
+    sensor = st.Calibration.load(finger.calibration)
+    alone = list(
+        st.follow(st.open_events(finger.source), st.make_tracker(finger.tracking, sensor), RATE_HZ)
+    )
+    other = tmp_path / "other.json"
+    st.Calibration(
+        reference_px=sensor.reference_px,
+        radius_px=sensor.radius_px,
+        grid=sensor.grid,
+        size=(320, 240),
+    ).save(other)
+    fingers = {
+        "thumb": finger,
+        "killed": finger,
+        "missing": replace(finger, source="no-such-file.raw"),
+        "foreign": replace(finger, calibration=other),
+    }
+    with st.Hand(fingers) as hand:
+        assert hand.names == tuple(fingers)
+        wait_until(lambda: hand.health()["killed"].frames > 0)
+        os.kill(hand.process_id("killed"), signal.SIGKILL)
+        wait_until(lambda: hand.health()["thumb"].state == "ended")
+        health, latest = hand.health(), hand.latest()
+    assert health["killed"].state == "killed"
+    assert health["killed"].frames < len(alone)
+    assert health["missing"].state == health["foreign"].state == "failed"
+    assert "no-such-file.raw" in health["missing"].why
+    assert "320x240" in health["foreign"].why
+    assert latest["missing"] is None
+    thumb = latest["thumb"]
+    assert thumb is not None
+    assert (thumb.frames, thumb.t_us) == (len(alone), alone[-1].t_us)
+    np.testing.assert_allclose(thumb.displacement_px, alone[-1].displacement_px, atol=1e-5)
+    assert health["thumb"].why == ""
+    assert health["thumb"].age_ms is not None
+
+
+def test_a_recording_is_played_at_its_own_speed(finger: st.Finger) -> None:
+    with st.Hand({"one": finger}) as hand:
+        wait_until(lambda: hand.health()["one"].frames > 0)
+        first = hand.latest()["one"]
+        wait_until(lambda: hand.health()["one"].frames > 300)
+        last = hand.latest()["one"]
+    assert first is not None
+    assert last is not None
+    data_s, wall_s = (last.t_us - first.t_us) * 1e-6, (last.told_ns - first.told_ns) * 1e-9
+    assert wall_s > 0.9 * data_s
+
+
+def test_a_hand_without_fingers_and_without_calibration_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="needs a finger"):
+        st.Hand({})
+    with pytest.raises(st.SpikingTacError, match=r"none\.json"):
+        st.Hand({"a": st.Finger(source="x.raw", calibration=tmp_path / "none.json")})
