@@ -9,9 +9,9 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.windows import windows
-from spikingtac.markers.graded import band_fit
-from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
-from spikingtac.markers.graded.band_locator import BandLocator, BandLocatorConfig, banded
+from spikingtac.markers.graded.bands import band_fit
+from spikingtac.markers.graded.bands.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
+from spikingtac.markers.graded.bands.band_locator import BandLocator, BandLocatorConfig, banded
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.registry import make_tracker

@@ -9,7 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import named
 from spikingtac.markers.anchored_law import AnchoredLaw
-from spikingtac.markers.graded.band_locator import BandLocator, band_maintenance, banded
+from spikingtac.markers.graded.bands.band_locator import BandLocator, band_maintenance, banded
 from spikingtac.markers.graded.centroid_locator import CentroidLocator
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.tracker import GradedTracker

@@ -11,8 +11,8 @@ brings the tracker nearer to it. On sensors like the twin's the steps stay as th
 recorded one ON steps grow 2.4 times and OFF steps shrink by a third.
 
 Where OFF events are rare, and the tracker asks for the same ratio of the steps as the counts of
-events, bands are fitted instead (:mod:`spikingtac.markers.graded.band_locator`), with the steps
-that explain the events. On the recorded sensor the two ratios differ, because a part of each swing
+events, bands are fitted instead (:mod:`spikingtac.markers.graded.bands`), with the steps that
+explain the events. On the recorded sensor the two ratios differ, because a part of each swing
 down passes without an event: bands, which have no anchor but the steps, then stray. Ours.
 """
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
-from spikingtac.markers.graded.band_fit import fit_bands_kernel
+from spikingtac.markers.graded.bands.band_fit import fit_bands_kernel
 from spikingtac.markers.graded.disc_fit import round_outline
 from spikingtac.markers.graded.initial_map import painted_band_map
 from spikingtac.markers.graded.profile_tables import profile_tables

@@ -60,6 +60,20 @@ def _any_fired_kernel(
     return False
 
 
+@njit(cache=True, nogil=True)
+def _residual_kernel(
+    apart: float, new: bool, steps: NDArray[np.float32]
+) -> float:  # pragma: no cover - compiled
+    """Return how far a level is from a disc's: all of it where it is new, else beyond its band.
+
+    ``steps`` are the pixel's falling (negative) and rising step: a level may lie above the disc's
+    by an OFF step, and below by an ON step, without an event.
+    """
+    if new:
+        return apart
+    return max(apart + steps[0], 0.0) + min(apart + steps[1], 0.0)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _normal_equations_kernel(
     maps: tuple[Any, ...],
@@ -81,23 +95,20 @@ def _normal_equations_kernel(
     farthest = radius_px + reach_px
     for k in range(5):
         sums[k] = 0.0
-    first_column, last_column, first_row, last_row = _window_kernel(x, y, farthest, width, height)
-    for row in range(first_row, last_row + 1):
-        for column in range(first_column, last_column + 1):
+    window = _window_kernel(x, y, farthest, width, height)
+    for row in range(window[2], window[3] + 1):
+        for column in range(window[0], window[1] + 1):
             dx, dy = column - x, row - y
             rho = np.sqrt(dx * dx + dy * dy) + 1e-9
             place = (rho - radius_px + reach_px) * scale
             if place < 0.0 or place >= last:
                 continue
             entry = int(place)
-            e = memory[row, column] - table[0, entry]
-            weight = 1.0 / (variance[row, column] + MODEL_VARIANCE)
-            if fired[row, column] != turn:
-                # Above by more than an OFF step, or below by more than an ON step.
-                e = max(e + steps[row, column, 0], 0.0) + min(e + steps[row, column, 1], 0.0)
-                weight *= band_weight
+            new = fired[row, column] == turn
+            e = _residual_kernel(memory[row, column] - table[0, entry], new, steps[row, column])
             if e == 0.0:
                 continue
+            weight = (1.0 if new else band_weight) / (variance[row, column] + MODEL_VARIANCE)
             weight /= 1.0 + e * e / SOFT_RESIDUAL**2
             slope = -table[2, entry]
             jx, jy = slope * dx / rho, slope * dy / rho
@@ -123,13 +134,10 @@ def _correct_levels_kernel(
     last = table.shape[1] - 1
     scale = 0.5 * last / reach_px
     agreeing, total = 0.0, 1e-6
-    first_column, last_column, first_row, last_row = _window_kernel(
-        x, y, radius_px + reach_px, width, height
-    )
-    for row in range(first_row, last_row + 1):
-        for column in range(first_column, last_column + 1):
-            dx, dy = column - x, row - y
-            place = (np.sqrt(dx * dx + dy * dy) - radius_px + reach_px) * scale
+    window = _window_kernel(x, y, radius_px + reach_px, width, height)
+    for row in range(window[2], window[3] + 1):
+        for column in range(window[0], window[1] + 1):
+            place = (np.hypot(column - x, row - y) - radius_px + reach_px) * scale
             if place < 0.0 or place >= last:
                 continue
             entry = int(place)
@@ -137,10 +145,8 @@ def _correct_levels_kernel(
             apart = (padded[row + PAD_PX, column + PAD_PX] - table[0, entry]) / SOFT_LEVEL
             agreeing += slope / (1.0 + apart * apart)
             total += slope
-            e = memory[row, column] - table[0, entry]
             new = fired[row, column] == turn
-            if not new:
-                e = max(e + steps[row, column, 0], 0.0) + min(e + steps[row, column, 1], 0.0)
+            e = _residual_kernel(memory[row, column] - table[0, entry], new, steps[row, column])
             if e == 0.0:
                 continue
             known = variance[row, column]
