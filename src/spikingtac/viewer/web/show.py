@@ -22,7 +22,6 @@ from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.web.security import Gate
-from spikingtac.viewer.web.server import make_app, make_pair_app, serve
 
 if TYPE_CHECKING:
     from spikingtac.viewer.session.source import ViewSource
@@ -146,6 +145,8 @@ def _served(
     report: Callable[[str], None],
     together: Together | None = None,
 ) -> list[_SessionMonitor]:
+    from spikingtac.viewer.web.server import make_app, make_pair_app, serve  # beside the sessions
+
     gate = Gate.for_host(options.host)
     monitors = [_SessionMonitor(session, options.seconds, report) for session in sessions]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import multiprocessing
 import queue
@@ -41,6 +42,7 @@ def run_session(open_view: Factory[ViewSource], options: dict[str, Any], channel
     (frames_name, greetings_name), commands, failures, stopped = channels
     frames = SharedRing.attach(frames_name, FRAME_BYTES)
     greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
+    gc.freeze()  # compiling makes much garbage, and each collection would visit all imports
     try:
         view = open_view()
         greetings.publish(json.dumps(starting(view)).encode())
