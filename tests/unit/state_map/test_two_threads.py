@@ -19,15 +19,33 @@ STEPS, STEP_US, EVENTS = 12, 1_000, 600
 
 
 def test_all_is_done_once_and_by_two_threads() -> None:
-    done, threads = np.zeros(11, np.int64), set[int]()
+    done, threads, both = np.zeros(11, np.int64), set[int](), threading.Barrier(2, timeout=10.0)
+
+    def work(some: slice) -> None:
+        done[some] += 1
+        if threading.get_ident() not in threads:
+            threads.add(threading.get_ident())
+            both.wait()
+
+    divide(len(done), work)
+    assert (done == 1).all()
+    assert len(threads) == 2
+
+
+def test_what_the_second_thread_cannot_begin_is_done_here() -> None:
+    here, over = threading.get_ident(), threading.Event()
+    blocked = two_threads._second_thread().submit(over.wait, 10.0)
+    done, threads = np.zeros(8, np.int64), set[int]()
 
     def work(some: slice) -> None:
         done[some] += 1
         threads.add(threading.get_ident())
 
     divide(len(done), work)
+    over.set()
+    blocked.result()
     assert (done == 1).all()
-    assert len(threads) == 2
+    assert threads == {here}
 
 
 def test_an_error_beside_is_raised_here() -> None:

@@ -121,14 +121,15 @@ class EventLoss:
         if not worth_dividing(len(packet), MANY_EVENTS):
             _count_kernel(self._owner, packet.x, packet.y, self._counts)
             return
-        beside = np.zeros_like(self._counts)
+        parts: list[NDArray[np.int64]] = []
 
         def count(some: slice) -> None:
-            counts = beside if some.start else self._counts
-            _count_kernel(self._owner, packet.x[some], packet.y[some], counts)
+            own = np.zeros_like(self._counts)
+            _count_kernel(self._owner, packet.x[some], packet.y[some], own)
+            parts.append(own)
 
         divide(len(packet), count)
-        self._counts += beside
+        self._counts += np.sum(parts, axis=0)
 
     def take(self, dt_s: float) -> CellCounts:
         """Return what was counted since the last call, and begin anew.

@@ -115,7 +115,8 @@ def _polynomials(
             for profile, places_px in zip(profiles, q_px, strict=True)
         ]
     ).reshape(-1, CURVE_POINTS)
-    fitted = _powers(chebyshev.chebfit(unit, curves.T, POLYNOMIAL_DEGREE))
+    series = chebyshev.chebfit(unit, curves.T, POLYNOMIAL_DEGREE)
+    fitted = _powers(np.asarray(series, np.float64))
     return fitted.T.reshape(len(profiles), 2, -1).astype(np.float32)
 
 
