@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
@@ -59,11 +60,16 @@ class Args(ManyArgs):
     strict: bool = False
     """Refuse a damaged recording instead of mending it, and the calibration of another sensor
     instead of a warning."""
+    realtime: bool = False
+    """For a camera: lock memory, stop garbage collection, and where the system permits it run
+    before other work, on one core."""
 
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
     many = means_many(args, args.recordings)
+    if args.realtime:
+        require_live([*args.recordings, *([args.second] if args.second else ())])
     if args.second is not None:
         return _run_two(args, many)
     if many:
@@ -140,6 +146,8 @@ def _track_source(
     if args.strict:
         source = CheckedSource(source, calibration.with_polarity(args.polarity), refuse)
     with ending_on_interrupt(source):
+        if args.realtime:
+            ask_for_real_time()
         return track_to_file(
             source,
             output,

@@ -51,6 +51,7 @@ class PageOptions:
         picture: File for the summary picture, or None.
         tracks: File for every estimate, or None.
         overwrite: Whether these files may be replaced.
+        realtime: Whether the session asks for what helps to keep deadlines.
     """
 
     host: str = "127.0.0.1"
@@ -61,6 +62,7 @@ class PageOptions:
     picture: Path | None = None
     tracks: Path | None = None
     overwrite: bool = False
+    realtime: bool = False
 
 
 def show_pair(
@@ -118,7 +120,9 @@ def show(
         check_picture(options.picture, options.overwrite)
     if options.tracks is not None:
         require_free(options.tracks, options.overwrite)
-    session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
+    session = SessionProcess(
+        open_view, repeat=options.repeat, tracks=options.tracks, realtime=options.realtime
+    )
     ended_well = False
     try:
         (monitor,) = _served([session], options, report)
