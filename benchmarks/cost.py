@@ -13,6 +13,7 @@ It was not run there.
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -57,17 +58,20 @@ def verbs(folder: Path, calibration: Path, made: Path) -> None:
     print("verb        wall s    CPU s  peak MB")
     for verb, options in wanted.items():
         command = [sys.executable, "-m", "spikingtac", verb, *options]
-        for _ in range(2):
-            begun_s = time.perf_counter()
-            process = subprocess.Popen(
-                command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-            _, code, used = os.wait4(process.pid, 0)
-            process.returncode = code
-            wall_s = time.perf_counter() - begun_s
+        measured(command)
+        code, used, wall_s = measured(command)
         cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
         failed = f"  exit {os.waitstatus_to_exitcode(code)}" if code else ""
         print(f"{verb:10}{wall_s:8.2f}{cpu_s:9.2f}{peak_mb:9.0f}{failed}", flush=True)
+
+
+def measured(command: list[str]) -> tuple[int, resource.struct_rusage, float]:
+    """Run a command; return its status, what it used, and how long it took, s."""
+    begun_s = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, code, used = os.wait4(process.pid, 0)
+    process.returncode = code
+    return code, used, time.perf_counter() - begun_s
 
 
 def hours(recording: Path, calibration: Calibration) -> None:
