@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
 
 from spikingtac.calibration.sensor_calibration import Calibration
@@ -16,7 +17,12 @@ from spikingtac.markers.graded.centroid_locator import (
 )
 from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.fit_window import FLAT_SHARE, fit_window
+from spikingtac.markers.graded.fit_window import (
+    CURVE_POINTS,
+    FLAT_SHARE,
+    POLYNOMIAL_DEGREE,
+    fit_window,
+)
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.profile import DiscProfile
@@ -296,3 +302,16 @@ def test_centroids_of_large_discs_in_corners_stay_in_the_map(at_px: tuple[float,
     locator = CentroidLocator(CentroidLocatorConfig(), calibration)
     found_px, _ = locator.locate(GradedStateMap(level), reference_px, None, 0.0)
     np.testing.assert_allclose(found_px[0], [x[level > 0].mean(), y[level > 0].mean()], atol=1e-3)
+
+
+def test_profiles_of_many_discs_are_fitted_as_each_alone() -> None:
+    profiles = [DiscProfile(contrast, edge_px) for contrast, edge_px in ((2.5, 0.5), (6.0, 0.9))]
+    together = fit_window(profiles, SIZE[0], 3.5)
+    unit = np.linspace(-1.0, 1.0, CURVE_POINTS)
+    for marker, profile in enumerate(profiles):
+        inner_px, outer_px = together.inner_px[marker], together.outer_px[marker]
+        level = profile.level(inner_px + (outer_px - inner_px) * (unit + 1.0) / 2.0)
+        series = chebyshev.chebfit(unit, level, POLYNOMIAL_DEGREE)
+        np.testing.assert_allclose(
+            together.coefficients[marker, 0], chebyshev.cheb2poly(series), rtol=1e-6
+        )

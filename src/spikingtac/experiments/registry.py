@@ -44,6 +44,9 @@ BENCHES: dict[str, Study] = {
     "throughput": Study(
         "spikingtac.experiments.throughput.bench", "rates and latencies of this machine"
     ),
+    "skins": Study(
+        "spikingtac.experiments.throughput.skins", "how the cost grows with markers and events"
+    ),
 }
 """Name -> bench, for ``spikingtac bench``."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import queue
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -20,6 +21,10 @@ ITEMS_AHEAD = 256
 """Packets that wait to be read: 0.5 s of a simulation that steps at 500 Hz."""
 POLL_S = 0.1
 SHUTDOWN_S = 2.0
+
+INHERITING = "fork" if sys.platform == "linux" else "spawn"
+"""How a process starts that needs what its parent has imported: without importing it again (0.7 s
+for a simulated sensor, and 0.3 s until Numba is ready). Elsewhere a fork is not safe."""
 
 Stream = Iterable[tuple[EventPacket, Any]]
 """Packets, each with side data that belong to it (or None)."""
@@ -38,6 +43,8 @@ class ProcessSource:
         open_stream: Factory[Stream],
         size: tuple[int, int] | None,
         take_side_data: Callable[[Any], None] = lambda _: None,
+        *,
+        start_method: str = "spawn",
     ) -> None:
         """Start the other process.
 
@@ -46,16 +53,20 @@ class ProcessSource:
             size: Size of the packets, ``(width, height)``, px; where it is None, the stream
                 begins with a packet that tells it, and is not passed on.
             take_side_data: Called with each packet's side data before the packet is yielded.
+            start_method: ``spawn``, or :data:`INHERITING` while this process has one thread.
 
         Raises:
             RecordingError: The stream ended before it told its size.
             SpikingTacError: It could not be opened, where its size was not known.
         """
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context(start_method)
         self.losses = LossCounters()
         self._take_side_data = take_side_data
         self._items = context.Queue(ITEMS_AHEAD)
-        self._process = context.Process(target=_make, args=(open_stream, self._items), daemon=True)
+        # Annotated, since contexts have no common type for their processes.
+        self._process: Any = context.Process(  # type: ignore[attr-defined]
+            target=_make, args=(open_stream, self._items), daemon=True
+        )
         self._process.start()
         self.size = size or self._told_size()
 

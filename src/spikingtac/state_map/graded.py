@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.state_map.two_threads import MANY_EVENTS, divide, worth_dividing
 from spikingtac.types import EventPacket
 
 PAD_PX = 24
@@ -78,15 +79,20 @@ class GradedStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        _integrate_kernel(
-            self._memory,
-            self.values,
-            packet.x,
-            packet.y,
-            packet.p,
-            self._used,
-            self._dark_markers,
-        )
+        values, height = self.values, self._start.shape[0]
+
+        def integrate(rows: slice) -> None:
+            _integrate_kernel(
+                (self._memory, values, self._used),
+                (packet.x, packet.y, packet.p),
+                (np.uint64(rows.start), np.uint64(rows.stop - rows.start)),
+                self._dark_markers,
+            )
+
+        if worth_dividing(len(packet), MANY_EVENTS):
+            divide(height, integrate)
+        else:
+            integrate(slice(0, height))
 
     @property
     def signed_steps(self) -> NDArray[np.float32]:
@@ -142,18 +148,22 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    memory: NDArray[np.float32],
-    level: NDArray[np.float32],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    signed_steps: NDArray[np.float32],
+    maps: tuple[NDArray[np.float32], ...],
+    events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_]],
+    rows: tuple[np.uint64, np.uint64],
     dark_markers: bool,
 ) -> None:  # pragma: no cover - compiled
-    """Add each event's step; ``signed_steps`` is ``(height, width, 2)``, falling and rising."""
+    """Add the step of each event in some rows.
+
+    ``maps`` are the clipped sums, the levels, and ``(height, width, 2)`` steps, falling and rising;
+    ``events`` are x, y and p; ``rows`` the first one and how many there are.
+    """
+    (memory, level, signed_steps), (x, y, p), (first, count) = maps, events, rows
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for i in range(x.size):
         row, column = y[i], x[i]
+        if np.uint64(row) - first >= count:  # unsigned: rows before the first are far behind it
+            continue
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
         value = min(max(memory[row, column] + step, zero), one)
         level[row, column] = min(max(value + half * step, zero), one)

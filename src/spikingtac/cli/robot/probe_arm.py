@@ -24,7 +24,7 @@ from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import CalibrationError, DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.live.guard.real_time import exempt_from_collection
+from spikingtac.live.real_time import exempt_from_collection
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
 from spikingtac.robot.watchdog import (

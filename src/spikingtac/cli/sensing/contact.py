@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.errors import CalibrationError, ConfigError
@@ -57,6 +58,9 @@ class Args:
     strict: bool = False
     """Refuse a damaged recording instead of repairing it, and the calibration of another sensor
     instead of a warning."""
+    realtime: bool = False
+    """For a camera: lock memory, stop garbage collection, and where the system permits it run
+    before other work, on one core."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -67,6 +71,8 @@ def run(args: Args) -> int:
 
     config = _config(args)
     live = is_stream(args.recording)
+    if args.realtime:
+        require_live([args.recording])
     if live and args.quiet is None:
         raise ConfigError(
             f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "
@@ -78,7 +84,7 @@ def run(args: Args) -> int:
     detector = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
     checked = _checked(sources, calibrations, args.strict)
-    found = _found(sources, checked, detector, live)
+    found = _found(sources, checked, detector, live, args.realtime)
     summary = {
         "contacts": [_contact(contact) for contact in found],
         "detector": name,
@@ -102,12 +108,15 @@ def _found(
     checked: Sequence[EventSource],
     detector: ContactDetector,
     live: bool,
+    realtime: bool,
 ) -> list[FoundContact]:
     """Return the contacts; those of a camera are told as they come."""
     from spikingtac.contact.recording import find_contacts
 
     found = []
     bar = progress(f"finding contacts in {sources[0].path.name}")
+    if realtime:
+        ask_for_real_time()
     with ending_on_interrupt(*sources), bar as advance:
         for contact in find_contacts(checked, detector):
             found.append(contact)

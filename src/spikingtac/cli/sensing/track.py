@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
@@ -24,6 +25,8 @@ WORK = "spikingtac.cli.sensing.track:track_one"
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
     many = means_many(args, args.recordings) and args.cut_s is None
+    if args.realtime:
+        require_live([*args.recordings, *([args.second] if args.second else ())])
     if args.second is not None:
         return _run_two(args, many)
     if many:
@@ -100,6 +103,8 @@ def _track_source(
     if args.strict:
         source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):
+        if args.realtime:
+            ask_for_real_time()
         return track_to_file(source, output, tracking, calibration, advance, force)
 
 

@@ -56,6 +56,9 @@ class Args(ManyArgs):
     strict: bool = False
     """Refuse a damaged recording instead of mending it, and the calibration of another sensor
     instead of a warning."""
+    realtime: bool = False
+    """For a camera: lock memory, stop garbage collection, and where the system permits it run
+    before other work, on one core."""
 
 
 def configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Calibration]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.deadlines import require_live
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 from spikingtac.sim.camera.config import CAMERA_NAMES
@@ -64,6 +65,9 @@ class Args:
     """Track into a file instead: .mcap (ROS 2), .rrd (Rerun), .mp4 or .gif; --seconds limits it."""
     overwrite: bool = False
     """Replace files that are already there."""
+    realtime: bool = False
+    """For a camera: lock memory, stop garbage collection, and where the system permits it run
+    before other work, on one core; the page tells what was granted."""
     json: bool = False
     """Print one JSON object at the end."""
 
@@ -71,6 +75,8 @@ class Args:
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     check_seconds(args.seconds)
+    if args.realtime:
+        _check_deadlines(args)
     arguments = {
         "source": args.source,
         "calibration": str(args.calibration) if args.calibration else None,
@@ -136,6 +142,12 @@ def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
         return show_source({**arguments, "source": str(pipe)}, args, repeat=False)
 
 
+def _check_deadlines(args: Args) -> None:
+    if args.second is not None or args.export is not None:
+        raise ConfigError("--realtime takes one camera on the page; leave out --second, --export")
+    require_live([args.source])
+
+
 def check_seconds(seconds: float | None) -> None:
     """Refuse a duration that is not positive.
 
@@ -186,6 +198,7 @@ def page_options(args: Any) -> PageOptions:
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
         picture=args.picture,
         overwrite=args.overwrite,
+        realtime=getattr(args, "realtime", False),  # the demo has no deadlines
     )
 
 

@@ -24,7 +24,7 @@ from spikingtac.live.guard.contact_loop import (
     Subscriber,
     failure_words,
 )
-from spikingtac.live.guard.real_time import exempt_from_collection, lock_memory, take_precedence
+from spikingtac.live.real_time import exempt_from_collection, lock_memory, take_precedence
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState

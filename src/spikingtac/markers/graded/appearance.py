@@ -7,6 +7,7 @@ otherwise, and a calibration that was written by hand gives neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX, DiscProfile
 from spikingtac.state_map.graded import STEP_DEFAULT
+
+BLOCK_PX = 32
+"""Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +51,22 @@ def appearance_of(calibration: Calibration) -> Appearance:
 
 
 def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """Return ``(height, width)`` which marker rests nearest to each pixel."""
-    columns, rows = np.arange(size[0]), np.arange(size[1])[:, np.newaxis]
-    nearest = np.full((size[1], size[0]), np.inf)
+    """Return ``(height, width)`` which marker rests nearest to each pixel, the first of equals.
+
+    Block by block, and in each only among the markers that may be nearest to one of its pixels: all
+    markers at all pixels would take 3.5 s for 1,024 markers on 1280x720.
+    """
     owner = np.zeros((size[1], size[0]), np.uint16)
-    for marker, (x, y) in enumerate(reference_px):
-        away = (columns - x) ** 2 + (rows - y) ** 2
-        owner[away < nearest] = marker
-        np.minimum(nearest, away, out=nearest)
+    if not len(reference_px):
+        return owner
+    for top, left in product(range(0, size[1], BLOCK_PX), range(0, size[0], BLOCK_PX)):
+        rows = np.arange(top, min(top + BLOCK_PX, size[1]))[:, np.newaxis]
+        columns = np.arange(left, min(left + BLOCK_PX, size[0]))
+        away_px = np.hypot(*(reference_px - (columns.mean(), rows.mean())).T)
+        # Twice the way from a block's centre to its corner.
+        near = np.flatnonzero(away_px <= away_px.min() + np.sqrt(2.0) * BLOCK_PX)
+        x, y = (axis[:, np.newaxis, np.newaxis] for axis in reference_px[near].T)
+        owner[rows, columns] = near[np.argmin((columns - x) ** 2 + (rows - y) ** 2, axis=0)]
     return owner
 
 

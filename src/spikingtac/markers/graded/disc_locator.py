@@ -15,6 +15,7 @@ from spikingtac.markers.graded.disc_fit import fit_discs_kernel, round_outline
 from spikingtac.markers.graded.fit_window import fit_window
 from spikingtac.markers.graded.initial_map import painted_graded_map
 from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.two_threads import MANY_MARKERS, divide, worth_dividing
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,7 +50,7 @@ class DiscLocatorConfig:
 
 
 class DiscLocator:
-    """Robust Gauss-Newton fits, all markers at once."""
+    """Robust Gauss-Newton fits, all markers at once; of many markers by two threads."""
 
     def __init__(self, config: DiscLocatorConfig, calibration: Calibration) -> None:
         """Choose the pixels and the profile for a sensor's markers."""
@@ -61,6 +62,7 @@ class DiscLocator:
         )
         self._pixels, self._curves = window.pixels, window.curves(config.iterations)
         self._agreement = np.ones(len(calibration.radius_px))
+        self._divided = worth_dividing(len(calibration.radius_px), MANY_MARKERS)
 
     @property
     def needs_expectation(self) -> bool:
@@ -77,16 +79,31 @@ class DiscLocator:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
         config = self._config
         center_px = predicted_px.copy()
-        fit_discs_kernel(
+        padded, pixels, (coefficients, inner_px, outer_px, steps) = (
             state_map.padded,
-            center_px,
-            self.outline_px,
             self._pixels,
             self._curves,
-            (predicted_px, 0.0) if expected_px is None else (expected_px, config.grid_weight),
-            (self._radius_px, config.outline_share, 1.0 - math.exp(-dt_s * config.outline_per_s)),
-            self._agreement,
         )
+        prior_px = predicted_px if expected_px is None else expected_px
+        weight = 0.0 if expected_px is None else config.grid_weight
+        gain = 1.0 - math.exp(-dt_s * config.outline_per_s)
+
+        def fit(some: slice) -> None:
+            fit_discs_kernel(
+                padded,
+                center_px[some],
+                self.outline_px[some],
+                pixels,
+                (coefficients[some], inner_px[some], outer_px[some], steps),
+                (prior_px[some], weight),
+                (self._radius_px[some], config.outline_share, gain),
+                self._agreement[some],
+            )
+
+        if self._divided:
+            divide(len(center_px), fit)
+        else:
+            fit(slice(None))
         return center_px, self._agreement
 
     def initial_map(self, calibration: Calibration) -> GradedStateMap:

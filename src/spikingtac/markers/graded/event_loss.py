@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import Appearance, appearance_of, nearest_marker
 from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.state_map.two_threads import MANY_EVENTS, divide, worth_dividing
 from spikingtac.types import EventPacket
 
 SLOW_PX_S = 10.0
@@ -117,7 +118,18 @@ class EventLoss:
 
     def count(self, packet: EventPacket) -> None:
         """Count the events of a packet, marker by marker."""
-        _count_kernel(self._owner, packet.x, packet.y, self._counts)
+        if not worth_dividing(len(packet), MANY_EVENTS):
+            _count_kernel(self._owner, packet.x, packet.y, self._counts)
+            return
+        parts: list[NDArray[np.int64]] = []
+
+        def count(some: slice) -> None:
+            own = np.zeros_like(self._counts)
+            _count_kernel(self._owner, packet.x[some], packet.y[some], own)
+            parts.append(own)
+
+        divide(len(packet), count)
+        self._counts += np.sum(parts, axis=0)
 
     def take(self, dt_s: float) -> CellCounts:
         """Return what was counted since the last call, and begin anew.

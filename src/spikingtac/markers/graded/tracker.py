@@ -34,6 +34,12 @@ from spikingtac.types import EventPacket, MarkerFrame
 AT_REST_PX_S = 3.0
 """Speed below which a marker counts as resting: creep, and the jitter of a filtered velocity."""
 
+MOST_LEAKING = 32
+"""Markers whose surroundings leak in one turn, where the turns can be as many: 0.2 ms (ours)."""
+
+MOST_PARTS = 4
+"""Turns that a period of the leak is divided into, for many markers (ours)."""
+
 
 class Locator(Protocol):
     """Finds each marker in the graded map, near where it is expected.
@@ -202,10 +208,12 @@ class GradedTracker:
         self._t_us: int | None = None
         period_us = self._maintenance_config.period_us
         self._counting, self._listening = PeriodicTask(period_us), PeriodicTask(period_us, 1 / 4)
-        self._judging, self._leaking = (
-            PeriodicTask(period_us, 2 / 4),
-            PeriodicTask(period_us, 3 / 4),
-        )
+        self._judging = PeriodicTask(period_us, 2 / 4)
+        # A turn's markers are so few that it delays no estimate; each has its turn as often.
+        groups = self._maintenance_config.leak_groups
+        count = len(self._calibration.reference_px)
+        parts = min(max(-(-count // (groups * MOST_LEAKING)), 1), MOST_PARTS)
+        self._leaking, self._groups = PeriodicTask(period_us // parts, 3 / 4), groups * parts
         self._turn = 0
         self._filter = MotionFilter(self._calibration.reference_px)
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
@@ -243,11 +251,11 @@ class GradedTracker:
 
     def _leak(self, dt_s: float) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
-        settings, time_s = self._maintenance_config, dt_s * self._maintenance_config.leak_groups
+        settings, time_s = self._maintenance_config, dt_s * self._groups
         if time_s <= 0.0 or not (settings.leak_per_s or settings.ease_per_s):
             return
-        self._turn = (self._turn + 1) % settings.leak_groups
-        some = slice(self._turn, None, settings.leak_groups)
+        self._turn = (self._turn + 1) % self._groups
+        some = slice(self._turn, None, self._groups)
         position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
         tables = self._tables.of(some)
         whole = not settings.adapt_to_loss or self._kept.share == 1.0

@@ -102,7 +102,9 @@ def pressure_kernel(
     for i in range(len(pressure)):  # a slice assignment would compile for seconds
         pressure[i] = max(pressure[i], zero)
     direction = np.zeros(len(pressure), np.float32)
-    error = product_kernel(compliance, pressure) - indentation
+    error = product_kernel(compliance, pressure)
+    for i in range(len(pressure)):
+        error[i] -= indentation[i]
     previous = np.float32(1.0)
     conjugate = zero
     for iteration in range(max_iterations):
@@ -121,7 +123,10 @@ def pressure_kernel(
         # New cells end the conjugacy; released cells do not (Polonsky & Keer).
         conjugate = zero if added else np.float32(1.0)
         if added or clipped:
-            error = product_kernel(compliance, pressure) - indentation
+            error = product_kernel(compliance, pressure)
+            for i in range(len(pressure)):
+                error[i] -= indentation[i]
         else:
-            error -= step * response
+            for i in range(len(pressure)):
+                error[i] -= step * response[i]
     return max_iterations

@@ -19,13 +19,12 @@ from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import refuse_url
 from spikingtac.live.camera_stream import stream_packets
 from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import ProcessSource
+from spikingtac.live.process_source import INHERITING, ProcessSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.sim.twin_camera import is_twin, twin_options
 from spikingtac.types import LossCounters
-from spikingtac.viewer.session.felt import FeltLayer
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
@@ -117,6 +116,7 @@ def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
         ConfigError: The force model cannot be read, or is of another sensor; and as there.
     """
     from spikingtac.touch.force.files.model_file import load_force
+    from spikingtac.viewer.session.felt import FeltLayer
 
     model = load_force(force)
     view = open_view_source(**arguments)
@@ -203,6 +203,7 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
             Factory(function=truthful_packets, arguments=arguments),
             scene.size,
             lambda rows: truth.append(rows[0], rows[1]),
+            start_method=INHERITING,
         ),
         calibration=Calibration(
             reference_px=at_rest.reference_px,

@@ -40,6 +40,7 @@ class SessionProcess:
         *,
         repeat: bool = False,
         tracks: Path | None = None,
+        realtime: bool = False,
     ) -> None:
         """Start.
 
@@ -47,6 +48,7 @@ class SessionProcess:
             open_view: Opens what is viewed, in the session's process.
             repeat: Begin again at the end.
             tracks: File for every estimate, complete once :meth:`close` has returned True.
+            realtime: Ask for what helps to keep deadlines, once the kernels are compiled.
         """
         context = multiprocessing.get_context("spawn")
         self.dropped_commands = 0
@@ -57,7 +59,7 @@ class SessionProcess:
         self._stopped = context.Event()
         names = self._frames.name, self._greetings.name
         channels = names, self._commands, self._failures, self._stopped
-        options = {"repeat": repeat, "tracks": tracks}
+        options = {"repeat": repeat, "tracks": tracks, "realtime": realtime}
         self._process = context.Process(target=_run, args=(open_view, options, channels))
         self._process.start()
         # Not a daemon: a daemon may start no process for a simulated sensor. It is therefore asked

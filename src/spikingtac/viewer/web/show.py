@@ -22,7 +22,6 @@ from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.web.security import Gate
-from spikingtac.viewer.web.server import make_app, make_pair_app, serve
 
 if TYPE_CHECKING:
     from spikingtac.viewer.session.source import ViewSource
@@ -52,6 +51,7 @@ class PageOptions:
         picture: File for the summary picture, or None.
         tracks: File for every estimate, or None.
         overwrite: Whether these files may be replaced.
+        realtime: Whether the session asks for what helps to keep deadlines.
     """
 
     host: str = "127.0.0.1"
@@ -62,6 +62,7 @@ class PageOptions:
     picture: Path | None = None
     tracks: Path | None = None
     overwrite: bool = False
+    realtime: bool = False
 
 
 def show_pair(
@@ -119,7 +120,9 @@ def show(
         check_picture(options.picture, options.overwrite)
     if options.tracks is not None:
         require_free(options.tracks, options.overwrite)
-    session = SessionProcess(open_view, repeat=options.repeat, tracks=options.tracks)
+    session = SessionProcess(
+        open_view, repeat=options.repeat, tracks=options.tracks, realtime=options.realtime
+    )
     ended_well = False
     try:
         (monitor,) = _served([session], options, report)
@@ -146,6 +149,8 @@ def _served(
     report: Callable[[str], None],
     together: Together | None = None,
 ) -> list[_SessionMonitor]:
+    from spikingtac.viewer.web.server import make_app, make_pair_app, serve  # beside the sessions
+
     gate = Gate.for_host(options.host)
     monitors = [_SessionMonitor(session, options.seconds, report) for session in sessions]
 

@@ -55,3 +55,13 @@ def test_every_pixel_belongs_to_the_nearest_marker() -> None:
     assert owner.shape == (40, 80)
     assert (owner[:, :40] == 0).all()
     assert (owner[:, 41:] == 1).all()
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_the_first_of_equally_near_markers_owns_a_pixel(whole: bool) -> None:
+    rng, size = np.random.default_rng(4), (150, 70)
+    reference_px = rng.random((40, 2)) * size
+    reference_px = np.round(reference_px) if whole else reference_px
+    rows, columns = np.mgrid[0 : size[1], 0 : size[0]]
+    away = [(columns - x) ** 2 + (rows - y) ** 2 for x, y in reference_px]
+    np.testing.assert_array_equal(nearest_marker(reference_px, size), np.argmin(away, axis=0))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import multiprocessing
 import queue
 import signal
+from dataclasses import replace
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
 from spikingtac.live.factory import Factory
+from spikingtac.live.real_time import meet_deadlines
 from spikingtac.live.ring import SharedRing
 from spikingtac.viewer.session.own_process.warm_up import warm_up
 from spikingtac.viewer.session.session import Session
@@ -29,7 +32,7 @@ def run_session(open_view: Factory[ViewSource], options: dict[str, Any], channel
 
     Args:
         open_view: Opens what is viewed.
-        options: ``repeat``, and ``tracks``, a file or None.
+        options: ``repeat``, ``realtime``, and ``tracks``, a file or None.
         channels: Names of the rings for frames and greetings; queues of commands and failures; the
             event that ends it.
 
@@ -41,10 +44,13 @@ def run_session(open_view: Factory[ViewSource], options: dict[str, Any], channel
     (frames_name, greetings_name), commands, failures, stopped = channels
     frames = SharedRing.attach(frames_name, FRAME_BYTES)
     greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
+    gc.freeze()  # compiling makes much garbage, and each collection would visit all imports
     try:
         view = open_view()
         greetings.publish(json.dumps(starting(view)).encode())
         warm_up(view)
+        if options["realtime"]:
+            view = replace(view, notice=f"{view.notice} {meet_deadlines().text()}".strip())
         recorder = _recorder(options["tracks"], view)
         session = Session(view, frames, greetings, repeat=options["repeat"], recorder=recorder)
         _serve(session, commands, stopped)

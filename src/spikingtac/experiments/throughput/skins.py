@@ -1,0 +1,143 @@
+"""How the cost of a step grows with markers and events: 64, 256, 1,024 markers; 2, 10, 50 Mev/s."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from spikingtac.batch.run_folder import begin_run
+from spikingtac.experiments.harness.fingerprint import provenance
+from spikingtac.experiments.harness.report import Report, Table
+from spikingtac.experiments.harness.report_files import write_report
+from spikingtac.experiments.harness.rows import Row
+from spikingtac.experiments.harness.run_options import RunOptions
+from spikingtac.experiments.throughput.bench_stream import BenchStream
+from spikingtac.experiments.throughput.skin_stream import (
+    SKINS,
+    Skin,
+    calibration_at_rest,
+    skin_stream,
+)
+from spikingtac.experiments.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
+from spikingtac.experiments.trials.methods import main_methods
+
+NAME = "skins"
+METHODS = ("default", "fast")
+RATES_MEV_S = (2, 10, 50)
+DURATION_US, QUICK_DURATION_US = 400_000, 120_000
+DEFINITIONS = {
+    "step_p50_us": "median of absorb + estimate, every ms, free running",
+    "step_p99_us": "99th percentile of the same",
+    "absorb_mev_s": "events per window over the median time to absorb them",
+    "start_s": "time to make the tracker",
+    "error_mean_px": "mean distance of detected_px to the truth over the stream",
+    "events_mev_s": "events of the stream per second",
+}
+UNITS = {
+    "absorb_mev_s": "Mev/s",
+    "start_s": "s",
+    "error_mean_px": "px",
+    "events_mev_s": "Mev/s",
+}
+
+
+def run(options: RunOptions) -> dict[str, Any]:
+    """Run the bench, write its report, and return a summary."""
+    settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
+    begin_run(options.output, settings, options.resume, options.overwrite)
+    rows: list[Row] = []
+    cases = list(product(SKINS, RATES_MEV_S))
+    for number, (skin, rate) in enumerate(cases, 1):
+        rows += _case(skin, rate, options)
+        if options.advance:
+            options.advance(number / len(cases))
+    command = f"spikingtac bench {NAME} -o {options.output.name}"
+    report = Report(
+        experiment=NAME,
+        title="Big skins",
+        provenance=provenance(command + (" --quick" if options.quick else ""), settings)
+        | {"cores": _cores()},
+        rows=rows,
+        findings=[_finding(rows, method, skin) for method in METHODS for skin in SKINS],
+        tables=[
+            Table(name=case, title=case, case=case, metrics=tuple(DEFINITIONS), methods=METHODS)
+            for case in (case_of(*one) for one in cases)
+        ],
+    )
+    write_report(report, options.output)
+    return {
+        "experiment": NAME,
+        "output": str(options.output),
+        "rows": len(rows),
+        "findings": list(report.findings),
+    }
+
+
+def case_of(skin: Skin, rate_mev_s: int) -> str:
+    """Return the name of a case: markers and events, ``1024@10``."""
+    return f"{skin.count}@{rate_mev_s}"
+
+
+def _case(skin: Skin, rate_mev_s: int, options: RunOptions) -> Iterator[Row]:
+    duration_us = QUICK_DURATION_US if options.quick else DURATION_US
+    stream = skin_stream(skin, rate_mev_s, options.seed, duration_us)
+    for method in METHODS:
+        for metric, value in _measured(method, skin, stream).items():
+            yield Row(
+                method=method,
+                case=case_of(skin, rate_mev_s),
+                metric=metric,
+                value=value,
+                unit=UNITS.get(metric, "us"),
+                n=duration_us // PACE_US,
+                source="twin",
+                paper=None,
+                definition=DEFINITIONS[metric],
+            )
+
+
+def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:
+    windows, calibration = windows_of(stream, PACE_US), calibration_at_rest(skin, stream)
+    build = main_methods()[method].build
+    free_run(build(calibration), windows[:20], stream)  # compiles, and fills the caches
+    begun_s = time.perf_counter()
+    tracker = build(calibration)
+    start_s = time.perf_counter() - begun_s
+    gc.collect()
+    gc.disable()
+    try:
+        found = free_run(tracker, windows, stream)
+    finally:
+        gc.enable()
+    absorb_us = float(np.median(found.step_us - found.estimate_us))
+    return {
+        "step_p50_us": float(np.median(found.step_us)),
+        "step_p99_us": float(np.percentile(found.step_us, 99)),
+        "absorb_mev_s": stream.rate_hz / US_PER_S * PACE_US / absorb_us,
+        "start_s": start_s,
+        "error_mean_px": found.error_px,
+        "events_mev_s": stream.rate_hz / US_PER_S,
+    }
+
+
+def _finding(rows: list[Row], method: str, skin: Skin) -> str:
+    parts = []
+    for rate in RATES_MEV_S:
+        case = case_of(skin, rate)
+        values = {row.metric: row.value for row in rows if (row.method, row.case) == (method, case)}
+        parts.append(
+            f"{values['step_p50_us']:.0f} us at {rate} Mev/s (p99 {values['step_p99_us']:.0f}, "
+            f"absorbed at {values['absorb_mev_s']:.0f} Mev/s, {values['error_mean_px']:.3f} px)"
+        )
+    return f"{method}, {skin.count} markers: " + "; ".join(parts) + "."
+
+
+def _cores() -> int:
+    available = getattr(os, "sched_getaffinity", None)
+    return len(available(0)) if available else os.cpu_count() or 1

@@ -1,0 +1,108 @@
+"""What lets a process run when it has to: precedence, a core, memory that stays, no collection."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+PRIORITY = 10
+"""Real-time priority, 1 to 99 (ours: above ordinary work, below drivers)."""
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4
+"""Flags of mlockall (sys/mman.h of Linux). Without the last one every library is read from the disk
+as a whole, and every new thread's stack is filled, while nothing else runs: 0.1 s and more."""
+LIMITS = "/etc/security/limits.conf"
+"""Where an administrator permits priority and locked memory to a user."""
+THREADS = Path("/proc/self/task")
+"""Where Linux lists the threads of this process."""
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """What the system has granted to a process with deadlines.
+
+    Attributes:
+        memory: Whether its memory stays in place.
+        priority: Whether it runs before ordinary work.
+        core: The core that it keeps to, or None where there is no choice.
+    """
+
+    memory: bool
+    priority: bool
+    core: int | None
+
+    def text(self) -> str:
+        """Return what was granted, and where an administrator grants the rest."""
+        memory = "locked" if self.memory else f"not locked (memlock in {LIMITS})"
+        priority = "real-time" if self.priority else f"ordinary (rtprio in {LIMITS})"
+        core = "any core" if self.core is None else f"core {self.core} alone"
+        return f"real time: memory {memory}, priority {priority}, {core}, no garbage collection"
+
+
+def meet_deadlines() -> Granted:
+    """Ask for everything that helps; to be called before the stream begins.
+
+    A process that is refused all of it works as before, and so does one on another system than
+    Linux. What it has started before keeps its own priority and cores. It keeps to one core only
+    with priority: without, it would wait there for whatever else runs, while another core is free.
+    """
+    exempt_from_collection()
+    memory, priority = lock_memory(), take_precedence()
+    return Granted(memory=memory, priority=priority, core=keep_to_one_core() if priority else None)
+
+
+def exempt_from_collection() -> None:
+    """Exempt what is there by now from garbage collection; to be called before an arm is connected.
+
+    A collection visits everything that was imported and stops all threads meanwhile (measured: 170
+    to 230 ms on a busy machine, beside Numba and SciPy), longer than any watchdog waits.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+def take_precedence() -> bool:
+    """Let this process run before ordinary work, where that is permitted; return whether it is.
+
+    Within 25 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
+    turn. All threads take part: one that waits for its turn while it holds the interpreter would
+    hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
+    (``rtprio``).
+    """
+    try:
+        for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, OSError):  # no such system, or not permitted
+        return False
+    return True
+
+
+def keep_to_one_core() -> int | None:
+    """Keep all threads to the last core that this process may use; return it, or None.
+
+    A thread that moves to another core finds none of its data in that core's cache; the first core
+    serves most interrupts.
+    """
+    try:
+        cores = os.sched_getaffinity(0)
+        if len(cores) < 2:
+            return None
+        for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
+            os.sched_setaffinity(thread, {max(cores)})
+    except (AttributeError, OSError):  # no such system, or a thread that has ended
+        return None
+    return max(cores)
+
+
+def lock_memory() -> bool:
+    """Keep what memory is used in place, now and later; return whether that is permitted.
+
+    Permission: root, or a line for the user in /etc/security/limits.conf (``memlock``). A
+    page that has to come back from the disk takes as long as a busy machine's turn.
+    """
+    try:
+        return ctypes.CDLL(None).mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT) == 0
+    except (AttributeError, OSError):  # no such system
+        return False

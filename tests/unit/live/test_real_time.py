@@ -1,0 +1,93 @@
+"""What a guard asks of the system is given, or refused without harm."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from spikingtac.live import real_time
+from spikingtac.live.real_time import Granted, meet_deadlines
+
+
+def test_what_was_there_before_the_watch_is_not_visited_by_collections() -> None:
+    """A collection of everything stops all threads for longer than the watchdog waits."""
+    script = (
+        "import gc, numpy\n"
+        "from spikingtac.live.real_time import exempt_from_collection\n"
+        "before = len(gc.get_objects())\n"
+        "exempt_from_collection()\n"
+        "print(before, len(gc.get_objects()))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    before, after = map(int, done.stdout.split())
+    assert after < 100 < before
+
+
+def test_memory_is_kept_in_place_where_that_is_permitted() -> None:
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        pytest.skip("this system does not tell how much memory is locked")
+    script = (
+        "from pathlib import Path\n"
+        "from spikingtac.live.real_time import lock_memory\n"
+        "given = lock_memory()\n"
+        f"lines = Path({str(status)!r}).read_text().splitlines()\n"
+        "print(int(given), *[line.split()[1] for line in lines if line.startswith('VmLck')])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    given, locked_kb = map(int, done.stdout.split())
+    assert (locked_kb > 0) == bool(given)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="cores cannot be chosen here")
+def test_all_threads_keep_to_the_last_core() -> None:
+    script = (
+        "import os, threading\n"
+        "from spikingtac.live.real_time import keep_to_one_core\n"
+        "over = threading.Event()\n"
+        "other = threading.Thread(target=over.wait)\n"
+        "other.start()\n"
+        "before = os.sched_getaffinity(0)\n"
+        "core = keep_to_one_core()\n"
+        "print(core, max(before), len(before), *os.sched_getaffinity(other.native_id))\n"
+        "print(keep_to_one_core())\n"
+        "over.set()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    first, again = done.stdout.decode().splitlines()
+    core, last, before, *others = first.split()
+    if before == "1":
+        assert core == "None"
+    else:
+        assert core == last
+        assert others == [last]
+    assert again == "None", "there is no choice any more"
+
+
+def test_everything_is_asked_for_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def answer(name: str, value: object) -> None:
+        monkeypatch.setattr(real_time, name, lambda: (asked.append(name), value)[1])
+
+    answer("exempt_from_collection", None)
+    answer("lock_memory", False)
+    answer("keep_to_one_core", 3)
+    answer("take_precedence", True)
+    granted = meet_deadlines()
+    assert granted == Granted(memory=False, priority=True, core=3)
+    assert set(asked) == {
+        "exempt_from_collection",
+        "lock_memory",
+        "keep_to_one_core",
+        "take_precedence",
+    }
+    assert "memory not locked (memlock in" in granted.text()
+    assert "priority real-time, core 3 alone" in granted.text()
+    answer("take_precedence", False)
+    assert meet_deadlines() == Granted(memory=False, priority=False, core=None)
+    refused = Granted(memory=True, priority=False, core=None).text()
+    assert "memory locked, priority ordinary (rtprio in" in refused
+    assert "any core" in refused
