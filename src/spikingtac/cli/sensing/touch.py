@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli.messages import emit_json, progress, remark, warn
 from spikingtac.cli.sensing.touch_rows import print_rows, touch_row, write_rows
 from spikingtac.cli.sensing.touch_series import touch_config
 from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
 from spikingtac.cli.sensing.vibration_rows import print_vibration, vibration_rows
 from spikingtac.errors import ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.touch.ageing.swing_runs import Swing
 
 WORK = "spikingtac.cli.sensing.touch:touch_one"
 """What a worker calls for each of many recordings."""
@@ -53,6 +56,7 @@ class _Found:
     rows: list[dict[str, Any]]
     first_us: int | None
     watched: Watched
+    swing: Swing | None
 
 
 def run(args: Args) -> int:
@@ -108,6 +112,7 @@ def _document(found: _Found) -> dict[str, Any]:
         "anomalies": watched.anomalies,
         "health": watched.health or None,
         "vibration": vibration_rows(watched.lines, watched.px_per_mm),
+        "swing": None if found.swing is None else round(found.swing.share, 3),
     }
 
 
@@ -172,9 +177,11 @@ def _listed(watched: Watched) -> _Found:
             found.append(held)
     last = detector.finish()
     found += [last] if last is not None else []
-    return _Found(
-        [touch_row(held, watched.unit, watched.px_per_mm) for held in found], first_us, watched
-    )
+    rows = [touch_row(held, watched.unit, watched.px_per_mm) for held in found]
+    swing = watched.swing()
+    if swing is not None and swing.faded:
+        warn(swing.words())
+    return _Found(rows, first_us, watched, swing)
 
 
 def _print(found: _Found, source: Path, since_us: int | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +15,9 @@ from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
     from spikingtac.touch.vibration.event_vibration import VibrationLine
-    from spikingtac.types import MarkerFrame
+    from spikingtac.types import EventPacket, MarkerFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +49,7 @@ class Watched:
     anomalies: dict[str, int]
     health: dict[str, float]
     lines: list[VibrationLine] | None = None
+    swing: Callable[[], Swing | None] = lambda: None
 
 
 def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watched:
@@ -100,6 +102,7 @@ def track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.touch.ageing.swing_runs import SwingRuns
     from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
     from spikingtac.touch.vibration.heard_packets import HeardPackets
 
@@ -108,6 +111,7 @@ def track(
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config.tracking, calibration)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
+    runs = SwingRuns(calibration)
     heard = HeardPackets(checked, EventVibrationMonitor(calibration)) if args.vibration else None
     anomalies: dict[str, int] = {}
     health: dict[str, float] = {}
@@ -115,8 +119,10 @@ def track(
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
             rate_hz = config.tracking.rate_hz
-            followed = follow(heard or checked, tracker, rate_hz, losses=checked.losses)
+            packets = absorbing(heard or checked, runs)
+            followed = follow(packets, tracker, rate_hz, losses=checked.losses)
             for index, frame in enumerate(followed):
+                runs.follow(frame.detected_px - calibration.reference_px)
                 if heard is not None:
                     heard.monitor.follow(frame)
                 if index % PROGRESS_EVERY == 0:
@@ -127,7 +133,15 @@ def track(
 
     place = calibration.reference_px
     lines = None if heard is None else heard.lines
-    return Watched(frames(), place, "px", calibration.px_per_mm, anomalies, health, lines)
+    scale = calibration.px_per_mm
+    return Watched(frames(), place, "px", scale, anomalies, health, lines, runs.swing)
+
+
+def absorbing(packets: Iterable[EventPacket], runs: SwingRuns) -> Iterator[EventPacket]:
+    """Pass packets on and count their runs."""
+    for packet in packets:
+        runs.absorb(packet.sound())
+        yield packet
 
 
 PROGRESS_EVERY = 256
