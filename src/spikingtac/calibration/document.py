@@ -13,7 +13,17 @@ from spikingtac.errors import CalibrationError
 CALIBRATION_SCHEMA = 1
 LARGEST_AREA_PX = 1 << 24
 """Largest sensor that is believed, px: 16 megapixels, of which a map takes 64 MB."""
-OPTIONAL_NUMBERS = ("step_on", "step_off", "contrast", "edge_px", "lag_us", "px_per_mm")
+BAND_SCALES = ("band_scale_on", "band_scale_off")
+"""Keys that may be absent, both or none."""
+OPTIONAL_NUMBERS = (
+    "step_on",
+    "step_off",
+    "contrast",
+    "edge_px",
+    "lag_us",
+    "px_per_mm",
+    *BAND_SCALES,
+)
 """Keys that may be absent; finite and not negative where present."""
 OPTIONAL_MARKER_NUMBERS = (
     "marker_contrast",
@@ -122,6 +132,9 @@ def _numbers(document: dict[str, Any]) -> dict[str, float]:
     for name, value in numbers.items():
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} is {value}, it must be finite and not negative")
+    scales = [numbers.get(name) for name in BAND_SCALES]
+    if scales != [None, None] and not all(scales):
+        raise ValueError(f"{' and '.join(BAND_SCALES)} must both be positive, or both be absent")
     return numbers
 
 

@@ -48,6 +48,9 @@ class Calibration:
             place is expected from the others. None counts as all True.
         lag_us: Delay of the events behind the motion, us, or None.
         px_per_mm: Image scale at the skin, or None where no pitch was given.
+        band_scale_on: Factor from ``step_on`` to the step of the band fit, or None: the graded map
+            serves this sensor better (:mod:`spikingtac.markers.calibration.step_scale`).
+        band_scale_off: The same for ``step_off``.
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
         provenance: Where the calibration came from.
     """
@@ -70,12 +73,24 @@ class Calibration:
     marker_measured: NDArray[np.bool_] | None = None
     lag_us: float | None = None
     px_per_mm: float | None = None
+    band_scale_on: float | None = None
+    band_scale_off: float | None = None
     hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def with_polarity(self, polarity: str | None) -> Calibration:
         """Return a copy for the given polarity; None keeps this one."""
         return self if polarity is None else dataclasses.replace(self, polarity=polarity)
+
+    def with_steps_scaled(self, on: float, off: float) -> Calibration:
+        """Return a copy whose ON and OFF steps are multiplied, up to 1."""
+        changed = {}
+        for side, factor in (("on", on), ("off", off)):
+            for name in (f"step_{side}", f"step_{side}_map", f"marker_step_{side}"):
+                value = getattr(self, name)
+                if value is not None:
+                    changed[name] = np.minimum(value * factor, 1.0)
+        return dataclasses.replace(self, **changed)
 
     def scale(self) -> dict[str, Any]:
         """Return what tracks need of it: ``grid`` and, where it is known, ``px_per_mm``."""

@@ -9,6 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import named
 from spikingtac.markers.anchored_law import AnchoredLaw
+from spikingtac.markers.graded.band_locator import BandLocator, band_maintenance, banded
 from spikingtac.markers.graded.centroid_locator import CentroidLocator
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.tracker import GradedTracker
@@ -22,8 +23,17 @@ Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 
 
 def _disc(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
+    if calibration.band_scale_on is not None:
+        return _bands(config, calibration, law)
     return GradedTracker(
         DiscLocator(config.disc, calibration), config.maintenance, calibration, law
+    )
+
+
+def _bands(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
+    scaled = banded(calibration)
+    return GradedTracker(
+        BandLocator(config.bands, scaled), band_maintenance(config.maintenance), scaled, law
     )
 
 
@@ -36,7 +46,12 @@ def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> 
     return BlobTracker(config.blobs, calibration, make_denoiser(config.denoiser), law=law)
 
 
-TRACKERS: dict[str, Builder] = {"disc": _disc, "centroid": _centroid, "blobs": _blobs}
+TRACKERS: dict[str, Builder] = {
+    "disc": _disc,
+    "bands": _bands,
+    "centroid": _centroid,
+    "blobs": _blobs,
+}
 """``tracking.method`` -> builder, of this package."""
 
 

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 from spikingtac.denoise.registry import DENOISERS
 from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac.markers.graded.band_locator import BandLocatorConfig
 from spikingtac.markers.graded.centroid_locator import CentroidLocatorConfig
 from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
 from spikingtac.markers.graded.tracker import MaintenanceConfig
@@ -20,14 +21,16 @@ class TrackingConfig:
     """How markers are followed; the registry says which methods there are.
 
     Attributes:
-        method: ``disc``, ``centroid`` or ``blobs``, or the name of another package's tracker.
+        method: ``disc`` (which is ``bands`` where the calibration asks for it), ``bands``,
+            ``centroid`` or ``blobs``, or the name of another package's tracker.
         rate_hz: Estimates per second of data time.
         hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``.
         denoiser: For ``blobs``: a name in :data:`spikingtac.denoise.registry.DENOISERS`.
         disc: For ``disc``.
+        bands: For ``bands``, and for ``disc`` where the calibration asks for it.
         centroid: For ``centroid``.
         blobs: For ``blobs``.
-        maintenance: For ``disc`` and ``centroid``.
+        maintenance: For ``disc``, ``bands`` and ``centroid``.
         paper_law: For the law ``paper``.
         anchored_law: For the law ``anchored``.
         options: For a tracker from another package, which checks them itself.
@@ -38,6 +41,7 @@ class TrackingConfig:
     hysteresis: str = field(default="none", metadata={"choices": get_args(LawName)})
     denoiser: str = field(default="box7", metadata={"choices": tuple(DENOISERS)})
     disc: DiscLocatorConfig = field(default_factory=DiscLocatorConfig)
+    bands: BandLocatorConfig = field(default_factory=BandLocatorConfig)
     centroid: CentroidLocatorConfig = field(default_factory=CentroidLocatorConfig)
     blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
     maintenance: MaintenanceConfig = field(

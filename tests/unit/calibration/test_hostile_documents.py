@@ -34,6 +34,8 @@ def document(**changes: Any) -> dict[str, Any]:
         {"radius_px": [10**400, 8]},
         {"radius_px": 1e300},
         {"px_per_mm": 10**400},
+        {"band_scale_on": 1.0},
+        {"band_scale_on": 0.0, "band_scale_off": 1.0},
         {"step_on": float("inf")},
         {"provenance": 5},
         {"provenance": ["a"]},

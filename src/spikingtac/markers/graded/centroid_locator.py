@@ -75,6 +75,10 @@ class CentroidLocator:
         _agreement_kernel(self._mass, self._full_mass, self._agreement)
         return center_px, self._agreement
 
+    def initial_map(self, calibration: Calibration) -> GradedStateMap:
+        """Return the graded map of the sensor at rest."""
+        return painted_graded_map(calibration, appearance_of(calibration))
+
     def reset(self) -> None:
         """Do nothing: a centroid remembers nothing."""
 

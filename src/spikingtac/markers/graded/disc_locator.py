@@ -13,6 +13,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.disc_fit import fit_discs_kernel, round_outline
 from spikingtac.markers.graded.fit_window import fit_window
+from spikingtac.markers.graded.initial_map import painted_graded_map
 from spikingtac.state_map.graded import GradedStateMap
 
 
@@ -87,6 +88,10 @@ class DiscLocator:
             self._agreement,
         )
         return center_px, self._agreement
+
+    def initial_map(self, calibration: Calibration) -> GradedStateMap:
+        """Return the graded map of the sensor at rest."""
+        return painted_graded_map(calibration, appearance_of(calibration))
 
     def reset(self) -> None:
         """Forget the outlines that strain and indentation gave the discs."""

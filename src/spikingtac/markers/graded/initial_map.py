@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import Appearance, nearest_marker
 from spikingtac.markers.profile import DiscProfile
+from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import GradedStateMap
 
 LAG_DEFAULT_US = 500.0
@@ -17,6 +18,20 @@ mean time constant (the twin's preset ``typical``)."""
 
 def painted_graded_map(calibration: Calibration, appearance: Appearance) -> GradedStateMap:
     """Return the graded map of a sensor at rest, with the calibrated steps."""
+    start, step_on, step_off = _painted(calibration, appearance)
+    return GradedStateMap(start, step_on, step_off, dark_markers=calibration.polarity == "dark")
+
+
+def painted_band_map(calibration: Calibration, appearance: Appearance) -> BandStateMap:
+    """Return the band map of a sensor at rest, with the calibrated steps."""
+    start, step_on, step_off = _painted(calibration, appearance)
+    return BandStateMap(start, step_on, step_off, dark_markers=calibration.polarity == "dark")
+
+
+def _painted(
+    calibration: Calibration, appearance: Appearance
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the levels of resting discs, and each pixel's ON and OFF step."""
     width, height = calibration.size
     start = np.zeros((height, width), np.float32)
     for center_px, radius_px, profile in zip(
@@ -24,11 +39,10 @@ def painted_graded_map(calibration: Calibration, appearance: Appearance) -> Grad
     ):
         _paint_disc(start, center_px, float(radius_px), profile)
     owner = nearest_marker(calibration.reference_px, calibration.size)
-    return GradedStateMap(
+    return (
         start,
         _steps(calibration.step_on_map, appearance.step_on[owner]),
         _steps(calibration.step_off_map, appearance.step_off[owner]),
-        dark_markers=calibration.polarity == "dark",
     )
 
 

@@ -20,7 +20,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.event_loss import EventLoss
-from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_graded_map
+from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
@@ -60,6 +60,10 @@ class Locator(Protocol):
                 :attr:`needs_expectation`.
             dt_s: Time since the last call, s.
         """
+        ...
+
+    def initial_map(self, calibration: Calibration) -> GradedStateMap:
+        """Return the map of the sensor at rest, of the kind that this locator reads."""
         ...
 
     def reset(self) -> None:
@@ -147,7 +151,7 @@ class GradedTracker:
         self._calibration = calibration
         self._law = law or NoLaw()
         appearance = appearance_of(calibration)
-        self._map = painted_graded_map(calibration, appearance)
+        self._map = locator.initial_map(calibration)
         self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
@@ -233,7 +237,7 @@ class GradedTracker:
     def _leak(self, dt_s: float) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
         settings, time_s = self._maintenance_config, dt_s * self._maintenance_config.leak_groups
-        if time_s <= 0.0:
+        if time_s <= 0.0 or not (settings.leak_per_s or settings.ease_per_s):
             return
         self._turn = (self._turn + 1) % settings.leak_groups
         some = slice(self._turn, None, settings.leak_groups)

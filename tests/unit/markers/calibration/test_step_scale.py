@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.step_scale import fit_step_scale, scaled_steps
+from spikingtac.markers.calibration.step_scale import fit_step_scale
 from spikingtac.markers.profile import DiscProfile
 
 SIZE = (96, 64)
@@ -100,7 +100,7 @@ def test_every_kind_of_step_is_scaled_up_to_one() -> None:
         marker_step_on=np.full(4, 0.25),
         marker_step_off=np.full(4, 0.5),
     )
-    scaled = scaled_steps(own, 2.0, 1.0)
+    scaled = own.with_steps_scaled(2.0, 1.0)
     assert (scaled.step_on, scaled.step_off) == (0.4, 0.2)
     assert scaled.step_on_map is not None
     assert scaled.marker_step_on is not None

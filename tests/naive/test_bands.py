@@ -1,0 +1,197 @@
+"""The band map and the band fit against plain twins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.windows import windows
+from spikingtac.markers.graded import band_fit
+from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
+from spikingtac.markers.graded.band_locator import BandLocator, BandLocatorConfig, banded
+from spikingtac.markers.graded.profile_tables import profile_tables
+from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracking_config import TrackingConfig
+from spikingtac.pipeline.follow import follow
+from spikingtac.state_map.bands import END_SHARE, THRESHOLD_MISMATCH, BandStateMap
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.types import EventPacket
+from stand_ins.rare_off import (
+    PERIOD_US,
+    PROFILE,
+    RADIUS_PX,
+    REST_PX,
+    SIZE,
+    STEP_OFF,
+    STEP_ON,
+    levels,
+    presses_px,
+    rare_off_calibration,
+    rare_off_events,
+)
+
+TURN = 7
+
+
+def random_packet(seed: int, count: int) -> EventPacket:
+    rng = np.random.default_rng(seed)
+    columns = (rng.integers(0, side, count).astype(np.uint16) for side in (9, 7))
+    return EventPacket(*columns, rng.random(count) < 0.5, np.zeros(count, np.int64), 0, 1, (9, 7))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_map_equals_its_twin_however_it_is_cut(dark: bool) -> None:
+    rng = np.random.default_rng(1)
+    start, on, off = (rng.uniform(0.05, 0.4, (7, 9)).astype(np.float32) for _ in range(3))
+    state_map = BandStateMap(start, on, off, dark_markers=dark)
+    packet = random_packet(2, 600)
+    memory = start + 0.5 * (off.astype(float) - on)
+    variance, fired = (on + off.astype(float)) ** 2 / 12.0, np.zeros((7, 9))
+    for x, y, p in zip(packet.x, packet.y, packet.p, strict=True):
+        step = on[y, x] if p != dark else -off[y, x]
+        low, high = END_SHARE * off[y, x], 1.0 - END_SHARE * on[y, x]
+        memory[y, x] = min(max(memory[y, x] + step, low), high)
+        variance[y, x] += (THRESHOLD_MISMATCH * step) ** 2
+        fired[y, x] = state_map.turn
+    for first, last in ((0, 1), (1, 1), (1, 333), (333, 600)):
+        state_map.absorb(packet.part(first, last, 0, 1))
+    np.testing.assert_allclose(state_map.memory, memory, atol=1e-5)
+    np.testing.assert_allclose(state_map.variance, variance, rtol=1e-4)
+    np.testing.assert_array_equal(state_map.fired, fired)
+    state_map.reset()
+    np.testing.assert_array_equal(state_map.values, start)
+    assert not state_map.fired.any()
+
+
+def random_maps(seed: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    shape = (SIZE[1], SIZE[0])
+    memory = (levels(REST_PX) + rng.normal(0.0, 0.2, shape)).astype(np.float32)
+    variance = rng.uniform(0.001, 0.05, shape).astype(np.float32)
+    fired = np.where(rng.random(shape) < 0.3, TURN, 0)
+    steps = np.stack([np.full(shape, -STEP_OFF), np.full(shape, STEP_ON)], axis=-1)
+    padded = GradedStateMap(memory.clip(0.0, 1.0)).padded
+    return memory, variance, fired, steps.astype(np.float32), TURN, padded
+
+
+def residuals(maps: tuple[np.ndarray, ...], x: float, y: float) -> tuple[np.ndarray, ...]:
+    """Return residual, slope, direction and membership of every pixel, from the formulas alone."""
+    memory, _, fired, _, turn, _ = maps
+    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
+    dx, dy = column - x, row - y
+    rho = np.hypot(dx, dy) + 1e-9
+    q = rho - RADIUS_PX
+    apart = memory - PROFILE.level(q)
+    outside = np.where(apart > STEP_OFF, apart - STEP_OFF, np.minimum(apart + STEP_ON, 0.0))
+    e = np.where(fired == turn, apart, outside)
+    near = np.abs(q) < PROFILE.reach_px
+    return np.where(near, e, 0.0), -PROFILE.slope(q), dx / rho, dy / rho, near
+
+
+def test_the_normal_equations_equal_their_twin() -> None:
+    maps, sums = random_maps(3), np.zeros(5)
+    tables = profile_tables([PROFILE])
+    disc = (23.3, 20.6, RADIUS_PX, float(tables.reach_px[0]))
+    band_fit._normal_equations_kernel(maps, disc, tables.values[0], 0.4, sums)
+    e, slope, ux, uy, near = residuals(maps, 23.3, 20.6)
+    weight = 1.0 / (maps[1] + MODEL_VARIANCE) * np.where(maps[2] == TURN, 1.0, 0.4)
+    weight = np.where(near & (e != 0.0), weight / (1.0 + (e / SOFT_RESIDUAL) ** 2), 0.0)
+    jx, jy = slope * ux, slope * uy
+    expected = [(weight * a * b).sum() for a, b in ((jx, jx), (jx, jy), (jy, jy), (jx, e), (jy, e))]
+    np.testing.assert_allclose(sums, expected, rtol=0.02, atol=2.0)
+
+
+def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> None:
+    maps = random_maps(4)
+    before, known = maps[0].copy(), maps[1].copy()
+    tables = profile_tables([PROFILE])
+    disc = (24.0, 20.0, RADIUS_PX, float(tables.reach_px[0]))
+    agreement = band_fit._correct_levels_kernel(maps, disc, tables.values[0], 0.01, 0.3)
+    maps_before = (before, known, *maps[2:])
+    e, slope, _, _, near = residuals(maps_before, 24.0, 20.0)
+    gain = np.minimum(known / (known + MODEL_VARIANCE + slope**2 * 0.01), 0.3)
+    gain /= 1.0 + (e / SOFT_RESIDUAL) ** 2
+    np.testing.assert_allclose(maps[0], before - gain * e, atol=0.02)
+    np.testing.assert_array_equal(maps[0][~near], before[~near])
+    np.testing.assert_array_equal(maps[1][maps[2] != TURN], known[maps[2] != TURN])
+    assert (maps[1] <= known).all()
+    assert 0.5 < agreement < 1.0
+
+
+def test_the_prediction_is_that_of_a_matrix_filter() -> None:
+    motion = np.array([3.0, 4.0, 10.0, -5.0, 0.02, 0.3, 50.0])
+    dt_s, q = 0.004, 5.0e5
+    step = np.array([[1.0, dt_s], [0.0, 1.0]])
+    noise = q * np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
+    expected = step @ np.array([[0.02, 0.3], [0.3, 50.0]]) @ step.T + noise
+    band_fit._predict_kernel(motion, dt_s, q)
+    np.testing.assert_allclose(motion[:4], [3.04, 3.98, 10.0, -5.0])
+    np.testing.assert_allclose(motion[4:], [expected[0, 0], expected[0, 1], expected[1, 1]])
+
+
+@pytest.fixture(scope="module")
+def packet() -> EventPacket:
+    return rare_off_events()
+
+
+def errors_px(packet: EventPacket, banded_fit: bool, cuts: int = 1) -> np.ndarray:
+    known = rare_off_calibration() if banded_fit else graded_calibration()
+    edges = np.linspace(0, packet.t_end_us, cuts + 1).astype(np.int64)
+    index = np.searchsorted(packet.t, edges)
+    parts = [
+        packet.part(int(index[k]), int(index[k + 1]), int(edges[k]), int(edges[k + 1]))
+        for k in range(cuts)
+    ]
+    frames = list(follow(parts, make_tracker(TrackingConfig(), known), 1_000.0))
+    at = np.array([frame.t_us for frame in frames]) // PERIOD_US - 1
+    true_px = presses_px()[at.clip(0)]
+    return np.linalg.norm([frame.detected_px for frame in frames] - true_px, axis=2)
+
+
+def graded_calibration():
+    from dataclasses import replace
+
+    return replace(rare_off_calibration(), band_scale_on=None, band_scale_off=None)
+
+
+def test_presses_of_a_sensor_with_rare_off_events_are_followed(packet: EventPacket) -> None:
+    bands, graded = errors_px(packet, True), errors_px(packet, False)
+    assert bands.mean() < 0.25
+    assert bands.max() < 1.0
+    assert bands.mean() < 0.7 * graded.mean()
+
+
+def test_any_cutting_gives_the_same_tracks(packet: EventPacket) -> None:
+    np.testing.assert_array_equal(errors_px(packet, True), errors_px(packet, True, cuts=37))
+
+
+def test_a_band_fit_needs_its_own_map() -> None:
+    locator = BandLocator(BandLocatorConfig(), rare_off_calibration())
+    with pytest.raises(ConfigError, match="BandStateMap"):
+        locator.locate(GradedStateMap(np.zeros((64, 96), np.float32)), REST_PX, None, 1e-3)
+
+
+def test_a_reset_forgets_everything_but_the_calibration(packet: EventPacket) -> None:
+    tracker = make_tracker(TrackingConfig(method="bands"), rare_off_calibration())
+    assert isinstance(tracker, GradedTracker)
+
+    def course() -> np.ndarray:
+        placed = []
+        for window in windows([packet], 5_000):
+            tracker.absorb(window)
+            placed.append(tracker.estimate(window.t_end_us).detected_px)
+        return np.array(placed)
+
+    first = course()
+    tracker.reset()
+    np.testing.assert_array_equal(course(), first)
+
+
+def test_the_steps_of_the_bands_are_scaled_apart() -> None:
+    stored = rare_off_calibration().with_steps_scaled(0.8, 0.5)
+    scaled = banded(replace(stored, band_scale_on=1.25, band_scale_off=2.0))
+    assert (scaled.step_on, scaled.step_off) == pytest.approx((STEP_ON, STEP_OFF))

@@ -1,0 +1,76 @@
+"""Ideal pixels whose OFF threshold exceeds their ON threshold, written apart from the twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.profile import DiscProfile
+from spikingtac.types import EventPacket
+
+SIZE = (96, 64)
+REST_PX = np.array([[24.0, 20.0], [62.0, 20.0], [24.0, 46.0], [62.0, 46.0]])
+RADIUS_PX, STEP_ON, STEP_OFF, PERIOD_US = 6.0, 0.13, 0.37, 1_000
+PROFILE = DiscProfile(3.5, 0.9)
+MISMATCH = 0.12
+
+
+def presses_px() -> np.ndarray:
+    """Return ``(n, 4, 2)`` places: three presses of 0.3 s that spread the markers by up to 6 px."""
+    phase = np.arange(1_500) / 500.0
+    depth = np.clip(3.0 * np.minimum(phase % 1.0 - 0.2, 0.8 - phase % 1.0), 0.0, 0.6) / 0.6
+    apart = REST_PX - REST_PX.mean(axis=0)
+    return REST_PX + depth[:, None, None] * 6.0 * apart / np.hypot(*apart.T).max()
+
+
+def levels(center_px: np.ndarray) -> np.ndarray:
+    """Return ``(height, width)`` shares of a full swing of discs."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    out = np.zeros((SIZE[1], SIZE[0]))
+    for cx, cy in center_px:
+        np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
+    return out
+
+
+def _fired(seed: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    rng = np.random.default_rng(seed)
+    shape = SIZE[1] * SIZE[0]
+    on, off = (step * (1.0 + MISMATCH * rng.normal(size=shape)) for step in (STEP_ON, STEP_OFF))
+    known = levels(presses_px()[0]).ravel() + rng.uniform(-on, off)  # the last contact
+    for sample, center_px in enumerate(presses_px()):
+        now = levels(center_px).ravel()
+        for rises, step in ((True, on), (False, -off)):
+            while len(pixels := np.flatnonzero((now - known - step) * np.sign(step) > 0.0)):
+                known[pixels] += step[pixels]
+                t_us = sample * PERIOD_US + rng.integers(0, PERIOD_US, len(pixels))
+                yield pixels, np.full(len(pixels), rises), t_us
+
+
+def rare_off_events(seed: int = 1) -> EventPacket:
+    """Return the events of :func:`presses_px`, for pixels of unlike thresholds."""
+    pixels, rises, t_us = (np.concatenate(part) for part in zip(*_fired(seed), strict=True))
+    order = np.argsort(t_us, kind="stable")
+    y, x = np.divmod(pixels[order], SIZE[0])
+    end_us = len(presses_px()) * PERIOD_US
+    return EventPacket(
+        x.astype(np.uint16), y.astype(np.uint16), rises[order], t_us[order], 0, end_us, SIZE
+    )
+
+
+def rare_off_calibration() -> Calibration:
+    """Return what a perfect calibration of that sensor knows."""
+    return Calibration(
+        reference_px=REST_PX,
+        radius_px=np.full(4, RADIUS_PX),
+        grid=(2, 2),
+        size=SIZE,
+        contrast=PROFILE.contrast,
+        edge_px=PROFILE.edge_px,
+        step_on=STEP_ON,
+        step_off=STEP_OFF,
+        band_scale_on=1.0,
+        band_scale_off=1.0,
+        lag_us=0.0,
+    )
