@@ -4,7 +4,8 @@
     python benchmarks/vibration.py sensor.json [--camera typical] [--seed 3]
 
 All markers of the scene ``quiet`` move on a sine of 50 or 5 um for 1.1 s, of which the last
-second is judged. The estimator gets events and the calibration, never the truth. At 5 um and at rest, twelve seeds.
+second is judged. The estimator gets events and the calibration, never the truth. At 5 um and at
+rest, twelve seeds.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def line_of(
 
 def main() -> None:
     """Print the errors of 50 um, and how often 5 um and rest are told apart."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="How well vibration is told from events")
     parser.add_argument("calibration", type=Path)
     parser.add_argument("--camera", default="typical")
     parser.add_argument("--seed", type=int, default=3)

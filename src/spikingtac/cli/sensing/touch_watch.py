@@ -14,9 +14,11 @@ from spikingtac.cli.sensing.touch_series import frames_of
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
+    from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
     from spikingtac.touch.vibration.event_vibration import VibrationLine
+    from spikingtac.touch.vibration.heard_packets import HeardPackets
     from spikingtac.types import EventPacket, MarkerFrame
 
 
@@ -103,8 +105,6 @@ def track(
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
     from spikingtac.touch.ageing.swing_runs import SwingRuns
-    from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
-    from spikingtac.touch.vibration.heard_packets import HeardPackets
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
@@ -112,16 +112,14 @@ def track(
     tracker = make_tracker(config.tracking, calibration)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
-    heard = HeardPackets(checked, EventVibrationMonitor(calibration)) if args.vibration else None
+    heard = _heard(checked, calibration) if args.vibration else None
     anomalies: dict[str, int] = {}
     health: dict[str, float] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            rate_hz = config.tracking.rate_hz
-            packets = absorbing(heard or checked, runs)
-            followed = follow(packets, tracker, rate_hz, losses=checked.losses)
-            for index, frame in enumerate(followed):
+            packets, rate_hz = absorbing(heard or checked, runs), config.tracking.rate_hz
+            for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
                 runs.follow(frame.detected_px - calibration.reference_px)
                 if heard is not None:
                     heard.monitor.follow(frame)
@@ -131,10 +129,16 @@ def track(
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    place = calibration.reference_px
-    lines = None if heard is None else heard.lines
+    told = (None if heard is None else heard.lines, runs.swing)
     scale = calibration.px_per_mm
-    return Watched(frames(), place, "px", scale, anomalies, health, lines, runs.swing)
+    return Watched(frames(), calibration.reference_px, "px", scale, anomalies, health, *told)
+
+
+def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
+    from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
+    from spikingtac.touch.vibration.heard_packets import HeardPackets
+
+    return HeardPackets(packets, EventVibrationMonitor(calibration))
 
 
 def absorbing(packets: Iterable[EventPacket], runs: SwingRuns) -> Iterator[EventPacket]:
