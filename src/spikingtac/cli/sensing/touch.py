@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,22 +11,23 @@ import tyro
 
 from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
+from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark, warn
 from spikingtac.cli.sensing.touch_rows import print_rows, touch_row, write_rows
-from spikingtac.cli.sensing.touch_series import frames_of, touch_config
+from spikingtac.cli.sensing.touch_series import touch_config
+from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
+from spikingtac.cli.sensing.vibration_rows import print_vibration, vibration_rows
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.types import MarkerFrame
+    from spikingtac.touch.ageing.swing_runs import Swing
 
 WORK = "spikingtac.cli.sensing.touch:touch_one"
 """What a worker calls for each of many recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(ManyArgs):
+class Args(WatchArgs):
     """List the touches in a recording: begin, end, place, area, peak and slips of each.
 
     This verb tells touches apart and measures them, some ten milliseconds after they happen. To
@@ -39,8 +40,6 @@ class Args(ManyArgs):
     sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SOURCE...")]
     """Event file, recording folder or camera, with --calibration; or tracks.npz, or arrays t_us,
     reference_mm, displacement_mm. Several, folders of them, patterns such as 'day/*.raw'."""
-    calibration: Path | None = None
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
     second: Annotated[Path | None, tyro.conf.arg(metavar="SOURCE")] = None
     """The other finger: its recording or camera, put on the first one's clock."""
     second_calibration: Path | None = None
@@ -48,26 +47,6 @@ class Args(ManyArgs):
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """CSV file to write, one line per touch; a folder for many. The second finger's touches.csv is
     touches_1.csv."""
-    preset: str = "default"
-    """Tracker: default, fast or paper, or a TOML file."""
-    rate_hz: float | None = None
-    """Estimates per second; the preset's unless given."""
-    sensor: int = 0
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
-    strict: bool = False
-    """Refuse a damaged recording instead of repairing it."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Watched:
-    """Frames with what is needed to read them; lengths are in ``unit``."""
-
-    frames: Iterator[MarkerFrame]
-    reference: Any
-    unit: str
-    px_per_mm: float | None
-    anomalies: dict[str, int]
-    health: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +55,8 @@ class _Found:
 
     rows: list[dict[str, Any]]
     first_us: int | None
-    watched: _Watched
+    watched: Watched
+    swing: Swing | None
 
 
 def run(args: Args) -> int:
@@ -112,7 +92,7 @@ def _run_two(args: Args, many: bool) -> int:
     sources = open_two(args.sources[0], args.second, strict=args.strict)
     with ending_on_interrupt(*sources):
         both = for_each(
-            lambda number, source: _listed(_track(args, source, calibrations[number])), sources
+            lambda number, source: _listed(track(args, source, calibrations[number])), sources
         )
     for path, found in zip(paths, both, strict=False):
         write_rows(path, found.rows)
@@ -131,6 +111,8 @@ def _document(found: _Found) -> dict[str, Any]:
         "touches": found.rows,
         "anomalies": watched.anomalies,
         "health": watched.health or None,
+        "vibration": vibration_rows(watched.lines, watched.px_per_mm),
+        "swing": None if found.swing is None else round(found.swing.share, 3),
     }
 
 
@@ -139,6 +121,8 @@ def _run_many(args: Args) -> int:
     from spikingtac.batch.run import Batch
     from spikingtac.config import load_config
 
+    if args.vibration:
+        raise ConfigError("--vibration is told of one recording at a time; name one")
     folder = require_folder(args.output, "touch")
     load_config(args.preset)  # what is wrong for all of them is refused before any work is done
     preset = Path(args.preset)
@@ -178,10 +162,10 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
 def _find(
     args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Found:
-    return _listed(_watch(args, source, advance))
+    return _listed(watch(args, source, advance))
 
 
-def _listed(watched: _Watched) -> _Found:
+def _listed(watched: Watched) -> _Found:
     from spikingtac.touch.slip.held_touches import HeldTouchDetector
 
     detector = HeldTouchDetector(watched.reference, touch_config(watched.reference, watched.unit))
@@ -193,83 +177,17 @@ def _listed(watched: _Watched) -> _Found:
             found.append(held)
     last = detector.finish()
     found += [last] if last is not None else []
-    return _Found(
-        [touch_row(held, watched.unit, watched.px_per_mm) for held in found], first_us, watched
-    )
-
-
-def _watch(args: Args, path: Path, advance: Any) -> _Watched:
-    from spikingtac.touch.force.files.series_file import is_series, load_series
-
-    if is_series(path):
-        series = load_series(path).in_image()
-        scale = _px_per_mm(args)
-        return _Watched(
-            frames_of(series),
-            series.reference,
-            series.unit,
-            scale if series.unit == "px" else 1.0,
-            {},
-            {},
-        )
-    if args.calibration is None:
-        raise ConfigError(
-            "events need the sensor's calibration: --calibration calibration.json; "
-            "make one with: spikingtac calibrate RECORDING -o calibration.json"
-        )
-    from spikingtac.events.open import open_events
-
-    source = open_events(path, strict=args.strict, sensor=args.sensor)
-    return _track(args, source, args.calibration, advance)
-
-
-def _track(
-    args: Args,
-    source: FileSource,
-    calibration_path: Path,
-    advance: Callable[[float], None] = lambda share: None,
-) -> _Watched:
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
-    from spikingtac.markers.registry import make_tracker
-    from spikingtac.pipeline.checked_source import CheckedSource, refuse
-    from spikingtac.pipeline.follow import follow
-    from spikingtac.pipeline.recording_tracks import require_same_size
-
-    calibration = Calibration.load(calibration_path)
-    config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
-    require_same_size(source.size, calibration.size)
-    tracker = make_tracker(config.tracking, calibration)
-    checked = CheckedSource(source, calibration, refuse if args.strict else warn)
-    anomalies: dict[str, int] = {}
-    health: dict[str, float] = {}
-
-    def frames() -> Iterator[MarkerFrame]:
-        with ending_on_interrupt(source):
-            for index, frame in enumerate(follow(checked, tracker, config.tracking.rate_hz)):
-                if index % PROGRESS_EVERY == 0:
-                    advance(source.progress)
-                yield frame
-        anomalies.update(source.losses.kinds())
-        health.update(source.counters().summary())
-
-    place = calibration.reference_px
-    return _Watched(frames(), place, "px", calibration.px_per_mm, anomalies, health)
-
-
-PROGRESS_EVERY = 256
-"""Frames between two reports of progress."""
-
-
-def _px_per_mm(args: Args) -> float | None:
-    if args.calibration is None:
-        return None
-    from spikingtac.calibration.sensor_calibration import Calibration
-
-    return Calibration.load(args.calibration).px_per_mm
+    rows = [touch_row(held, watched.unit, watched.px_per_mm) for held in found]
+    swing = watched.swing()
+    if swing is not None and swing.faded:
+        warn(swing.words())
+    return _Found(rows, first_us, watched, swing)
 
 
 def _print(found: _Found, source: Path, since_us: int | None) -> None:
     for kind, count in found.watched.anomalies.items():
         remark(f"note: {kind} {count} times in the recording")
-    print_rows(source.name, found.rows, found.watched.px_per_mm, since_us or 0)
+    scale, since_us = found.watched.px_per_mm, since_us or 0
+    print_rows(source.name, found.rows, scale, since_us)
+    if found.watched.lines is not None:
+        print_vibration(source.name, found.watched.lines, scale, since_us)

@@ -1,0 +1,160 @@
+"""What ``spikingtac touch`` watches: frames of a recording, a camera or arrays, and their scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.many import ManyArgs
+from spikingtac.cli.messages import warn
+from spikingtac.cli.sensing.touch_series import frames_of
+from spikingtac.errors import ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
+    from spikingtac.touch.vibration.event_vibration import VibrationLine
+    from spikingtac.touch.vibration.heard_packets import HeardPackets
+    from spikingtac.types import EventPacket, MarkerFrame
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchArgs(ManyArgs):
+    """Options of the verb that say how to watch."""
+
+    calibration: Path | None = None
+    """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    preset: str = "default"
+    """Tracker: default, fast or paper, or a TOML file."""
+    rate_hz: float | None = None
+    """Estimates per second; the preset's unless given."""
+    sensor: int = 0
+    """In a folder, the sensor to read: 1 reads events_1.raw."""
+    vibration: bool = False
+    """Tell the strongest line of vibration in every second, straight from the events."""
+    strict: bool = False
+    """Refuse a damaged recording instead of repairing it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """Frames with what is needed to read them; lengths are in ``unit``."""
+
+    frames: Iterator[MarkerFrame]
+    reference: Any
+    unit: str
+    px_per_mm: float | None
+    anomalies: dict[str, int]
+    health: dict[str, float]
+    lines: list[VibrationLine] | None = None
+    swing: Callable[[], Swing | None] = lambda: None
+
+
+def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watched:
+    """Return the frames of a recording, of tracks, or of arrays.
+
+    Args:
+        args: How to watch.
+        path: The file, folder or camera.
+        advance: Receives the share that was read, 0 to 1.
+
+    Raises:
+        ConfigError: Events without a calibration, or vibration without events.
+    """
+    from spikingtac.touch.force.files.series_file import is_series, load_series
+
+    if is_series(path):
+        series = load_series(path).in_image()
+        if args.vibration:
+            raise ConfigError(f"--vibration is told from events; {path.name!r} holds tracks")
+        scale = _px_per_mm(args)
+        return Watched(
+            frames_of(series),
+            series.reference,
+            series.unit,
+            scale if series.unit == "px" else 1.0,
+            {},
+            {},
+        )
+    if args.calibration is None:
+        raise ConfigError(
+            "events need the sensor's calibration: --calibration calibration.json; "
+            "make one with: spikingtac calibrate RECORDING -o calibration.json"
+        )
+    from spikingtac.events.open import open_events
+
+    source = open_events(path, strict=args.strict, sensor=args.sensor)
+    return track(args, source, args.calibration, advance)
+
+
+def track(
+    args: WatchArgs,
+    source: FileSource,
+    calibration_path: Path,
+    advance: Callable[[float], None] = lambda share: None,
+) -> Watched:
+    """Return the frames that a tracker makes of events; see :func:`watch`."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+    from spikingtac.markers.registry import make_tracker
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
+    from spikingtac.pipeline.follow import follow
+    from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.touch.ageing.swing_runs import SwingRuns
+
+    calibration = Calibration.load(calibration_path)
+    config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
+    require_same_size(source.size, calibration.size)
+    tracker = make_tracker(config.tracking, calibration)
+    checked = CheckedSource(source, calibration, refuse if args.strict else warn)
+    runs = SwingRuns(calibration)
+    heard = _heard(checked, calibration) if args.vibration else None
+    anomalies: dict[str, int] = {}
+    health: dict[str, float] = {}
+
+    def frames() -> Iterator[MarkerFrame]:
+        with ending_on_interrupt(source):
+            packets, rate_hz = absorbing(heard or checked, runs), config.tracking.rate_hz
+            for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
+                runs.follow(frame.detected_px - calibration.reference_px)
+                if heard is not None:
+                    heard.monitor.follow(frame)
+                if index % PROGRESS_EVERY == 0:
+                    advance(source.progress)
+                yield frame
+        anomalies.update(source.losses.kinds())
+        health.update(source.counters().summary())
+
+    told = (None if heard is None else heard.lines, runs.swing)
+    scale = calibration.px_per_mm
+    return Watched(frames(), calibration.reference_px, "px", scale, anomalies, health, *told)
+
+
+def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
+    from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
+    from spikingtac.touch.vibration.heard_packets import HeardPackets
+
+    return HeardPackets(packets, EventVibrationMonitor(calibration))
+
+
+def absorbing(packets: Iterable[EventPacket], runs: SwingRuns) -> Iterator[EventPacket]:
+    """Pass packets on and count their runs."""
+    for packet in packets:
+        runs.absorb(packet.sound())
+        yield packet
+
+
+PROGRESS_EVERY = 256
+"""Frames between two reports of progress."""
+
+
+def _px_per_mm(args: WatchArgs) -> float | None:
+    if args.calibration is None:
+        return None
+    from spikingtac.calibration.sensor_calibration import Calibration
+
+    return Calibration.load(args.calibration).px_per_mm

@@ -1,0 +1,1 @@
+"""Whether the gel still looks as it did when it was calibrated."""
