@@ -79,20 +79,25 @@ class GradedStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        values, height = self.values, self._start.shape[0]
-
-        def integrate(rows: slice) -> None:
-            _integrate_kernel(
-                (self._memory, values, self._used),
-                (packet.x, packet.y, packet.p),
-                (np.uint64(rows.start), np.uint64(rows.stop - rows.start)),
-                self._dark_markers,
-            )
-
+        rows = self._start.shape[0]
         if worth_dividing(len(packet), MANY_EVENTS):
-            divide(height, integrate)
+            divide(rows, lambda some: self._integrate(packet, some.start, some.stop))
         else:
-            integrate(slice(0, height))
+            self._integrate(packet, 0, rows)
+
+    def _integrate(self, packet: EventPacket, first: int, after: int) -> None:
+        """Add the events of the rows from ``first`` to before ``after``."""
+        _integrate_kernel(
+            self._memory,
+            self.values,
+            packet.x,
+            packet.y,
+            packet.p,
+            self._used,
+            self._dark_markers,
+            first,
+            after,
+        )
 
     @property
     def signed_steps(self) -> NDArray[np.float32]:
@@ -148,21 +153,25 @@ class GradedStateMap:
 
 @njit(cache=True, nogil=True)
 def _integrate_kernel(
-    maps: tuple[NDArray[np.float32], ...],
-    events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_]],
-    rows: tuple[np.uint64, np.uint64],
+    memory: NDArray[np.float32],
+    level: NDArray[np.float32],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
+    signed_steps: NDArray[np.float32],
     dark_markers: bool,
+    first: int,
+    after: int,
 ) -> None:  # pragma: no cover - compiled
-    """Add the step of each event in some rows.
+    """Add the step of each event in the rows from ``first`` to before ``after``.
 
-    ``maps`` are the clipped sums, the levels, and ``(height, width, 2)`` steps, falling and rising;
-    ``events`` are x, y and p; ``rows`` the first one and how many there are.
+    ``signed_steps`` is ``(height, width, 2)``, falling and rising. Arguments are plain: a tuple
+    would cost a microsecond at each call.
     """
-    (memory, level, signed_steps), (x, y, p), (first, count) = maps, events, rows
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for i in range(x.size):
         row, column = y[i], x[i]
-        if np.uint64(row) - first >= count:  # unsigned: rows before the first are far behind it
+        if row < first or row >= after:
             continue
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
         value = min(max(memory[row, column] + step, zero), one)

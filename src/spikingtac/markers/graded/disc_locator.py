@@ -79,32 +79,45 @@ class DiscLocator:
         """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1."""
         config = self._config
         center_px = predicted_px.copy()
-        padded, pixels, (coefficients, inner_px, outer_px, steps) = (
-            state_map.padded,
-            self._pixels,
-            self._curves,
-        )
-        prior_px = predicted_px if expected_px is None else expected_px
-        weight = 0.0 if expected_px is None else config.grid_weight
+        prior = (predicted_px, 0.0) if expected_px is None else (expected_px, config.grid_weight)
         gain = 1.0 - math.exp(-dt_s * config.outline_per_s)
-
-        def fit(some: slice) -> None:
-            fit_discs_kernel(
-                padded,
-                center_px[some],
-                self.outline_px[some],
-                pixels,
-                (coefficients[some], inner_px[some], outer_px[some], steps),
-                (prior_px[some], weight),
-                (self._radius_px[some], config.outline_share, gain),
-                self._agreement[some],
-            )
-
         if self._divided:
-            divide(len(center_px), fit)
+            divide(
+                len(center_px),
+                lambda some: self._fit_some(state_map.padded, center_px, prior, gain, some),
+            )
         else:
-            fit(slice(None))
+            fit_discs_kernel(
+                state_map.padded,
+                center_px,
+                self.outline_px,
+                self._pixels,
+                self._curves,
+                prior,
+                (self._radius_px, config.outline_share, gain),
+                self._agreement,
+            )
         return center_px, self._agreement
+
+    def _fit_some(
+        self,
+        padded: NDArray[np.float32],
+        center_px: NDArray[np.float64],
+        prior: tuple[NDArray[np.float64], float],
+        gain: float,
+        some: slice,
+    ) -> None:
+        coefficients, inner_px, outer_px, iterations = self._curves
+        fit_discs_kernel(
+            padded,
+            center_px[some],
+            self.outline_px[some],
+            self._pixels,
+            (coefficients[some], inner_px[some], outer_px[some], iterations),
+            (prior[0][some], prior[1]),
+            (self._radius_px[some], self._config.outline_share, gain),
+            self._agreement[some],
+        )
 
     def initial_map(self, calibration: Calibration) -> GradedStateMap:
         """Return the graded map of the sensor at rest."""
