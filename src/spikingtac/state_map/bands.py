@@ -47,10 +47,9 @@ class BandStateMap(GradedStateMap):
         super().__init__(start, step_on, step_off, dark_markers=dark_markers)
         self._first_variance = ((self._step_on + self._step_off) ** 2 / 12.0).astype(np.float32)
         self._middle = (0.5 * (self._step_off - self._step_on)).astype(np.float32)
-        self.variance = self._first_variance.copy()
-        self.fired = np.zeros(start.shape, np.int64)
-        self.turn = 1
-        self._memory += self._middle
+        self.variance = np.empty_like(self._first_variance)
+        self.fired = np.empty(start.shape, np.int64)
+        self._forget_contacts()
 
     def absorb(self, packet: EventPacket) -> None:
         """Add every event of a packet.
@@ -70,14 +69,15 @@ class BandStateMap(GradedStateMap):
     def repaint(self, levels: NDArray[np.float32]) -> None:
         """Replace the map by ``(height, width)`` levels; the pixels' last contact is not known."""
         super().repaint(levels)
-        self._memory += self._middle
-        self.variance[:] = self._first_variance
-        self.fired[:] = 0
-        self.turn = 1
+        self._forget_contacts()
 
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         super().reset()
+        self._forget_contacts()
+
+    def _forget_contacts(self) -> None:
+        """Put every level into the middle of its band, as after a contact that is not known."""
         self._memory += self._middle
         self.variance[:] = self._first_variance
         self.fired[:] = 0

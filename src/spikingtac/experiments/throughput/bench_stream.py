@@ -11,9 +11,9 @@ import numpy as np
 from spikingtac.experiments.harness.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.trials import Trial
-from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.truth import image_radius_px
 from spikingtac.types import EventPacket
@@ -127,7 +127,29 @@ def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:
     scene = catalog.load(trial.scene).with_camera(trial.camera).with_serial(trial.serial)
     optics = Optics(scene.optics, seed=scene.skin.serial)
     camera = EventCamera(scene.camera.resolve(scene.size), trial.seed, serial=scene.skin.serial)
-    rest = scene.skin.at_rest()
+    whole, truth = circling(
+        (optics, camera), scene.history.references, scene.skin.at_rest(), turns_hz, duration_us
+    )
+    return BenchStream(whole, truth, len(whole) / (duration_us * 1e-6), trial)
+
+
+def circling(
+    sensor: tuple[Optics, EventCamera],
+    references: ReferenceHistory,
+    rest: SkinState,
+    turns_hz: float,
+    duration_us: int,
+) -> tuple[EventPacket, GroundTruth]:
+    """Return the events and the truth of a skin that moves on a circle as a whole.
+
+    Args:
+        sensor: Lens and camera.
+        references: How the camera's pixels begin.
+        rest: The skin at rest.
+        turns_hz: Circles per second.
+        duration_us: Length of the stream, us.
+    """
+    optics, camera = sensor
 
     def image(t_us: int) -> MarkerImage:
         angle = 2.0 * np.pi * turns_hz * t_us * 1e-6
@@ -137,9 +159,8 @@ def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:
 
     times_us = np.arange(0, duration_us + 1, IMAGE_US)
     images = [image(int(t_us)) for t_us in times_us]
-    camera.settle(images[0], scene.history.references)
-    packets = [camera.advance([one]) for one in images[1:]]
-    whole = EventPacket.concatenate(packets)
+    camera.settle(images[0], references)
+    events = EventPacket.concatenate([camera.advance([one]) for one in images[1:]])
     truth = GroundTruth(
         times_us.astype(np.int64),
         np.array([one.center_px for one in images]),
@@ -147,4 +168,4 @@ def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:
         image_radius_px(images[0]),
         int(times_us[-1]),
     )
-    return BenchStream(whole, truth, len(whole) / (duration_us * 1e-6), trial)
+    return events, truth

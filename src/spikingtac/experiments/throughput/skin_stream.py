@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.experiments.throughput.bench_stream import CIRCLE_MM, IMAGE_US, BenchStream
-from spikingtac.experiments.trials.ground_truth import GroundTruth
+from spikingtac.experiments.throughput.bench_stream import BenchStream, circling
 from spikingtac.experiments.trials.trials import Trial
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import MarkerImage
 from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.truth import image_radius_px
-from spikingtac.types import EventPacket
 
 FAR_MM = 200.0
 """Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
@@ -105,22 +99,8 @@ def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStr
     settings = replace(settings, readout=replace(settings.readout, cap_mev_s=None))
     camera = EventCamera(settings, seed, serial=scene.skin.serial)
     rest = replace(scene.skin, grid=skin.grid).at_rest()
-
-    def image(t_us: int) -> MarkerImage:
-        angle = 2.0 * np.pi * turns_hz * t_us * 1e-6
-        shift_mm = CIRCLE_MM * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
-        return optics.project(replace(rest, t_us=t_us, marker_mm=rest.marker_mm + shift_mm))
-
-    times_us = np.arange(0, duration_us + 1, IMAGE_US)
-    images = [image(int(t_us)) for t_us in times_us]
-    camera.settle(images[0], scene.history.references)
-    events = EventPacket.concatenate([camera.advance([one]) for one in images[1:]])
-    truth = GroundTruth(
-        times_us.astype(np.int64),
-        np.array([one.center_px for one in images]),
-        images[0].center_px,
-        image_radius_px(images[0]),
-        int(times_us[-1]),
+    events, truth = circling(
+        (optics, camera), scene.history.references, rest, turns_hz, duration_us
     )
     trial = Trial(case="skin", scene="quiet", seed=seed, camera="typical")
     return BenchStream(events, truth, len(events) / (duration_us * 1e-6), trial)
