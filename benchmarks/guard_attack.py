@@ -44,7 +44,7 @@ from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
 from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
 from spikingtac.live.guard.contact_process import ContactProcess  # noqa: E402
-from spikingtac.live.guard.real_time import lock_memory, take_precedence  # noqa: E402
+from spikingtac.live.real_time import lock_memory, take_precedence  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
