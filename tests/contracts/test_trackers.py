@@ -30,9 +30,9 @@ LAST_US = 300_000
 METHODS = tuple(main_methods())
 """Also what other packages register: install one, and it runs through this suite."""
 
-ORDER_PX = {"default": 0.16, "fast": 0.1}
+ORDER_PX = {"default": 0.18, "fast": 0.1}
 """The map's leak visits the markers in turn, so that their order decides who comes first (measured:
-0.143 px at worst)."""
+0.163 px at worst)."""
 
 
 def calibration(order: np.ndarray | None = None) -> Calibration:

@@ -59,7 +59,7 @@ def test_the_disc_fits_lag_is_found(data_dir: Path) -> None:
         edge_px=EDGE.edge_px,
     )
     locator = DiscLocator(DiscLocatorConfig(), calibration)
-    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0), calibration)
+    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0, backlash=0.0), calibration)
     source = open_events(data_dir / "v2e" / "bootstrap.raw")
     estimate = recording_lag(source, tracker, calibration)
     print(f"bootstrap.raw, disc fit: {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us")

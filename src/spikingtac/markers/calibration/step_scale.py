@@ -148,7 +148,7 @@ def _tracked(
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
     locator = DiscLocator(DiscLocatorConfig(), bright)
-    tracker = GradedTracker(locator, MaintenanceConfig(), bright)
+    tracker = GradedTracker(locator, MaintenanceConfig(backlash=0.0), bright)
     t_us, center_px = [], []
     for window in _windows(events, len(calibration.reference_px)):
         tracker.absorb(window)

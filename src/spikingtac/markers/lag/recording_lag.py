@@ -59,7 +59,7 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
         calibration: What the slides taught so far.
     """
     locator = DiscLocator(DiscLocatorConfig(), calibration)
-    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0), calibration)
+    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0, backlash=0.0), calibration)
     estimate = recording_lag(source, tracker, calibration)
     return estimate.lag_us if estimate.samples else None
 

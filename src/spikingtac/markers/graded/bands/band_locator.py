@@ -141,6 +141,9 @@ def band_maintenance(maintenance: MaintenanceConfig) -> MaintenanceConfig:
     """Return what is left to do beside a band fit, which corrects the levels itself.
 
     Its steps do not grow when events are missing: what a motion asks for is counted for sensors
-    whose pixels swing fully and whose OFF events are not rare.
+    whose pixels swing fully and whose OFF events are not rare. Nor does it stay behind its markers:
+    what has not fired pulls at it only where the disc would leave the band.
     """
-    return dataclasses.replace(maintenance, leak_per_s=0.0, ease_per_s=0.0, adapt_to_loss=False)
+    return dataclasses.replace(
+        maintenance, leak_per_s=0.0, ease_per_s=0.0, adapt_to_loss=False, backlash=0.0
+    )

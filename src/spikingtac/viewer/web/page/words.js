@@ -16,6 +16,7 @@ export const WORDS = {
   "maintenance.leak_tolerance": ["error left alone", "Differences between map and disc up to this are not forgotten."],
   "maintenance.wary_tolerance": ["the same, events missing", "The tolerance while events are being lost, or before enough has moved to tell."],
   "maintenance.ease_per_s": ["return of outlines", "How fast the outline of a resting disc returns to its calibrated one."],
+  "maintenance.backlash": ["play", "By how much a found disc stays behind its marker, as a share of the way in which its edge crosses one step; the place given is ahead by as much."],
   "maintenance.adapt_to_loss": ["make up for lost events", "Each event counts for more when fewer arrive than the motion asks for."],
   "blobs.threshold": ["brightness of a marker", "Pixels at or above this level belong to a marker."],
   "blobs.min_area_share": ["smallest spot", "Smaller spots are no markers; as a share of the smallest calibrated disc."],
