@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -19,6 +20,7 @@ from spikingtac.tracks import Tracks
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.quiver import Quiver
 
 Kind = Literal["course", "field", "map", "strain"]
 US_PER_S = 1_000_000
@@ -28,6 +30,26 @@ ARROW_SHARE = 0.9
 """Length of the longest arrow over the distance of neighbouring markers."""
 COURSE_HEIGHT, FIELD_HEIGHT = 0.62, 0.86
 """Heights of a time course and of a field with its scale, over the width."""
+
+
+@dataclass(frozen=True)
+class FieldArrows:
+    """Arrows of a field, whose scale stays while they turn.
+
+    Attributes:
+        quiver: What is drawn.
+        gain: Length of an arrow over that of its displacement.
+        px_per_unit: Scale of their colours: px of displacement per unit shown.
+    """
+
+    quiver: Quiver
+    gain: float
+    px_per_unit: float
+
+    def point_to(self, displacement_px: NDArray[np.floating]) -> None:
+        """Show ``(m, 2)`` displacements, px."""
+        x, y = displacement_px.T
+        self.quiver.set_UVC(x * self.gain, y * self.gain, np.hypot(x, y) / self.px_per_unit)
 
 
 def plot_tracks(
@@ -52,14 +74,19 @@ def plot_tracks(
         ConfigError: A name is unknown, or there is nothing to draw.
     """
     draw = named(_KINDS, kind, "kind of plot")
-    if not len(tracks.t_us):
-        raise ConfigError("these tracks hold no estimate; there is nothing to draw")
+    require_estimates(tracks)
     height = COURSE_HEIGHT if kind == "course" else FIELD_HEIGHT
     figure, colors = new_figure(theme, width, height)
     axes = figure.add_subplot()
     style_axes(axes, colors)
     draw(axes, tracks, _row(tracks, at_us), colors)
     return figure
+
+
+def require_estimates(tracks: Tracks) -> None:
+    """Raise ConfigError where there is nothing to draw."""
+    if not len(tracks.t_us):
+        raise ConfigError("these tracks hold no estimate; there is nothing to draw")
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -90,29 +117,55 @@ def _moved(tracks: Tracks) -> tuple[NDArray[np.floating], str]:
     return tracks.displacement_mm, "mm"
 
 
-def _draw_course(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+def draw_course(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    """Draw the length of every marker's displacement over time; ``row`` is not asked."""
+    draw_course_thinned(axes, tracks, len(tracks.t_us), theme)
+    axes.legend(fontsize=FONT_PT - 1, frameon=False, labelcolor=theme.text)
+
+
+def draw_course_thinned(axes: Axes, tracks: Tracks, most_points: int, theme: Theme) -> None:
+    """Draw the same without a legend and with so many estimates at most.
+
+    For animations: all of it is drawn again for every picture.
+    """
     moved, unit = _moved(tracks)
-    length = np.hypot(moved[..., 0], moved[..., 1])
-    t_s = (tracks.t_us - tracks.t_us[0]) / US_PER_S
+    some = slice(None, None, max(len(tracks.t_us) // most_points, 1))
+    length = np.hypot(moved[some, :, 0], moved[some, :, 1])
+    t_s = (tracks.t_us[some] - tracks.t_us[0]) / US_PER_S
     axes.plot(t_s, length, color=theme.soft, linewidth=0.3, alpha=0.6)
     axes.plot(t_s, np.median(length, axis=1), color=theme.second, linewidth=1.0, label="median")
     axes.plot(t_s, length.max(axis=1), color=theme.strong, linewidth=1.0, label="largest")
     axes.set(xlabel="time (s)", ylabel=f"displacement ({unit})", xlim=(t_s[0], max(t_s[-1], 1e-6)))
-    axes.legend(fontsize=FONT_PT - 1, frameon=False, labelcolor=theme.text)
 
 
-def _draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
-    moved, unit = _moved(tracks)
-    rest, length = tracks.reference_px, np.hypot(*moved[row].T)
-    longest_px = float(np.hypot(*tracks.displacement_px[row].T).max())
-    scale = ARROW_SHARE * _pitch_px(rest) / max(longest_px, 1e-9)
-    arrows = axes.quiver(
-        *rest.T, *(tracks.displacement_px[row] * scale).T, length,
+def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> FieldArrows:
+    """Draw the displacements of an estimate as arrows; return them, for an animation.
+
+    Args:
+        axes: Where to draw.
+        tracks: Whose estimate.
+        row: Which one; its longest arrow sets the scale.
+        theme: Colours.
+    """
+    _, unit = _moved(tracks)
+    rest = tracks.reference_px
+    longest_px = max(float(np.hypot(*tracks.displacement_px[row].T).max()), 1e-9)
+    none = np.zeros(len(rest))
+    quiver = axes.quiver(
+        *rest.T, none, none, none,
         cmap=theme.sequential, angles="xy", scale_units="xy", scale=1, width=0.006,
     )  # fmt: skip
+    arrows = FieldArrows(
+        quiver=quiver,
+        gain=ARROW_SHARE * _pitch_px(rest) / longest_px,
+        px_per_unit=tracks.px_per_mm or 1.0,
+    )
+    arrows.point_to(tracks.displacement_px[row])
+    quiver.set_clim(0.0, longest_px / arrows.px_per_unit)
     axes.plot(*rest.T, ".", color=theme.soft, markersize=1.5, zorder=0)
     _finish_field(axes, tracks, row, theme)
-    _add_scale(axes, arrows, f"displacement ({unit})", theme)
+    _add_scale(axes, quiver, f"displacement ({unit})", theme)
+    return arrows
 
 
 def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
@@ -131,9 +184,9 @@ def _draw_strain(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
     _add_scale(axes, axes.collections[0], "growth of area (1)", theme)
 
 
-_KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], None]] = {
-    "course": _draw_course,
-    "field": _draw_field,
+_KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], object]] = {
+    "course": draw_course,
+    "field": draw_field,
     "map": _draw_map,
     "strain": _draw_strain,
 }

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
 from spikingtac.plots.theme import ThemeName, WidthName
 from spikingtac.plots.tracks import Kind
+
+if TYPE_CHECKING:
+    from spikingtac.tracks import Tracks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,12 +26,20 @@ class Args:
     tracks: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
     """tracks.npz; make it with: spikingtac track."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tracks.png")
-    """File to write: .png, .svg or .pdf."""
+    """File to write: .png, .svg or .pdf; .gif animates the field, with the course below."""
     kind: Kind = "course"
     """course: displacement over time; field: arrows; map: heat map; strain: growth of area."""
     at_s: float | None = None
     """Time of a field, map or strain, s since the first estimate; that of the largest displacement
     unless given."""
+    from_s: float | None = None
+    """Begin of an animation, s since the first estimate; a second before the largest displacement
+    unless given."""
+    to_s: float | None = None
+    """End of an animation, s since the first estimate; a second after the largest displacement
+    unless given."""
+    slow: float = 1.0
+    """How many times slower than it was an animation goes."""
     theme: ThemeName = "light"
     """Colours: light for paper, dark for screens."""
     width: WidthName = "single"
@@ -42,18 +53,43 @@ class Args:
 def run(args: Args) -> int:
     """Draw, and write the figure."""
     from spikingtac.atomic_files import require_free
-    from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
     from spikingtac.tracks import Tracks
 
+    _check(args)
     require_free(args.output, args.overwrite)
     tracks = Tracks.load(args.tracks)
+    pictures = _animate(args, tracks) if args.output.suffix == ".gif" else _draw(args, tracks)
+    if args.json:
+        told = {"output": str(args.output), "kind": args.kind, "pictures": pictures}
+        emit_json({**told, **tracks.summary()})
+    else:
+        remark(f"written: {args.output}")
+    return 0
+
+
+def _check(args: Args) -> None:
+    from spikingtac.errors import ConfigError
+
+    animated = args.output.suffix == ".gif"
+    if not animated and (args.from_s is not None or args.to_s is not None or args.slow != 1.0):
+        raise ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
+    if animated and (args.at_s is not None or args.kind not in ("course", "field")):
+        raise ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
+
+
+def _draw(args: Args, tracks: Tracks) -> int:
+    from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
+
     at_us = None
     if args.at_s is not None and len(tracks.t_us):
         at_us = int(tracks.t_us[0]) + round(args.at_s * US_PER_S)
     figure = plot_tracks(tracks, args.kind, at_us=at_us, theme=args.theme, width=args.width)
     save_figure(figure, args.output)
-    if args.json:
-        emit_json({"output": str(args.output), "kind": args.kind, **tracks.summary()})
-    else:
-        remark(f"written: {args.output}")
-    return 0
+    return 1
+
+
+def _animate(args: Args, tracks: Tracks) -> int:
+    from spikingtac.plots.animation import save_animation
+
+    stretch = {"from_s": args.from_s, "to_s": args.to_s, "slow": args.slow}
+    return save_animation(tracks, args.output, **stretch, theme=args.theme, width=args.width)

@@ -1,0 +1,146 @@
+"""Tracks as an animated GIF: arrows at the markers above, displacement over time below."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spikingtac.atomic_files import replacing
+from spikingtac.errors import ConfigError
+from spikingtac.plots.theme import Theme, new_figure, style_axes
+from spikingtac.plots.tracks import (
+    US_PER_S,
+    FieldArrows,
+    draw_course_thinned,
+    draw_field,
+    require_estimates,
+)
+from spikingtac.tracks import Tracks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+    from PIL.Image import Image
+
+FRAME_MS = 50
+"""Twenty pictures per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms."""
+MOST_PICTURES = 600
+"""Half a minute; more would take megabytes and minutes."""
+MOST_COLORS = 64
+SCREEN_DPI = 120
+"""Dots per inch: 420 px for one column."""
+HEIGHT = 1.35
+"""Height over width."""
+COURSE_POINTS = 800
+"""Estimates of the course that are drawn: two a pixel."""
+AROUND_US = 1_000_000
+"""Shown before and after the largest displacement where no stretch was given, us."""
+
+
+def save_animation(
+    tracks: Tracks,
+    path: str | Path,
+    *,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    slow: float = 1.0,
+    theme: str = "light",
+    width: str = "single",
+) -> int:
+    """Write an animation; return its number of pictures.
+
+    Arrows and colours keep their scale, so that pictures can be compared. All of the tracks stands
+    below, the stretch is a line that moves through it.
+
+    Args:
+        tracks: What is drawn; in mm where its scale is known, otherwise in px.
+        path: File to write, ``.gif``; it appears whole or not at all.
+        from_s: Begin, s since the first estimate; a second before the largest displacement unless
+            given.
+        to_s: End, s since the first estimate; a second after the largest displacement unless given.
+        slow: How many times slower than it was; below 1 it is faster.
+        theme: ``light`` or ``dark``.
+        width: ``single`` or ``double`` column.
+
+    Raises:
+        ConfigError: A name, the ending or the stretch makes no sense, or nothing was tracked.
+    """
+    target = Path(path)
+    if target.suffix != ".gif":
+        raise ConfigError(f"cannot animate {target.name!r} (valid ending: .gif)")
+    if not target.parent.is_dir():
+        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+    require_estimates(tracks)
+    rows = _rows(tracks, (from_s, to_s), slow)
+    first, *rest = _pictures(tracks, rows, theme, width)
+    with replacing(target) as partial:
+        first.save(
+            partial, "GIF", save_all=True, append_images=rest, duration=FRAME_MS, loop=0,
+            optimize=True,
+        )  # fmt: skip
+    return len(rows)
+
+
+def _rows(tracks: Tracks, ends_s: tuple[float | None, float | None], slow: float) -> list[int]:
+    """Return the estimates to draw."""
+    if not slow > 0.0:
+        raise ConfigError(f"slow is {slow:g}, it must be above 0; 4 is four times slower")
+    begin_us, end_us = int(tracks.t_us[0]), int(tracks.t_us[-1])
+    largest_us = int(tracks.summary()["displacement_max_t_us"])
+    usual_us = max(largest_us - AROUND_US, begin_us), min(largest_us + AROUND_US, end_us)
+    first_us, last_us = (
+        usual if given is None else begin_us + round(given * US_PER_S)
+        for given, usual in zip(ends_s, usual_us, strict=True)
+    )
+    if not begin_us <= first_us < last_us <= end_us:
+        shown = ((t - begin_us) / US_PER_S for t in (first_us, last_us, end_us))
+        raise ConfigError(
+            "cannot animate from {:g} to {:g} s: the tracks go from 0 to {:g} s, and an animation "
+            "ends after it begins".format(*shown)
+        )
+    times = np.arange(first_us, last_us + 1, FRAME_MS * 1_000 / slow)
+    if len(times) > MOST_PICTURES:
+        raise ConfigError(
+            f"this animation would have {len(times)} pictures, {MOST_PICTURES} at most; take a "
+            "shorter stretch, or show it faster"
+        )
+    return np.searchsorted(tracks.t_us, times).clip(0, len(tracks.t_us) - 1).tolist()
+
+
+def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[Image]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image as Images
+
+    figure, colors = new_figure(theme, width, HEIGHT)
+    figure.set_dpi(SCREEN_DPI)
+    canvas = FigureCanvasAgg(figure)
+    upper, lower = figure.subplots(2, 1, height_ratios=(3, 1))
+    arrows, now = _drawn((upper, lower), tracks, rows, colors)
+    canvas.draw()
+    figure.set_layout_engine("none")  # as it was found once: nothing jumps
+    moved_px = tracks.displacement_px
+    shown = []
+    for row in rows:
+        t_s = (int(tracks.t_us[row]) - int(tracks.t_us[0])) / US_PER_S
+        arrows.point_to(moved_px[row])
+        upper.title.set_text(f"t = {t_s:.2f} s")
+        now.set_xdata([t_s, t_s])
+        canvas.draw()
+        picture = Images.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+        shown.append(picture.quantize(MOST_COLORS, dither=Images.Dither.NONE))
+    return shown
+
+
+def _drawn(
+    panels: tuple[Axes, Axes], tracks: Tracks, rows: list[int], colors: Theme
+) -> tuple[FieldArrows, Line2D]:
+    """Draw the panels at the largest displacement of the stretch; return what moves."""
+    upper, lower = panels
+    for axes in panels:
+        style_axes(axes, colors)
+    length = np.hypot(*np.moveaxis(tracks.displacement_px[rows], 2, 0)).max(axis=1)
+    arrows = draw_field(upper, tracks, rows[int(length.argmax())], colors)
+    draw_course_thinned(lower, tracks, COURSE_POINTS, colors)
+    return arrows, lower.axvline(0.0, color=colors.text, linewidth=0.8)
