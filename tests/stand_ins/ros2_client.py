@@ -38,7 +38,7 @@ SERVICES = {
     "std_srvs/Trigger": ("", "bool success\nstring message"),
 }
 """Service -> its request and its answer, as published."""
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 
 
 class Client:
