@@ -6,12 +6,14 @@ Seconds (simulated) in which the whole skin of the twin is rubbed to and fro and
 second, at 1.5 million events per second, are repeated for as long as asked. `spikingtac track`
 follows them as a whole, then cut every 60 s by one and by two workers. The error against the truth
 is told next to the cuts (the second after each) and elsewhere. CPU seconds say what cutting costs,
-whatever else the machine does. The exit code is 1 where the seams err by more than the rest.
+whatever else the machine does; the largest memory of the command and of each of its processes is
+told (Linux). The exit code is 1 where the seams err by more than the rest.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import platform
@@ -19,6 +21,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -45,6 +48,8 @@ IMAGE_US = 1_000
 LOOP_US = 4_000_000
 """What is rendered; the skin rests at both ends, so that it can be repeated."""
 AFTER_CUT_US = 1_000_000
+LOOK_S = 0.2
+"""Time between two looks at the memory of the processes."""
 
 
 def render() -> tuple[EventPacket, np.ndarray, Calibration]:
@@ -94,12 +99,48 @@ def timed(folder: Path, name: str, *options: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "spikingtac", "track", folder / "long.raw", "--json"]
     command += ["--calibration", folder / "calibration.json", "-o", folder / f"{name}.npz"]
     before, begun = _cpu_s(), time.perf_counter()
-    said = subprocess.run([*command, *options], capture_output=True, check=True).stdout
+    process = subprocess.Popen(
+        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    peaks_mb: dict[int, float] = {}
+    watch = threading.Thread(target=_watch, args=(process, peaks_mb))
+    watch.start()
+    said, _ = process.communicate()
     seconds = time.perf_counter() - begun
+    watch.join()
+    if process.returncode:
+        raise SystemExit(f"{name}: track ended with {process.returncode}")
     summary = json.loads(said)
     kept = ("estimates", "pieces", "mended", "seam_mean_px", "seam_worst_px")
-    figures = {"seconds": round(seconds, 2), "cpu_s": round(_cpu_s() - before, 2)}
+    figures: dict[str, Any] = {
+        "seconds": round(seconds, 2),
+        "cpu_s": round(_cpu_s() - before, 2),
+        "peak_mb": round(peaks_mb.pop(process.pid, 0.0), 1),
+        "workers_peak_mb": sorted((round(mb, 1) for mb in peaks_mb.values()), reverse=True),
+    }
     return figures | {key: summary[key] for key in kept if key in summary}
+
+
+def _watch(process: subprocess.Popen[bytes], peaks_mb: dict[int, float]) -> None:
+    """Note the largest memory in use of a process and of its workers, MB, while it runs."""
+    while process.poll() is None:
+        for pid in _family(process.pid):
+            with contextlib.suppress(OSError, StopIteration):  # it has ended meanwhile
+                lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+                peak = next(line for line in lines if line.startswith("VmHWM:"))
+                peaks_mb[pid] = int(peak.split()[1]) / 1024
+        time.sleep(LOOK_S)
+
+
+def _family(pid: int) -> list[int]:
+    """Return a process and all that descend from it."""
+    found = [pid]
+    for parent in found:
+        with contextlib.suppress(OSError):
+            for task in Path(f"/proc/{parent}/task").iterdir():
+                children = (task / "children").read_text(encoding="utf-8").split()
+                found += [int(child) for child in children]
+    return found
 
 
 def _cpu_s() -> float:

@@ -13,6 +13,7 @@ PACKAGE = PROJECT / "src" / "spikingtac"
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
+    "foxglove": "foxglove-sdk",
     "mcap_ros2": "mcap-ros2-support",
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",

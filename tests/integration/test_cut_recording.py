@@ -13,6 +13,10 @@ import pytest
 from spikingtac.batch.journal import JOURNAL
 from spikingtac.cli.main import main
 from spikingtac.events import create_events
+from spikingtac.touch.force.creep_memory import CreepConfig
+from spikingtac.touch.force.files.model_file import save_force
+from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.wrench_series import WrenchSeries
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.small_twin import HOLD_US, RETURN_US, calibration, touches
@@ -153,11 +157,34 @@ def test_a_cut_in_a_long_hold_is_mended(tmp_path: Path, capsys: pytest.CaptureFi
     assert each_px.max() < error_px(tmp_path / "whole.npz", course_px).max() + 0.5
 
 
+def test_forces_go_on_over_the_cuts(repeated: tuple[Path, np.ndarray], tmp_path: Path) -> None:
+    folder, _ = repeated
+    whole = Tracks.load(folder / "whole.npz")
+    moved = whole.displacement_px[::25].astype(np.float64)
+    # Any law will do: a sum over the markers, by which a force that begins anew would be noticed.
+    wrench = np.column_stack([moved.sum(axis=1), np.abs(moved).sum(axis=(1, 2))])
+    at_rest = whole.reference_px.astype(np.float64)
+    series = WrenchSeries(whole.t_us[::25], at_rest, moved, wrench, "px", "whole")
+    model = fit_force([series], creep=CreepConfig(fractions=(0.2,), times_s=(2.0,)))
+    save_force(model, tmp_path / "force.json")
+    options = ["--cut-s", "5", "--workers", "1", "--force", str(tmp_path / "force.json")]
+    assert track(folder, "forces.npz", *options) == 0
+    joined = Tracks.load(folder / "forces.npz")
+    assert len(joined.meta["seams"]["cuts_us"]) == 2
+    assert joined.wrench_estimate is not None
+    assert joined.wrench_estimate.shape == (len(joined.t_us), 3)
+    assert np.isfinite(joined.wrench_estimate).all()
+    steps = np.abs(np.diff(joined.wrench_estimate, axis=0)).max(axis=1)
+    at_cuts = np.searchsorted(joined.t_us, joined.meta["seams"]["cuts_us"]) - 1
+    assert steps[at_cuts].max() < steps.max()
+    assert track(folder, "forces.csv", *options) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--cut-s", "1"], "at least 5"),
-        (["--cut-s", "5", "--force", "force.json"], "--force"),
+        (["--cut-s", "5", "--force", "nothing.json"], "nothing.json"),
         (["--cut-s", "5", "--second", "b.raw"], "--second"),
     ],
 )

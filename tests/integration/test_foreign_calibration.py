@@ -13,6 +13,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
+from spikingtac.cli.robot import guard
 from spikingtac.sim.scene.catalog import load
 from spikingtac.sim.scene.render import simulate
 from spikingtac.viewer.session.opening import open_view_source
@@ -73,6 +74,16 @@ def test_it_is_told_while_it_is_published(
     assert main([*line, "--calibration", str(foreign), "--strict"]) == 1
     assert "calibrate this sensor: spikingtac calibrate" in capsys.readouterr().err
     assert main([*line, "--calibration", str(own), "--strict"]) == 0
+
+
+def test_a_guard_tells_it_when_it_learns(
+    slides: Path, own: Path, foreign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {"name": "event_count", "quiet": str(slides), "budget": 1.0}
+    guard.learnt_detector(calibration=str(own), **given)
+    assert capsys.readouterr().err == ""
+    guard.learnt_detector(calibration=str(foreign), **given)
+    assert "warning: the recording does not fit the calibration" in capsys.readouterr().err
 
 
 def test_recordings_are_checked_against_a_calibration(

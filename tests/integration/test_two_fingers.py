@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import socket
 import subprocess
@@ -113,6 +114,31 @@ def test_two_live_cameras_share_a_clock_while_they_run() -> None:
     both = [abs(one[number] - other[number]) for number in one if number in other]
     assert len(both) >= BURSTS - 2  # the last microsecond of a stream ends with it
     assert np.median(both) < 10_000
+
+
+def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
+    sources = two_cameras()
+    pair = live_pair(sources[0], sources[1], ReadOptions())
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not ended.wait(PERIOD_S):
+                for datagram in datagrams(burst(next(numbers), LATER_US)):
+                    out.sendto(datagram, ("127.0.0.1", sources[1].camera.port))  # type: ignore[attr-defined]
+
+    ended, numbers = threading.Event(), itertools.count()
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        first = next(packet for packet in pair[1] if len(packet))
+        assert not pair[0].ended
+    finally:
+        ended.set()
+        sender.join()
+        for source in pair:
+            source.close()
+    assert abs(int(first.t[0]) - LATER_US) < 1_000_000  # its own clock
+    assert pair[1].losses["own_clock"] == 1
 
 
 @pytest.fixture(scope="module")

@@ -30,12 +30,18 @@ def idl_type(store: Any, name: str) -> Any:
     def of(node: Any) -> Any:
         kind, what = node
         if kind == Nodetype.BASE:
-            own = {"string": str, "bool": bool, "octet": types.uint8}
+            if what[0] == "string" and what[1]:
+                return types.bounded_str[what[1]]
+            # Chars and bytes are octets since ROS 2 (rosidl_adapter).
+            own = dict.fromkeys(("octet", "char", "byte"), types.uint8)
+            own |= {"string": str, "bool": bool}
             return own[what[0]] if what[0] in own else getattr(types, what[0])
         if kind == Nodetype.NAME:
             return idl_type(store, what)
         inner = of(what[0])
-        return types.sequence[inner] if kind == Nodetype.SEQUENCE else types.array[inner, what[1]]
+        if kind == Nodetype.ARRAY:
+            return types.array[inner, what[1]]
+        return types.sequence[inner, what[1]] if what[1] else types.sequence[inner]
 
     package, _, short = name.split("/")
     fields = {field: of(node) for field, node in store.fielddefs[name][1]}

@@ -24,6 +24,7 @@ VERBS: dict[str, str] = {
     "train": "train the denoising network on recordings, without labels",
     "view": "show a recording or a scene in the browser: replay, tune, measure",
     "ros2": "publish a sensor to ROS 2, live; ROS need not be installed",
+    "foxglove": "show a sensor in Foxglove, live; neither ROS nor a bridge is needed",
     "plot": "draw tracks: displacement over time, vector field, heat map, strain",
     "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "experiment": "run one of the paper's experiments again: every method, every case, one report",
@@ -40,7 +41,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {
     "studies": ("train", "experiment", "bench"),
     "system": ("cameras", "doctor"),
     "twin": ("demo", "design", "simulate"),
-    "viewing": ("view", "ros2", "plot", "compare"),
+    "viewing": ("view", "ros2", "foxglove", "plot", "compare"),
 }
 """Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""
 

@@ -53,7 +53,7 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    estimator = _estimator(force, Path(output), len(calibration.reference_px))
+    estimator = force_estimator(force, Path(output), len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked = CheckedSource(source, calibration)
@@ -61,7 +61,7 @@ def track_to_file(
         for frame in follow(checked, tracker, config.rate_hz):
             if estimator is not None and isinstance(writer, NpzTracksWriter):
                 moved = frame.detected_px - calibration.reference_px
-                writer.measure(_columns(estimator.update(frame.t_us, moved)))
+                writer.measure(wrench_columns(estimator.update(frame.t_us, moved)))
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -82,7 +82,12 @@ def track_to_file(
     }
 
 
-def _estimator(force: ForceModel | None, output: Path, markers: int) -> ForceEstimator | None:
+def force_estimator(force: ForceModel | None, output: Path, markers: int) -> ForceEstimator | None:
+    """Return what makes wrenches of frames in their order; None without a model.
+
+    Raises:
+        ConfigError: The model is of another sensor, or the output is no ``.npz``.
+    """
     if force is None:
         return None
     if output.suffix != ".npz":
@@ -91,7 +96,8 @@ def _estimator(force: ForceModel | None, output: Path, markers: int) -> ForceEst
     return force.estimator()
 
 
-def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+def wrench_columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+    """Return a wrench by the keys of a file."""
     return {
         "wrench_estimate": wrench.values,
         "wrench_half_width": wrench.half_width,

@@ -12,12 +12,11 @@ import re
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
-from spikingtac.ros2.cdr import encode
-from spikingtac.ros2.definitions import MESSAGES, dds_type, fields_of, type_hash
+from spikingtac.ros2.wire.idl import idl_struct, sample
+from spikingtac.ros2.wire.type_hash import type_hash
 
 LOOPBACK = "lo"
 """The interface name that stands for this machine alone."""
@@ -98,6 +97,8 @@ class DdsPublisher:
 
     Attributes:
         participant: The library's; services join it.
+        own_readers: The library's, of the services that have joined.
+        own_writers: The library's, of topics and services.
 
     Raises:
         MissingExtraError: cyclonedds is not installed.
@@ -113,10 +114,15 @@ class DdsPublisher:
             ) from error
         self._config = config
         self.participant: Any = None
-        self._writers: dict[str, tuple[str, Any]] = {}
+        self.own_readers: list[Any] = []
+        self.own_writers: list[Any] = []
+        self._topics: dict[str, tuple[str, Any]] = {}
+        self._kept: list[Any] = []
         try:
             self._domain = domain.Domain(config.domain, config.document())
-            self.participant = domain.DomainParticipant(config.domain)
+            # ROS 2 takes a participant for one of its own by its enclave.
+            qos = core.Qos(core.Policy.Userdata(b"enclave=/;"))
+            self.participant = domain.DomainParticipant(config.domain, qos=qos)
         except core.DDSException as error:
             raise DeviceError(
                 f"DDS domain {config.domain} cannot be entered on {config.interface!r}: {error}; "
@@ -134,13 +140,18 @@ class DdsPublisher:
         Raises:
             ConfigError: The name is none.
         """
+        qos = topic_qos(message, state=state, reliable=self._config.reliable)
+        self._topics[topic] = (message, self.writer(dds_topic(topic), message, qos))
+        self.own_writers.append(self._topics[topic][1])
+
+    def writer(self, name: str, message: str, qos: Any) -> Any:
+        """Return the library's writer of a topic, named as on the wire; it lasts until the end."""
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic
 
-        name = dds_topic(topic)
-        announced = Topic(self.participant, name, _struct(message))
-        qos = _qos(message, state, self._config.reliable)
-        self._writers[topic] = (message, DataWriter(self.participant, announced, qos=qos))
+        announced = Topic(self.participant, name, idl_struct(message))
+        self._kept.append(DataWriter(self.participant, announced, qos=qos))
+        return self._kept[-1]
 
     def publish(self, topic: str, values: Mapping[str, Any]) -> None:
         """Send a message; nobody who reads slowly is waited for.
@@ -150,24 +161,34 @@ class DdsPublisher:
         """
         from cyclonedds.core import DDSException
 
-        message, writer = self._writers[topic]
+        message, writer = self._topics[topic]
         try:
-            writer.write(_Encoded.of(message, values))
+            writer.write(sample(message, values))
         except DDSException as error:
             raise DeviceError(f"{topic} cannot be published: {error}") from error
 
     def readers(self, topic: str) -> int:
         """Return how many readers a topic has now."""
-        return len(self._writers[topic][1].get_matched_subscriptions())
+        return len(self._topics[topic][1].get_matched_subscriptions())
 
     def close(self) -> None:
         """Leave the domain: readers see the topics end."""
-        self._writers.clear()
+        self._topics.clear()
+        self._kept.clear()
+        self.own_readers.clear()
+        self.own_writers.clear()
         self.participant = None
         del self._domain
 
 
-def _qos(message: str, state: bool, reliable: bool) -> Any:
+def topic_qos(message: str, *, state: bool, reliable: bool) -> Any:
+    """Return the quality of service of a topic.
+
+    Args:
+        message: Package and name.
+        state: The last message is kept for those who come later, and is sent for certain.
+        reliable: Messages are sent again where they got lost.
+    """
     from cyclonedds.core import Policy, Qos
     from cyclonedds.util import duration
 
@@ -179,39 +200,6 @@ def _qos(message: str, state: bool, reliable: bool) -> Any:
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(f"typehash={type_hash(message)};".encode()),
     )
-
-
-class _Encoded:
-    """A message that is bytes already: the library's own encoder takes five times as long."""
-
-    @staticmethod
-    def of(message: str, values: Mapping[str, Any]) -> Any:
-        kind = _struct(message)
-        sample = kind.__new__(kind)
-        encoded = encode(message, values)
-        object.__setattr__(sample, "serialize", lambda **_: encoded)
-        return sample
-
-
-@cache
-def _struct(message: str) -> Any:
-    """Return the library's type of a message, with the name that it has on the wire."""
-    from cyclonedds.idl import make_idl_struct
-
-    fields = {name: _idl(kind) for kind, name in fields_of(message)}
-    name = message.rpartition("/")[2] + "_"
-    return make_idl_struct(name, dds_type(message), fields)
-
-
-def _idl(kind: str) -> Any:
-    from cyclonedds.idl import types
-
-    if kind.endswith("[]"):
-        return types.sequence[_idl(kind.removesuffix("[]"))]
-    if kind in MESSAGES:
-        return _struct(kind)
-    own = {"string": str, "bool": bool, "byte": types.uint8}
-    return own[kind] if kind in own else getattr(types, kind)
 
 
 def _is_address(text: str) -> bool:

@@ -18,11 +18,15 @@ from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource, refuse
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.recording_tracks import require_same_size
 from spikingtac.ros2.messages import Layout
-from spikingtac.ros2.stream import Pace, SensorStream, paced
+from spikingtac.ros2.pace import Pace, paced
+from spikingtac.ros2.settings import LiveConfig, Settings
+from spikingtac.ros2.stream import SensorStream
 from spikingtac.touch.force.files.model_file import load_force
 from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.tracks import Tracks, is_tracks_file
@@ -70,15 +74,17 @@ class Feed(Protocol):
         source: The events, None where there are none.
         force: Makes a wrench of every frame, or None.
         has_wrench: Whether the frames come with wrenches.
+        settings: What can be changed while it is published.
     """
 
     layout: Layout
     source: FileSource | None
     force: ForceEstimator | None
     has_wrench: bool
+    settings: Settings
 
     def reset(self) -> bool:
-        """Forget everything but the calibration; False where nothing was to forget: tracks."""
+        """Forget all but the calibration before the next frame; False for tracks: nothing is."""
         ...
 
     def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
@@ -114,6 +120,7 @@ class _TracksFeed:
         self.layout = _layout_of_tracks(self._tracks, calibration)
         self.force = _force(config, len(self._tracks.reference_px))
         self.has_wrench = self._tracks.wrench_estimate is not None
+        self.settings = Settings(LiveConfig(), {"source": config.source.name})
 
     def reset(self) -> bool:
         return False
@@ -132,7 +139,11 @@ class _EventsFeed:
 
     def __init__(self, config: FeedConfig, calibration: Calibration) -> None:
         self._tracking = load_config(config.preset).with_tracking(rate_hz=config.rate_hz).tracking
-        self._tracker = make_tracker(self._tracking, calibration)
+        self._calibration = calibration
+        self._tracker = _Exchangeable(make_tracker(self._tracking, calibration))
+        self.settings = Settings(
+            LiveConfig(tracking=self._tracking), self._fixed(config), self._other_tracker
+        )
         self.force = _force(config, len(calibration.reference_px))
         self._events = open_events(config.source, strict=config.strict, sensor=config.sensor)
         self.source: FileSource | None = self._events
@@ -147,8 +158,17 @@ class _EventsFeed:
     def _tell(config: FeedConfig) -> Callable[[str], None]:
         return refuse if config.strict else config.tell
 
+    def _fixed(self, config: FeedConfig) -> dict[str, str | float]:
+        named = {"source": str(config.source), "preset": config.preset}
+        return {**named, "rate_hz": self._tracking.rate_hz}
+
+    def _other_tracker(self, tracking: TrackingConfig) -> Callable[[], None]:
+        """Return what makes another tracker take over: it begins with the skin at rest."""
+        tracker = make_tracker(tracking, self._calibration)
+        return lambda: self._tracker.exchange(tracker)
+
     def reset(self) -> bool:
-        self._tracker.reset()
+        self.settings.later(self._tracker.reset)
         return True
 
     def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
@@ -158,6 +178,17 @@ class _EventsFeed:
         told, rate_hz = _telling(packets, stream), self._tracking.rate_hz
         for frame in follow(told, self._tracker, rate_hz, self._events.losses):
             yield frame, None
+
+
+class _Exchangeable:
+    """A tracker that another one can take over from, between two estimates."""
+
+    def __init__(self, tracker: MarkerTracker) -> None:
+        self.exchange(tracker)
+
+    def exchange(self, tracker: MarkerTracker) -> None:
+        self.absorb, self.estimate = tracker.absorb, tracker.estimate
+        self.reset = tracker.reset
 
 
 def _telling(packets: Iterator[EventPacket], stream: SensorStream) -> Iterator[EventPacket]:

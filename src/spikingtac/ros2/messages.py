@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.errors import ConfigError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.ros2.definitions import FLOAT32
+from spikingtac.ros2.wire.definitions import FLOAT32
 from spikingtac.types import EventPacket, MarkerFrame
 
 NS_PER_S, NS_PER_US = 1_000_000_000, 1_000
@@ -36,12 +37,14 @@ class Layout:
         grid: Rows and columns; their product is m.
         centre_px: ``(x, y)`` of the image's centre, px.
         px_per_mm: Scale, None where it is unknown.
+        size_px: Width and height of the image, None where they are unknown.
     """
 
     reference_px: NDArray[np.floating]
     grid: tuple[int, int]
     centre_px: tuple[float, float]
     px_per_mm: float | None
+    size_px: tuple[int, int] | None = None
 
     @classmethod
     def of_image(
@@ -52,7 +55,8 @@ class Layout:
         px_per_mm: float | None,
     ) -> Layout:
         """Return the layout in an image of ``size`` (width, height), px."""
-        return cls(reference_px, grid, ((size[0] - 1) / 2, (size[1] - 1) / 2), px_per_mm)
+        centre_px = ((size[0] - 1) / 2, (size[1] - 1) / 2)
+        return cls(reference_px, grid, centre_px, px_per_mm, (int(size[0]), int(size[1])))
 
     @property
     def about_centre_px(self) -> NDArray[np.floating]:
@@ -116,6 +120,35 @@ def wrench_message(values: NDArray[np.floating]) -> dict[str, Any]:
     force = dict(zip(names, values[:3].tolist(), strict=False))
     torque = dict(zip(names, values[3:6].tolist(), strict=False))
     return {"wrench": {"force": force, "torque": torque}}
+
+
+def camera_info_message(layout: Layout, distance_mm: float | None = None) -> dict[str, Any]:
+    """Return what is known of the camera as a CameraInfo, without header.
+
+    The lens was never calibrated: its distortion has neither model nor coefficients. A scale at the
+    skin and the distance of the skin give the focal length (that of a pinhole, px); without them
+    the matrices are zero, which is what the message asks for where a camera is not calibrated.
+
+    Args:
+        layout: The markers, with the size of the image.
+        distance_mm: From the lens (its entrance pupil) to the skin.
+
+    Raises:
+        ConfigError: The size is unknown, or the distance is given where the scale is unknown.
+    """
+    if layout.size_px is None:
+        raise ConfigError("the size of the image is unknown: give the sensor's calibration")
+    info: dict[str, Any] = {"height": layout.size_px[1], "width": layout.size_px[0]}
+    if distance_mm is None:
+        return info
+    if layout.px_per_mm is None:
+        raise ConfigError(
+            "a distance gives the focal length where the scale is known; calibrate with --pitch-mm"
+        )
+    focal_px, (x, y) = layout.px_per_mm * distance_mm, layout.centre_px
+    k = [focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0]
+    p = [*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0]
+    return info | {"k": k, "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "p": p}
 
 
 def events_message(packet: EventPacket, encoder: Evt3Encoder, origin_us: int) -> dict[str, Any]:

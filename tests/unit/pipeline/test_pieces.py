@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from spikingtac.events import create_events, open_events
 from spikingtac.pipeline.pieces.join import Stretch, join
 from spikingtac.pipeline.pieces.plan import SHARED_US, Piece, PlanPass
 from spikingtac.pipeline.pieces.seams import SETTLED_US, Agreement, distance
+from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 
@@ -181,3 +183,44 @@ def test_joined_counters_go_on(tmp_path: Path) -> None:
     assert joined.gaps[[0, 14, 15, 17, 24, -1]].tolist() == [0, 0, 3, 3, 3, 6]
     rows = (tmp_path / "joined.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + 30 * 2
+
+
+class Remembering:
+    """Stands for a force model whose values depend on every frame before."""
+
+    class Estimator:
+        def __init__(self) -> None:
+            self.seen_px = np.zeros(2)
+
+        def update(self, t_us: int, moved_px: np.ndarray) -> Wrench:
+            self.seen_px = self.seen_px + moved_px.mean(axis=0) + t_us * 1e-6
+            return Wrench(t_us, self.seen_px, np.ones(2), 0.5)
+
+    def require_image(self, markers: int) -> None:
+        assert markers == len(SENSOR.reference_px)
+
+    def estimator(self) -> Estimator:
+        return self.Estimator()
+
+
+def test_forces_go_on_where_pieces_are_joined(tmp_path: Path) -> None:
+    t_us, model = np.arange(0, 3_000, 100), cast(ForceModel, Remembering())
+    frames = tracks(t_us, 1.0)[1]
+    for name, part in (("whole", frames), ("a", frames[:17]), ("b", frames[17:])):
+        Tracks.of(part, SENSOR).save(tmp_path / f"{name}.npz")
+    pieces = {
+        "joined": [("a", 0, 1_700), ("b", 1_700, None)],
+        "at_once": [("whole", 0, None)],
+    }
+    for name, parts in pieces.items():
+        stretches = [
+            Stretch(path=tmp_path / f"{part}.npz", from_us=first, to_us=last)
+            for part, first, last in parts
+        ]
+        join(stretches, tmp_path / f"{name}.npz", SENSOR, None, {}, model)
+    joined, whole = (Tracks.load(tmp_path / f"{name}.npz") for name in pieces)
+    assert joined.wrench_estimate is not None
+    assert np.ptp(joined.wrench_estimate[:, 0]) > 1.0
+    np.testing.assert_array_equal(joined.wrench_estimate, whole.wrench_estimate)
+    with pytest.raises(ConfigError, match=r"written to \.npz"):
+        join(stretches, tmp_path / "no.csv", SENSOR, None, {}, model)

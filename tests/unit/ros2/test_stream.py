@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from spikingtac.errors import ConfigError
 from spikingtac.events import open_events
-from spikingtac.ros2.messages import FIELD, Layout, arrows_message, field_message
-from spikingtac.ros2.stream import Pace, SensorStream, StreamConfig, paced
+from spikingtac.ros2.messages import (
+    FIELD,
+    Layout,
+    arrows_message,
+    camera_info_message,
+    field_message,
+)
+from spikingtac.ros2.pace import Pace, paced
+from spikingtac.ros2.settings import LiveConfig, RateConfig
+from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
+from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 from stand_ins.tracks import HELD_MARKER, circling_tracks
 
@@ -61,12 +72,14 @@ def test_topics_and_their_types(kept: Kept) -> None:
         "/tactile/contact": ("std_msgs/Bool", True),
         "/tactile/wrench": ("geometry_msgs/WrenchStamped", False),
         "/tactile/events": ("event_camera_msgs/EventPacket", False),
+        "/tactile/camera_info": ("sensor_msgs/CameraInfo", True),
         "/diagnostics": ("diagnostic_msgs/DiagnosticArray", False),
     }
     other = Kept()
     stream(other, prefix="/hand/left", events=False)
     assert set(other.topics) == {
         "/hand/left/field", "/hand/left/arrows", "/hand/left/contact", "/diagnostics",
+        "/hand/left/camera_info",
     }  # fmt: skip
 
 
@@ -159,6 +172,54 @@ def test_events_survive_their_messages(kept: Kept, tmp_path: Path) -> None:
         np.testing.assert_array_equal(*(np.sort(column) for column in columns))
 
 
+def test_camera_info_is_sent_each_second_and_says_what_is_known(kept: Kept) -> None:
+    publishing = stream(kept, events=False)
+    for frame in TRACKS.frames():
+        publishing.frame(frame)
+    told = kept.of("/tactile/camera_info")
+    assert len(told) == 4  # before the first frame, too
+    assert (told[0]["width"], told[0]["height"]) == (320, 320)
+    assert set(told[0]) == {"header", "width", "height"}  # the rest is zero: not calibrated
+    known = camera_info_message(LAYOUT, 25.0)
+    assert known["k"] == [200.0, 0.0, 159.5, 0.0, 200.0, 159.5, 0.0, 0.0, 1.0]  # 8 px/mm, 25 mm
+    assert known["p"] == [200.0, 0.0, 159.5, 0.0, 0.0, 200.0, 159.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+    assert "distortion_model" not in known
+
+
+def test_a_focal_length_needs_scale_and_size() -> None:
+    with pytest.raises(ConfigError, match="--pitch-mm"):
+        camera_info_message(replace(LAYOUT, px_per_mm=None), 25.0)
+    with pytest.raises(ConfigError, match="calibration"):
+        camera_info_message(replace(LAYOUT, size_px=None))
+
+
+def test_rates_and_thresholds_change_between_frames(kept: Kept) -> None:
+    publishing = stream(kept, events=False)
+    frames = list(TRACKS.frames())
+    for frame in frames[:500]:
+        publishing.frame(frame)
+    publishing.retune(LiveConfig(publish=RateConfig(field_hz=100.0, arrows_hz=10.0)))
+    for frame in frames[500:1_500]:
+        publishing.frame(frame)
+    assert len(kept.of("/tactile/field")) == 500 + 100
+    assert len(kept.of("/tactile/arrows")) == 15 + 10
+    publishing.retune(LiveConfig(contact=TouchConfig(noise_factor=1e9)))
+    kept.sent.clear()
+    for frame in frames[1_500:]:
+        publishing.frame(frame)
+    assert [message["data"] for message in kept.of("/tactile/contact")] in ([], [False])
+
+
+def test_nothing_is_left_to_compile_after_a_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = []
+    real = SensorStream.frame
+    monkeypatch.setattr(
+        SensorStream, "frame", lambda self, frame: (real(self, frame), told.append(self))
+    )
+    rehearse(LAYOUT)
+    assert told[-1].counts["contact"] == 3  # rest, touch, rest: every branch was taken
+
+
 class Clock:
     def __init__(self) -> None:
         self.now_s, self.slept = 100.0, []
@@ -181,6 +242,17 @@ def test_recordings_are_played_at_their_speed() -> None:
     pace.wait(9_000)
     assert pace.largest_lag_s == pytest.approx(0.499)
     assert len(clock.slept) == 2
+
+
+def test_lateness_is_told_in_percentiles() -> None:
+    clock = Clock()
+    pace = Pace(clock.read, clock.sleep)
+    assert pace.lateness_ms() == {}
+    for t_us in range(0, 100_000, 1_000):
+        pace.wait(t_us)
+        clock.now_s += 0.0001 if t_us else 0.0005
+        pace.sent(t_us)
+    assert pace.lateness_ms() == {"p50": 0.1, "p99": 0.104, "max": 0.5}
 
 
 def test_packets_are_yielded_when_they_are_complete() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, remark
+from spikingtac.cli.messages import emit_json, remark, warn
 from spikingtac.cli.robot.termination import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
@@ -128,10 +128,14 @@ def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> C
     from spikingtac.contact.registry import DetectionConfig, make_detector
     from spikingtac.events.open import open_events
     from spikingtac.events.windows import windows
+    from spikingtac.pipeline.checked_source import CheckedSource
 
     config = DetectionConfig(false_alarms_per_hour=budget)
-    learning = ((window,) for window in windows(open_events(quiet), period_us=1000))
-    return make_detector(name, config, [Calibration.load(calibration)], learning)
+    own = Calibration.load(calibration)
+    # The recording tells whose calibration it is; the stream is not asked while it guards an arm.
+    checked = CheckedSource(open_events(quiet), own, warn)
+    learning = ((window,) for window in windows(checked, period_us=1000))
+    return make_detector(name, config, [own], learning)
 
 
 def _wait(process: ContactProcess) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.sensing.track_args import Args, configured
+from spikingtac.cli.sensing.track_args import Args, configured, force_of
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def track_in_pieces(
     from spikingtac.events.open import open_events
     from spikingtac.pipeline.pieces.crew import PieceWork, remove_pieces, track_pieces
     from spikingtac.pipeline.pieces.plan import PlanPass
-    from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.pipeline.recording_tracks import force_estimator, require_same_size
 
     recording = _cuttable(args)
     calibration = Calibration.load(args.calibration)
@@ -51,11 +51,14 @@ def track_in_pieces(
     require_same_size(source.size, calibration.size)
     assert args.cut_s is not None
     plan = PlanPass(source, args.cut_s)
+    force = force_of(args)
+    if force is not None:  # refused before any work is done
+        force_estimator(force, output, len(calibration.reference_px))
     work = PieceWork(
         work=WORK,
         recording=recording.absolute(),
         folder=output.with_name(output.name + PIECES),
-        settings={**settings, "cut_s": args.cut_s},
+        settings={**settings, "cut_s": args.cut_s, "force": None},  # forces are told at the end
     )
     try:
         found = track_pieces(work, plan, CrewRunner(args), args.resume, advance)
@@ -77,10 +80,6 @@ def _cuttable(args: Args) -> Path:
         raise ConfigError("--cut-s cuts one recording; several keep the workers busy without it")
     if is_address(recording) or is_stream(recording):
         raise ConfigError(f"{str(recording)!r} is a live source; --cut-s takes a recording on disk")
-    if args.force is not None:
-        raise ConfigError(
-            "--force depends on the course before each moment and does not go with --cut-s"
-        )
     return recording
 
 
@@ -108,7 +107,8 @@ def _write(
         "calibration_misfit": found.misfit,
         "seams": {**seams, "cuts_us": list(found.cuts_us)},
     }
-    joined = join(found.stretches, output, calibration, law, meta)
+    force = force_of(args)
+    joined = join(found.stretches, output, calibration, law, meta, force)
     markers = len(joined.coasted)
     return {
         "markers": markers,

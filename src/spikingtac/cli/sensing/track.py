@@ -11,7 +11,7 @@ from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
 from spikingtac.cli.sensing.pieces import track_in_pieces
-from spikingtac.cli.sensing.track_args import Args, configured
+from spikingtac.cli.sensing.track_args import Args, configured, force_of
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -95,11 +95,7 @@ def _track_source(
     from spikingtac.pipeline.recording_tracks import track_to_file
 
     tracking, calibration = configured(args, calibration_path)
-    force = None
-    if args.force is not None:
-        from spikingtac.touch.force.files.model_file import load_force
-
-        force = load_force(args.force)
+    force = force_of(args)
     if args.strict:
         source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):

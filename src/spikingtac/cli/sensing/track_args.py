@@ -14,6 +14,7 @@ from spikingtac.types import LawName, Polarity
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.markers.tracking_config import TrackingConfig
+    from spikingtac.touch.force.model import ForceModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,3 +72,12 @@ def configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Cali
         rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
     )
     return config.tracking, calibration.with_polarity(args.polarity)
+
+
+def force_of(args: Args) -> ForceModel | None:
+    """Return the force model that the options name, or None."""
+    if args.force is None:
+        return None
+    from spikingtac.touch.force.files.model_file import load_force
+
+    return load_force(args.force)

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, remark, warn
+from spikingtac.cli.messages import remark, warn
+from spikingtac.cli.viewing.publishing import publish_until, tell, wait_for_reader
 
 if TYPE_CHECKING:
     from spikingtac.ros2.dds import DdsPublisher
     from spikingtac.ros2.feeds import Feed
-    from spikingtac.ros2.service import TriggerService
-    from spikingtac.ros2.stream import Pace, SensorStream
-
-ENDING_S = 0.1
-"""Time for the last messages to leave before the topics end, s."""
-SERVE_US = 20_000
-"""Time between two looks for requests, us."""
-LOOK_S = 0.01
-"""Time between two looks for a reader, s."""
+    from spikingtac.ros2.service import Desk
+    from spikingtac.ros2.stream import SensorStream
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +39,7 @@ class Args:
     force: Path | None = None
     """force.json: publish the wrench, too; make one with: spikingtac force fit."""
     prefix: str = "/tactile"
-    """Begins the name of every topic: /tactile/field, ..."""
+    """The node's name; begins the name of every topic and service: /tactile/field, ..."""
     domain: int = 0
     """ROS_DOMAIN_ID."""
     interface: str = "lo"
@@ -55,6 +48,11 @@ class Args:
     """Send again what readers missed, instead of best effort as sensors do."""
     without_events: bool = False
     """Do not publish the events."""
+    distance_mm: float | None = None
+    """Distance from the lens to the skin: with the calibration's scale, the camera info has a focal
+    length."""
+    release: Literal["jazzy", "humble"] = "jazzy"
+    """ROS 2 of those who listen: it decides how the node is announced; jazzy is Iron and later."""
     wait_s: float = 0.0
     """Wait so long for a first reader of the field before the first frame."""
     seconds: float | None = None
@@ -72,43 +70,34 @@ def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.dds import DdsConfig, DdsPublisher, dds_topic
     from spikingtac.ros2.feeds import FeedConfig, open_feed
-    from spikingtac.ros2.service import TriggerService
-    from spikingtac.ros2.stream import Pace
+    from spikingtac.ros2.stream import rehearse
 
-    dds_topic(f"{args.prefix}/field")  # refuses a prefix that is none
+    field = f"{args.prefix}/field"
+    dds_topic(field)  # refuses a prefix that is none
     config = DdsConfig(domain=args.domain, interface=args.interface, reliable=args.reliable)
     names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
     given = {name: getattr(args, name) for name in names}
     feed = open_feed(FeedConfig(**given, tell=warn))
-    publisher, pace = DdsPublisher(config), Pace()
+    _check_distance(args, feed)
+    rehearse(feed.layout)
+    publisher = DdsPublisher(config)
     stream = _announce(args, feed, publisher)
-    reset = TriggerService(publisher, f"{args.prefix}/reset", _resetting(feed))
+    desk = _node(args, feed, publisher)
     where = "this machine" if args.interface == "lo" else args.interface
-    remark(f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends")
-    begun_s = time.monotonic()
-    stop = _Stop()
-    try:
-        _wait(args, publisher)
-        with ending_on_interrupt(feed.source, stop):
-            _publish(feed, stream, pace, (args.seconds, stop), reset)
-    except KeyboardInterrupt:
-        stop.close()
-    if stop.asked:
-        remark("ended")
-    time.sleep(ENDING_S)
+    remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
+    ready = partial(wait_for_reader, publisher, field, args.wait_s)
+    found = publish_until(feed, stream, args.seconds, ready)
+    desk.close()
     publisher.close()
-    found = {
-        "seconds": round(time.monotonic() - begun_s, 3),
-        "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
-        "messages": dict(sorted(stream.counts.items())),
-        "anomalies": _anomalies(feed),
-    }
-    if args.json:
-        emit_json(found)
-    else:
-        told = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
-        remark(f"published {told}; at most {found['largest_lag_ms']:.0f} ms behind")
+    tell(found, as_json=args.json)
     return 0
+
+
+def _check_distance(args: Args, feed: Feed) -> None:
+    from spikingtac.ros2.messages import camera_info_message
+
+    if args.distance_mm is not None:
+        camera_info_message(feed.layout, args.distance_mm)  # refuses it where it says nothing
 
 
 def _announce(args: Args, feed: Feed, publisher: DdsPublisher) -> SensorStream:
@@ -119,57 +108,29 @@ def _announce(args: Args, feed: Feed, publisher: DdsPublisher) -> SensorStream:
         hardware=args.source.name,
         events=feed.source is not None and not args.without_events,
         wrench=feed.has_wrench,
+        distance_mm=args.distance_mm,
     )
-    return SensorStream(publisher, feed.layout, config, feed.force)
+    stream = SensorStream(publisher, feed.layout, config, feed.force, feed.settings.config)
+    feed.settings.watch(stream.retune)
+    return stream
 
 
-def _wait(args: Args, publisher: DdsPublisher) -> None:
-    deadline_s = time.monotonic() + args.wait_s
-    while not publisher.readers(f"{args.prefix}/field") and time.monotonic() < deadline_s:
-        time.sleep(LOOK_S)
+def _node(args: Args, feed: Feed, publisher: DdsPublisher) -> Desk:
+    """Announce the node with its services, and answer them from now on."""
+    from spikingtac.ros2.node import Node
+    from spikingtac.ros2.parameters import Parameters
+    from spikingtac.ros2.service import Desk, Service
+
+    reset = Service(publisher, f"{args.prefix}/reset", "std_srvs/Trigger", _resetting(feed))
+    services = Parameters(publisher, args.prefix, feed.settings).services
+    Node(publisher, args.prefix, args.release)
+    return Desk(publisher, [reset, *services])
 
 
-class _Stop:
-    """Ends the publishing of what cannot be closed, tracks and recordings, at the next frame.
-
-    An interrupt in the middle of a message would end the process by the signal, not with 0.
-    """
-
-    asked = False
-
-    def close(self) -> None:
-        self.asked = True
-
-
-def _publish(
-    feed: Feed,
-    stream: SensorStream,
-    pace: Pace,
-    until: tuple[float | None, _Stop],
-    reset: TriggerService,
-) -> None:
-    seconds, stop = until
-    first_us: int | None = None
-    served_us = 0
-    for frame, wrench in feed.frames(stream, pace):
-        stream.frame(frame, wrench, _anomalies(feed))
-        first_us = frame.t_us if first_us is None else first_us
-        if frame.t_us - served_us >= SERVE_US:
-            served_us = frame.t_us
-            reset.serve()
-        if stop.asked:
-            return
-        if seconds is not None and frame.t_us - first_us >= seconds * 1e6:
-            return
-
-
-def _resetting(feed: Feed) -> Callable[[], tuple[bool, str]]:
-    def answer() -> tuple[bool, str]:
+def _resetting(feed: Feed) -> Callable[[Any], Mapping[str, Any]]:
+    def answer(_: Any) -> Mapping[str, Any]:
         done = feed.reset()
-        return done, "the markers rest" if done else "tracks are published, there is no tracker"
+        why = "the markers rest" if done else "tracks are published, there is no tracker"
+        return {"success": done, "message": why}
 
     return answer
-
-
-def _anomalies(feed: Feed) -> dict[str, int]:
-    return {} if feed.source is None else dict(feed.source.losses.kinds())

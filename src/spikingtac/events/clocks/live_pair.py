@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.clocks.live_map import LiveMap
 from spikingtac.events.clocks.retimed import RetimedSource
+from spikingtac.events.clocks.time_map import TimeMap
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 ROOM_EVENTS = 1 << 22
@@ -21,6 +22,8 @@ ROOM_EVENTS = 1 << 22
 buffers overrun, which is counted."""
 POLL_S = 0.05
 """How often a waiting thread looks whether it shall end, s."""
+SILENCE_S = 2.0
+"""Wait of a camera that delivers for one that is silent, s (ours: cameras start within one)."""
 
 
 class ReadAhead(FileSource):
@@ -62,6 +65,11 @@ class ReadAhead(FileSource):
     def ended(self) -> bool:
         """True once nothing more comes from the camera."""
         return self._ended
+
+    @property
+    def delivering(self) -> bool:
+        """True while something waits for its reader."""
+        return bool(self._waiting)
 
     def _size(self) -> tuple[int, int]:
         return self.camera.size
@@ -112,6 +120,9 @@ class ReadAhead(FileSource):
 class OnAnotherClock(RetimedSource):
     """A camera's events on another camera's clock.
 
+    A camera that is silent does not hold this one back: after ``SILENCE_S`` the events are given
+    out with their own times, to the end, and ``own_clock`` is counted.
+
     Attributes:
         live_map: How the times are mapped now.
     """
@@ -129,8 +140,15 @@ class OnAnotherClock(RetimedSource):
         for source in pair:
             source.start()
         # Times that were given out cannot be corrected backwards: wait until both have delivered.
+        begun_s: float | None = None
         while self.live_map.known is None and not any(source.ended for source in pair):
             time.sleep(POLL_S)
+            if begun_s is None and self._camera.delivering:
+                begun_s = time.monotonic()
+            if begun_s is not None and time.monotonic() - begun_s > SILENCE_S:
+                self._map = TimeMap()
+                self.losses.add("own_clock")
+                break
         yield from super()._columns()
 
 

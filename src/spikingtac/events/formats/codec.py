@@ -26,6 +26,7 @@ KINDS: dict[str, str] = {
     "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
     "unknown_message": "messages of an encoding or type that is not read",
     "before_zero": "events from before the zero of another clock that they were put on; dropped",
+    "own_clock": "the other camera of a pair was silent: times are this one's own; no loss",
     "overflow": "buffers that overran: datagrams, packets or events were dropped on their way",
     "duplicate": "datagrams that came twice; the second one was dropped",
     "reordered": "datagrams that came late; their events are kept, at the time reached by then",
@@ -37,7 +38,7 @@ KINDS: dict[str, str] = {
 }
 """Every kind that a source counts in its ``losses``, and what it means."""
 
-HARMLESS = frozenset({"trigger", "padding", "vendor_word", "duplicate", "before_zero"})
+HARMLESS = frozenset({"trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock"})
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
 JUMP_US = 1_000_000

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.hysteresis import OutputLaw
+from spikingtac.pipeline.recording_tracks import force_estimator, wrench_columns
+from spikingtac.touch.force.model import ForceEstimator, ForceModel
 from spikingtac.tracks import Tracks, create_tracks
 from spikingtac.tracks.columns import COLUMN_TYPES, FIELDS, HEALTH_TYPES
 from spikingtac.tracks.files import NpzTracksWriter
@@ -72,10 +74,11 @@ def join(
     calibration: Calibration,
     law: OutputLaw | None,
     meta: Mapping[str, Any],
+    force: ForceModel | None = None,
 ) -> JoinSummary:
     """Write stretches one after the other; one of them is in memory at a time.
 
-    A law whose output depends on the path is applied here, where the path is whole.
+    A law or a force whose value depends on the path is applied here, where the path is whole.
 
     Args:
         stretches: Without gap or overlap, in order of time.
@@ -83,13 +86,20 @@ def join(
         calibration: The sensor's calibration.
         law: Law of the output position; None where it is the detected one.
         meta: What the file tells about itself.
+        force: Tells the wrench of every frame, too (``.npz`` only).
+
+    Raises:
+        ConfigError: The force model is of another sensor, or the output is no ``.npz``.
     """
+    estimator = force_estimator(force, output, len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     summary = JoinSummary(0, np.zeros(len(calibration.reference_px), np.int64), 0.0)
     try:
         for columns in _continued(stretches):
             if law is not None:
                 _apply(law, columns, calibration.reference_px)
+            if estimator is not None:
+                columns |= _wrenches(estimator, columns, calibration.reference_px)
             summary.add(columns)
             if isinstance(writer, NpzTracksWriter):
                 writer.write_columns(columns)
@@ -121,6 +131,18 @@ def _apply(law: OutputLaw, columns: dict[str, NDArray[Any]], reference_px: Any) 
         position_px[row] = law.update(detected_px, reference_px)
     columns["position_px"] = position_px
     columns["displacement_px"] = (position_px - reference_px).astype(np.float32)
+
+
+def _wrenches(
+    estimator: ForceEstimator, columns: Mapping[str, NDArray[Any]], reference_px: Any
+) -> dict[str, NDArray[np.float32]]:
+    moved_px = columns["detected_px"].astype(np.float64) - reference_px
+    times_us = columns["t_us"].tolist()
+    rows = [
+        wrench_columns(estimator.update(t_us, moved))
+        for t_us, moved in zip(times_us, moved_px, strict=True)
+    ]
+    return {name: np.array([row[name] for row in rows], np.float32) for name in rows[0]}
 
 
 def _frames(columns: Mapping[str, NDArray[Any]]) -> Iterator[MarkerFrame]:

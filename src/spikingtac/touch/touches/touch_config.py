@@ -34,9 +34,18 @@ class TouchConfig:
         unseen: What the camera does not see of the beginning of a motion.
     """
 
-    least_displacement_px: float = 0.2
-    noise_factor: float = 6.0
-    end_share: float = 0.22
+    least_displacement_px: float = field(
+        default=0.2,
+        metadata={"range": (0.02, 5.0), "about": "scatter of a marker that is no touch"},
+    )
+    noise_factor: float = field(
+        default=6.0,
+        metadata={"range": (1.0, 50.0), "about": "times the strength at rest that a touch exceeds"},
+    )
+    end_share: float = field(
+        default=0.22,
+        metadata={"range": (0.05, 0.9), "about": "share of the peak at which the skin is released"},
+    )
     still_share: float = 0.3
     still_us: int = 400_000
     end_hold_us: int = 40_000

@@ -12,7 +12,6 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import MissingExtraError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
 from spikingtac.live.playback import Playback
-from spikingtac.ros2.definitions import full_definition, ros_type
 from spikingtac.ros2.messages import (
     NS_PER_US,
     Layout,
@@ -21,6 +20,7 @@ from spikingtac.ros2.messages import (
     field_message,
     header,
 )
+from spikingtac.ros2.wire.definitions import full_definition, ros_type
 from spikingtac.types import EventPacket
 from spikingtac.viewer.export.stretch import Stretch, open_stretch
 from spikingtac.viewer.session.layers import grey_image

@@ -19,11 +19,11 @@ from spikingtac.live.ring import Publisher
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.schema import to_mapping
+from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.snapshot import greeting, images, moving
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.session.track_recorder import NullTrackRecorder, TrackRecorder
-from spikingtac.viewer.session.tuning import with_value
 from spikingtac.viewer.session.wire import encode
 
 FRAME_HZ = 60.0

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.events.quality import judge_events
 from spikingtac.live.playback import Playback
+from spikingtac.tuning import in_use
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
-from spikingtac.viewer.session.tuning import in_use
 
 COUNT_WINDOWS = 1_024
 """Windows of the count series sent with each frame: about 1 s, so that a page may miss sixty."""

@@ -8,8 +8,8 @@ from importlib import resources
 from typing import get_args
 
 from spikingtac.config import load_config
+from spikingtac.tuning import in_use
 from spikingtac.types import LawName
-from spikingtac.viewer.session.tuning import in_use
 
 
 def shown() -> set[str]:

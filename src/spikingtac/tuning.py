@@ -1,4 +1,4 @@
-"""Controls for the page, made from the metadata of a config's fields.
+"""Controls for the page and for ROS 2, made from the metadata of a config's fields.
 
 A field joins the panel by saying what range makes sense, where it is defined::
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from spikingtac.ros2.definitions import MESSAGES, fields_of
+from spikingtac.ros2.wire.definitions import ALL, element, fields_of
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """CDR, little endian, no options."""
@@ -19,8 +19,10 @@ PRIMITIVES = {
     "bool": "?",
     "byte": "B",
     "uint8": "B",
+    "char": "B",
     "int32": "i",
     "uint32": "I",
+    "int64": "q",
     "uint64": "Q",
     "float32": "f",
     "float64": "d",
@@ -41,6 +43,7 @@ def encode(message: str, values: Mapping[str, Any]) -> bytes:
 
     Raises:
         KeyError: A field is unknown.
+        ValueError: An array has another length.
     """
     body = bytearray()
     _message(message)(body, values)
@@ -66,11 +69,13 @@ def _kind(kind: str) -> tuple[_Put, Any]:
     """Return how a field is written, and what stands where it has no value."""
     if kind == "uint8[]":
         return _bytes, b""
-    if kind.endswith("[]"):
-        return _sequence(_kind(kind.removesuffix("[]"))[0]), ()
-    if kind == "string":
+    inner, length, _ = element(kind)
+    if length is not None:
+        write, nothing = _kind(inner)
+        return (_array(write, length), (nothing,) * length) if length else (_sequence(write), ())
+    if kind.partition("<=")[0] == "string":
         return _string, ""
-    if kind in MESSAGES:
+    if kind in ALL:
         return _message(kind), EMPTY
     return _primitive(PRIMITIVES[kind]), 0
 
@@ -104,6 +109,16 @@ def _bytes(body: bytearray, raw: bytes) -> None:
 def _sequence(write: _Put) -> _Put:
     def put(body: bytearray, values: Sequence[Any]) -> None:
         _length(body, len(values))
+        for value in values:
+            write(body, value)
+
+    return put
+
+
+def _array(write: _Put, length: int) -> _Put:
+    def put(body: bytearray, values: Sequence[Any]) -> None:
+        if len(values) != length:
+            raise ValueError(f"{len(values)} values, an array of {length} is asked for")
         for value in values:
             write(body, value)
 

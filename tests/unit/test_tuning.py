@@ -5,7 +5,7 @@ import pytest
 from spikingtac.config import PRESETS, load_config
 from spikingtac.denoise.registry import DENOISERS
 from spikingtac.errors import ConfigError
-from spikingtac.viewer.session.tuning import controls, in_use, with_value
+from spikingtac.tuning import controls, in_use, with_value
 
 
 @dataclass(frozen=True, kw_only=True)

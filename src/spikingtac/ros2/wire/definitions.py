@@ -1,15 +1,22 @@
-"""ROS 2 message definitions, as Humble and Jazzy publish them, with names and hashes of types.
+"""ROS 2 message definitions, as Humble and Jazzy publish them, and the names of their types.
 
-The hashes (REP-2016) are those that Jazzy generates from these definitions; Humble sends none. That
-of PointCloud2 stands in rcl's own tests (``test_type_hash.cpp``). Constants are left out but those
-that are used: they are no part of what is sent, nor of the hash.
+Constants are left out but those that are used: they are no part of what is sent, nor of a type's
+hash.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from spikingtac.ros2.wire.service_definitions import (
+    HUMBLE,
+    NODE_MESSAGES,
+    PARAMETER_MESSAGES,
+    SERVICE_PARTS,
+)
+
 MESSAGES = {
+    **PARAMETER_MESSAGES,
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
@@ -33,6 +40,14 @@ MESSAGES = {
     "sensor_msgs/Image": (
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\n"
         "uint8 is_bigendian\nuint32 step\nuint8[] data"
+    ),
+    "sensor_msgs/RegionOfInterest": (
+        "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify"
+    ),
+    "sensor_msgs/CameraInfo": (
+        "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\n"
+        "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\n"
+        "uint32 binning_y\nsensor_msgs/RegionOfInterest roi"
     ),
     "sensor_msgs/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
     "diagnostic_msgs/KeyValue": "string key\nstring value",
@@ -61,24 +76,8 @@ MESSAGES = {
     "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
 }
 """Package and name of a message -> its definition."""
-
-HASHES = {
-    "sensor_msgs/PointCloud2": "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
-    "visualization_msgs/MarkerArray": (
-        "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf"
-    ),
-    "geometry_msgs/WrenchStamped": (
-        "8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77"
-    ),
-    "std_msgs/Bool": "feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9",
-    "diagnostic_msgs/DiagnosticArray": (
-        "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
-    ),
-    "event_camera_msgs/EventPacket": (
-        "d6fa176260b1f37e5a40845305315e150a0f18191241eb64f407442aa29844aa"
-    ),
-}
-"""Message that is published -> sha256 of its type's description, version 1."""
+ALL = {**MESSAGES, **SERVICE_PARTS, **NODE_MESSAGES}
+"""The messages, the parts of services, and what participants tell each other."""
 
 FLOAT32 = 7
 """Datatype code of a PointField."""
@@ -88,39 +87,52 @@ _BREAK = "=" * 80
 
 def fields_of(message: str) -> Iterator[tuple[str, str]]:
     """Yield type and name of each field of a message, constants left out."""
-    for line in MESSAGES[message].splitlines():
+    for line in ALL[message].splitlines():
         kind, _, name = line.partition(" ")
         if "=" not in name:
             yield kind, name
+
+
+def element(kind: str) -> tuple[str, int | None, int | None]:
+    """Return the type of a field's elements, the length of an array, and a sequence's bound.
+
+    A single value has neither; the length of a sequence is 0, and so is its bound where it has
+    none: ``float64[9]`` is ``("float64", 9, None)``, ``uint8[<=4]`` is ``("uint8", 0, 4)``.
+    """
+    inner, bracket, count = kind.partition("[")
+    if not bracket:
+        return kind, None, None
+    count = count.removesuffix("]")
+    bound = count.removeprefix("<=")
+    return (inner, 0, int(bound or 0)) if bound != count or not count else (inner, int(count), None)
 
 
 def parts_of(message: str) -> list[str]:
     """Return the messages that a message is made of, each of them once, the nearest first."""
     found: dict[str, None] = {}
     for kind, _ in fields_of(message):
-        inner = kind.removesuffix("[]")
-        if inner in MESSAGES:
+        inner = element(kind)[0]
+        if inner in ALL:
             found |= dict.fromkeys([inner, *parts_of(inner)])
     return list(found)
 
 
 def full_definition(message: str) -> str:
     """Return a message's definition with all that it refers to, as bags and MCAP files hold it."""
-    nested = (f"{_BREAK}\nMSG: {name}\n{MESSAGES[name]}" for name in parts_of(message))
-    return "\n".join((MESSAGES[message], *nested))
+    nested = (f"{_BREAK}\nMSG: {name}\n{ALL[name]}" for name in parts_of(message))
+    return "\n".join((ALL[message], *nested))
 
 
 def ros_type(message: str) -> str:
     """Return the name of a type in ROS 2, as ``std_msgs/msg/Bool``."""
-    return message.replace("/", "/msg/")
+    return message.removesuffix(HUMBLE).replace("/", f"/{_folder(message)}/")
 
 
 def dds_type(message: str) -> str:
     """Return the name of a type on the wire, as ``std_msgs::msg::dds_::Bool_``."""
-    package, _, name = message.partition("/")
-    return f"{package}::msg::dds_::{name}_"
+    package, _, name = message.removesuffix(HUMBLE).partition("/")
+    return f"{package}::{_folder(message)}::dds_::{name}_"
 
 
-def type_hash(message: str) -> str:
-    """Return the hash of a published type as ROS 2 writes it, ``RIHS01_...``."""
-    return f"RIHS01_{HASHES[message]}"
+def _folder(message: str) -> str:
+    return "srv" if message in SERVICE_PARTS else "msg"

@@ -1,0 +1,102 @@
+"""What the verbs share that publish a sensor live: until when, in which order, and the summary."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from spikingtac.cli.interrupt import ending_on_interrupt
+from spikingtac.cli.messages import emit_json, remark
+
+if TYPE_CHECKING:
+    from spikingtac.ros2.feeds import Feed
+    from spikingtac.ros2.pace import Pace
+    from spikingtac.ros2.stream import Publisher, SensorStream
+
+LOOK_S = 0.01
+"""Time between two looks for a reader, s."""
+ENDING_S = 0.1
+"""Time for the last messages to leave before the topics end, s."""
+
+
+def publish_until(
+    feed: Feed, stream: SensorStream, seconds: float | None, ready: Callable[[], None]
+) -> dict[str, Any]:
+    """Publish until the source ends, so many seconds of it are over, or Ctrl-C; return figures.
+
+    Args:
+        feed: The frames.
+        stream: What publishes them.
+        seconds: Length, s of data time; None is all of it.
+        ready: Waits for whom shall not miss the first frame.
+    """
+    from spikingtac.live.real_time import exempt_from_collection
+    from spikingtac.ros2.pace import Pace
+
+    exempt_from_collection()  # a collection in the middle would hold up 200 frames
+    pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
+    try:
+        ready()
+        with ending_on_interrupt(feed.source, stop):
+            _publish(feed, stream, pace, seconds, stop)
+    except KeyboardInterrupt:
+        stop.close()
+    if stop.asked:
+        remark("ended")
+    time.sleep(ENDING_S)
+    return {
+        "seconds": round(time.monotonic() - begun_s, 3),
+        "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
+        "sent_late_ms": pace.lateness_ms(),
+        "messages": dict(sorted(stream.counts.items())),
+        "anomalies": anomalies(feed),
+    }
+
+
+def wait_for_reader(publisher: Publisher, topic: str, wait_s: float) -> None:
+    """Wait until somebody reads a topic, but not longer than ``wait_s``."""
+    deadline_s = time.monotonic() + wait_s
+    while not publisher.readers(topic) and time.monotonic() < deadline_s:
+        time.sleep(LOOK_S)
+
+
+def tell(found: dict[str, Any], *, as_json: bool) -> None:
+    """Print what was published."""
+    if as_json:
+        emit_json(found)
+        return
+    told = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
+    remark(f"published {told}; at most {found['largest_lag_ms']:.0f} ms behind")
+
+
+def anomalies(feed: Feed) -> dict[str, int]:
+    """Return what was wrong with the events so far, by kind."""
+    return {} if feed.source is None else dict(feed.source.losses.kinds())
+
+
+class _Stop:
+    """Ends the publishing of what cannot be closed, tracks and recordings, at the next frame.
+
+    An interrupt in the middle of a message would end the process by the signal, not with 0.
+    """
+
+    asked = False
+
+    def close(self) -> None:
+        self.asked = True
+
+
+def _publish(
+    feed: Feed, stream: SensorStream, pace: Pace, seconds: float | None, stop: _Stop
+) -> None:
+    first_us: int | None = None
+    for frame, wrench in feed.frames(stream, pace):
+        stream.frame(frame, wrench, anomalies(feed))
+        pace.sent(frame.t_us)
+        feed.settings.apply()
+        first_us = frame.t_us if first_us is None else first_us
+        if stop.asked:
+            return
+        if seconds is not None and frame.t_us - first_us >= seconds * 1e6:
+            return

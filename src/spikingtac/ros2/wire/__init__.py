@@ -1,0 +1,1 @@
+"""What is sent: definitions of messages, their names, hashes, types and bytes."""
