@@ -47,7 +47,6 @@ class ViewSource:
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
-        prepare: Compiles what the source will need soon, while it still compiles what it needs now.
         notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
         felt: Tells force, patch and vibration where a force model was given, or None.
@@ -65,7 +64,6 @@ class ViewSource:
     rate_hz: float = 1_000.0
     simulated: bool = False
     ends: bool = True
-    prepare: Callable[[], None] = field(default=lambda: None)
     notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     felt: FeltLayer | None = None
