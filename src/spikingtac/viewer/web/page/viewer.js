@@ -1,5 +1,5 @@
 // Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
-import { Counts, Trace, drawOverview } from "./charts.js";
+import { Counts, Overview, Trace } from "./charts.js";
 import { buildControls, refreshControls } from "./controls.js";
 import { Course } from "./course.js";
 import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
@@ -23,11 +23,18 @@ const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
-const course = new Course($("course")), readings = new Readings($("readings"));
+const course = new Course($("course")), overview = new Overview($("overview")), readings = new Readings($("readings"));
 const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
+
+// Drawn in turn: nobody sees a course grow sixty times a second, and each costs what the sensor does.
+const CHARTS = [
+  (meta) => write($("count"), String(counts.draw(meta, hello.window_us) ?? "")),
+  (meta) => hello.reference_px.length && trace.draw(meta, sensor.options.truth),
+  (meta) => hello.reference_px.length && course.draw(meta, sensor.options.marker, hello.ends),
+];
 
 function send(command) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
@@ -104,7 +111,7 @@ function draw() {
   $("waiting").hidden = true;
   counts.add(meta, arrays.counts);
   sample(meta, arrays);
-  paint();
+  paint(metrics.frames % CHARTS.length);
   showMoment(meta);
   measure(meta);
   send({ ack: ++metrics.frames });
@@ -113,19 +120,15 @@ function draw() {
   if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
 }
 
-// Everything that is drawn, from the latest frame.
-function paint() {
+// What is drawn of the latest frame: the sensor, and one of the charts in its turn; else all of them.
+function paint(turn = null) {
   const { meta, arrays } = drawn;
   sensor.top = course.top;
   sensor.draw(drawn);
   drawFelt(sensor, meta.felt);
   drawGuide(sensor, meta.guide, arrays);
-  $("count").value = counts.draw(meta, hello.window_us) ?? "";
-  if (hello.reference_px.length) {
-    trace.draw(meta, sensor.options.truth);
-    course.draw(meta, sensor.options.marker, hello.ends);
-  }
-  drawOverview($("overview"), hello.overview, meta);
+  CHARTS.forEach((draw_, index) => (turn === null || turn === index) && draw_(meta));
+  overview.draw(hello.overview, meta);
 }
 
 function sample(meta, { position_px: position, truth_px: truth }) {
@@ -141,14 +144,14 @@ function sample(meta, { position_px: position, truth_px: truth }) {
 
 function showMoment(meta) {
   const since = (meta.t_us - meta.t_start_us) / 1e6;
-  $("clock").value = `${since.toFixed(3)} s`;
+  write($("clock"), `${since.toFixed(3)} s`);
   if (!scrubbing) Object.assign($("timeline"), { min: meta.t_start_us, max: meta.t_end_us, value: meta.t_us });
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
-  $("play").textContent = meta.playing ? "Pause" : "Play";
+  write($("play"), meta.playing ? "Pause" : "Play");
   $("play").setAttribute("aria-pressed", String(meta.playing));
   setState(steady(meta.state), meta.watchdog);
   $("notice").hidden = !meta.notice;
-  $("notice").textContent = meta.notice;
+  write($("notice"), meta.notice);
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
   lamp.hidden = false;
   lamp.classList.toggle("lit", meta.in_contact);
