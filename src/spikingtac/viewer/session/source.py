@@ -17,6 +17,7 @@ from spikingtac.markers.tracker import MarkerTracker
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.session.calibrating.desk import CalibrationDesk
     from spikingtac.viewer.session.felt import FeltLayer
+    from spikingtac.viewer.session.shelf import Shelf
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""
@@ -52,6 +53,8 @@ class ViewSource:
         felt: Tells force, patch and vibration where a force model was given, or None.
         desk: Where a page calibrates a sensor that has no calibration yet, or None.
         calibrated: Makes the view of the same events once there is a calibration.
+        shelf: The other recordings that the page may open instead, or None.
+        opened: The name of this one on the shelf.
     """
 
     label: str
@@ -71,6 +74,8 @@ class ViewSource:
     calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
         default=lambda view, _: view
     )
+    shelf: Shelf | None = None
+    opened: str = ""
 
 
 class SampledTruth:

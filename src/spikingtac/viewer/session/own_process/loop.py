@@ -7,11 +7,14 @@ import json
 import multiprocessing
 import queue
 import signal
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.live.factory import Factory
 from spikingtac.live.real_time import meet_deadlines
 from spikingtac.live.ring import SharedRing
@@ -25,6 +28,9 @@ from spikingtac.viewer.session.track_recorder import (
     TrackRecorder,
 )
 from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
+
+if TYPE_CHECKING:
+    from spikingtac.viewer.session.shelf import Shelf
 
 COLLECT_AFTER = 10_000
 """Objects made between two collections of garbage. Python's 700 or 2,000 cost 5 to 10 % of the time
@@ -57,8 +63,10 @@ def run_session(open_view: Factory[ViewSource], options: dict[str, Any], channel
         if options["realtime"]:
             view = replace(view, notice=f"{view.notice} {meet_deadlines().text()}".strip())
         recorder = _recorder(options["tracks"], view)
-        session = Session(view, frames, greetings, repeat=options["repeat"], recorder=recorder)
-        _serve(session, commands, stopped)
+        play = partial(Session, frames=frames, greetings=greetings, repeat=options["repeat"])
+        session = play(view, recorder=recorder)
+        another = partial(_another, view.shelf, play, greetings)
+        session = _serve(session, commands, stopped, another)
         session.close()
         if session.failure is not None:
             raise session.failure
@@ -76,12 +84,40 @@ def _recorder(tracks: Path | None, view: ViewSource) -> TrackRecorder:
     return FileTrackRecorder(tracks, view.calibration.reference_px)
 
 
-def _serve(session: Session, commands: Any, stopped: Event) -> None:
+def _serve(
+    session: Session, commands: Any, stopped: Event, another: Callable[[Session, str], Session]
+) -> Session:
+    """Play until the end is asked for; return the session that is played then."""
     parent = multiprocessing.parent_process()
     while not stopped.is_set() and (parent is None or parent.is_alive()):
         for name, value in _waiting(commands):
-            session.command(name, value)
+            if name == "open":
+                session = another(session, value)
+            else:
+                session.command(name, value)
         session.step()
+    return session
+
+
+def _another(
+    shelf: Shelf | None,
+    play: Callable[[ViewSource], Session],
+    greetings: SharedRing,
+    session: Session,
+    name: str,
+) -> Session:
+    """Return the session of another recording; where it cannot be opened, the present one."""
+    try:
+        if shelf is None:
+            raise ConfigError("other recordings can be opened where `view` was given one of a file")
+        view = shelf.open(name)
+        greetings.publish(json.dumps(starting(view)).encode())
+        following = play(view)
+    except (SpikingTacError, OSError) as error:
+        session.warn(str(error))
+        return session
+    session.close()
+    return following
 
 
 def _waiting(commands: Any) -> list[tuple[str, Any]]:
@@ -97,8 +133,6 @@ def _waiting(commands: Any) -> list[tuple[str, Any]]:
 
 def _portable(error: Exception) -> Exception:
     """Return an error that can be sent to another process."""
-    from spikingtac.errors import SpikingTacError
-
     if isinstance(error, SpikingTacError | OSError):
         return error
     return RuntimeError(f"{type(error).__name__}: {error}")

@@ -10,6 +10,7 @@ import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { savePicture, saveTable } from "./save.js";
 import { Sensor } from "./sensor.js";
+import { showShelf } from "./shelf.js";
 import { startTheme } from "./theme.js";
 import { decode } from "./wire.js";
 
@@ -60,10 +61,12 @@ function greet(document_) {
   }
   const names = (from) => from.controls.map((control) => control.name).join();
   const first = !hello || names(hello) !== names(document_);
-  const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
+  const other = !hello || hello.opened !== document_.opened || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
+  showShelf(document_, (name) => send({ open: name }));
   if (other) {
     forget();
+    counts.clear();
     sensor.options.marker = $("marker").value = middle(hello);
   }
   sensor.greet(hello);
@@ -267,10 +270,16 @@ function legendTexts() {
   return [...$("legend").children].map((entry) => entry.textContent.trim()).filter(Boolean);
 }
 
+function openShelf() {
+  if (!hello?.shelf) return;
+  send({ list: true }); // there may be new ones
+  $("shelf").showModal();
+}
+
 const toggleTheme = startTheme(redraw);
 const toggle = (id) => () => $(id).click();
 listen({
-  " ": () => $("play").click(), "d": toggleTheme, "?": () => $("keys").showModal(),
+  " ": () => $("play").click(), "d": toggleTheme, "o": openShelf, "?": () => $("keys").showModal(),
   "ArrowLeft": (shift) => drawn && seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => drawn && seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
   "Home": () => drawn && seek(drawn.meta.t_start_us), "i": () => pick("image", 1),
   "a": toggle("arrows"), "h": toggle("heat"), "g": toggle("mesh"), "c": toggle("discs"), "t": toggle("truth"),
@@ -296,6 +305,7 @@ $("defaults").addEventListener("click", () => { forget(); send({ defaults: true 
 $("reset").addEventListener("click", () => send({ reset: true }));
 $("calibrate").addEventListener("click", () => send({ calibrate: true }));
 $("begin-anew").addEventListener("click", () => send({ begin_anew: true }));
+$("open").addEventListener("click", openShelf);
 $("save").addEventListener("click", () => hello && saveTable(course, hello, hello.label));
 $("picture").addEventListener("click", () => drawn && savePicture(sensor, hello.label, [$("clock").value, ...legendTexts()]));
 $("theme").addEventListener("click", toggleTheme);
