@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -97,8 +98,10 @@ class Published:
 
 
 def test_another_recording_replaces_the_one_that_is_played(folder: Path) -> None:
-    played, greetings = Playing("first"), Published()
-    following = _another(Shelf(folder=folder), Playing, greetings, played, "day/second")
+    played: Any = Playing("first")
+    greetings: Any = Published()
+    make: Any = Playing
+    following: Any = _another(Shelf(folder=folder), make, greetings, played, "day/second")
     assert following is not played
     assert played.closed
     assert following.view.opened == "day/second"
@@ -109,8 +112,10 @@ def test_one_that_cannot_be_played_changes_nothing(folder: Path) -> None:
     def refuse(_: object) -> Playing:
         raise SpikingTacError("it is empty")
 
-    for shelf, play in ((Shelf(folder=folder), refuse), (None, Playing)):
-        played = Playing("first")
-        assert _another(shelf, play, Published(), played, "first") is played
+    tried: list[tuple[Any, Any]] = [(Shelf(folder=folder), refuse), (None, Playing)]
+    for shelf, play in tried:
+        played: Any = Playing("first")
+        greetings: Any = Published()
+        assert _another(shelf, play, greetings, played, "first") is played
         assert played.warned
         assert not played.closed
