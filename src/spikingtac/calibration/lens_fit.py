@@ -55,14 +55,9 @@ def fit_lens(
     """
     from scipy.optimize import least_squares
 
-    rows, columns = grid
     used = np.ones(len(reference_px), bool) if measured is None else measured
-    if min(grid) < 3 or np.count_nonzero(used) < FEWEST_MARKERS:
-        raise CalibrationError(
-            f"{np.count_nonzero(used)} markers in {rows}x{columns} do not show a lens; at least "
-            f"{FEWEST_MARKERS} in three rows and columns are needed"
-        )
-    y, x = np.mgrid[0:rows, 0:columns].astype(np.float64) * pitch_mm
+    _refuse_few(int(np.count_nonzero(used)), grid)
+    y, x = np.mgrid[0 : grid[0], 0 : grid[1]].astype(np.float64) * pitch_mm
     ideal_mm = np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)[used]
     center_px, half_px = ((size[0] - 1) / 2, (size[1] - 1) / 2), float(np.hypot(*size)) / 2
     scaled = (reference_px[used] - center_px) / half_px
@@ -96,6 +91,14 @@ def rim_share(radial: float, scaled: NDArray[np.float64]) -> float:
     The radial scale of the division model is (1 - k s^2) / (1 + k s^2)^2, near 1 - 3 k s^2.
     """
     return 3.0 * radial * float((scaled**2).sum(axis=1).max())
+
+
+def _refuse_few(markers: int, grid: tuple[int, int]) -> None:
+    if min(grid) < 3 or markers < FEWEST_MARKERS:
+        raise CalibrationError(
+            f"{markers} markers in {grid[0]}x{grid[1]} do not show a lens; at least "
+            f"{FEWEST_MARKERS} in three rows and columns are needed"
+        )
 
 
 def _refuse_doubt(sigma: float, scaled: NDArray[np.float64]) -> None:

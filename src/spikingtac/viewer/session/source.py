@@ -17,7 +17,6 @@ from spikingtac.markers.tracker import MarkerTracker
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.session.calibrating.desk import CalibrationDesk
     from spikingtac.viewer.session.felt import FeltLayer
-    from spikingtac.viewer.session.shelf import Shelf
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""
@@ -30,6 +29,18 @@ class Truth(Protocol):
 
     def at(self, t_us: int) -> NDArray[np.float64] | None:
         """Return ``(m, 2)`` true positions, px, or None outside the known stretch."""
+        ...
+
+
+class Recordings(Protocol):
+    """Other recordings that a page may open, by their names."""
+
+    def names(self) -> list[str]:
+        """Return the names of those that are there now."""
+        ...
+
+    def open(self, name: str) -> ViewSource:
+        """Open one of them."""
         ...
 
 
@@ -74,7 +85,7 @@ class ViewSource:
     calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
         default=lambda view, _: view
     )
-    shelf: Shelf | None = None
+    shelf: Recordings | None = None
     opened: str = ""
 
 

@@ -64,6 +64,7 @@ def test_a_recording_that_came_later_is_there(tmp_path: Path) -> None:
 def test_the_first_one_offers_the_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = open_from_shelf(source=str(folder / "first"), preset="fast")
     assert view.shelf is not None
+    assert isinstance(view.shelf, Shelf)
     assert (view.opened, view.shelf.folder) == ("first", folder)
     other = view.shelf.open("day/second")
     assert (other.label, other.opened, other.config) == ("second", "day/second", view.config)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.live.factory import Factory
@@ -21,16 +21,13 @@ from spikingtac.live.ring import SharedRing
 from spikingtac.viewer.session.own_process.warm_up import warm_up
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.snapshot import starting
-from spikingtac.viewer.session.source import ViewSource
+from spikingtac.viewer.session.source import Recordings, ViewSource
 from spikingtac.viewer.session.track_recorder import (
     FileTrackRecorder,
     NullTrackRecorder,
     TrackRecorder,
 )
 from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
-
-if TYPE_CHECKING:
-    from spikingtac.viewer.session.shelf import Shelf
 
 COLLECT_AFTER = 10_000
 """Objects made between two collections of garbage. Python's 700 or 2,000 cost 5 to 10 % of the time
@@ -100,7 +97,7 @@ def _serve(
 
 
 def _another(
-    shelf: Shelf | None,
+    shelf: Recordings | None,
     play: Callable[[ViewSource], Session],
     greetings: SharedRing,
     session: Session,
