@@ -162,6 +162,32 @@ def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "3 of 9 markers" in capsys.readouterr().err
 
 
+def test_the_verb_learns_the_lens_of_a_flat_grid(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    size, radial = (200, 160), -0.2
+    half_px, middle = np.hypot(*size) / 2, (np.array(size) - 1) / 2
+    row, column = np.divmod(np.arange(20), 5)
+    even = np.column_stack([column - 2.0, row - 1.5]) * 36.0 / half_px
+    far = np.hypot(*even.T)[:, None]  # solved for s: u = s / (1 + k s^2)
+    still_px = even * (1 - np.sqrt(1 - 4 * radial * far**2)) / (2 * radial * far**2)
+    events = slides_of(still_px * half_px + middle, 6.0, size)
+    columns = {"t": events.t, "x": events.x, "y": events.y, "p": events.p}
+    np.savez(tmp_path / "slides.npz", size=np.array(size), **columns)
+    words = ["calibrate", str(tmp_path / "slides.npz"), "-o", str(tmp_path / "c.json"), "--lens"]
+    assert main([*words, "--pitch-mm", "2.4", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["no_lens"] is None
+    assert said["lens"]["radial"] == pytest.approx(radial, abs=4 * said["lens"]["radial_sigma"])
+    lens = Calibration.load(tmp_path / "c.json").lens
+    assert lens is not None
+    skin_mm = lens.to_mm(still_px * half_px + middle)
+    expected_mm = np.column_stack([column - 2.0, row - 1.5]) * 2.4
+    np.testing.assert_allclose(skin_mm, expected_mm, atol=0.02)
+    assert main([*words, "--overwrite"]) == 2
+    assert "give pitch_mm" in capsys.readouterr().err
+
+
 def test_a_foreign_recording_by_the_published_method(data_dir: Path) -> None:
     # The usual method on the same recording: tests/real/test_tracking.py.
     from spikingtac.events.open import open_events

@@ -1,4 +1,4 @@
-"""README and tutorial, pasted block by block into an empty folder."""
+"""README and tutorial, run block by block in an empty folder; the tutorial as its notebook."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ def test_the_readme_can_be_pasted(readme_folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_tutorial_can_be_pasted(
+def test_the_tutorial_s_notebook_runs(
     readme_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Both pages begin with the same simulation and calibration: these were run for the README.
     shutil.copytree(readme_folder / "bootstrap", tmp_path / "slides")
     shutil.copy(readme_folder / "left_finger.json", tmp_path / "finger.json")
     monkeypatch.chdir(tmp_path)
-    page = PROJECT / "docs" / "tutorial" / "first-figure.md"
-    assert paste(page, ready=("slides", "finger.json")) >= 10
+    notebook = PROJECT / "docs" / "tutorial" / "first-figure.ipynb"
+    assert paste(notebook, ready=("slides", "finger.json")) >= 10
     for name in ("course.pdf", "field.pdf", "field.png", "torsion.pdf", "errors.pdf"):
         assert (tmp_path / name).stat().st_size > 2_000, name
 

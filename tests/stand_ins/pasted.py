@@ -1,7 +1,8 @@
-"""A page's blocks as a reader pastes them: commands and Python, in their order."""
+"""The blocks of a page, or the cells of a notebook, as a reader runs them, in their order."""
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from collections.abc import Collection, Iterator
@@ -25,11 +26,21 @@ def pieces(page: str) -> Iterator[tuple[str, str]]:
             yield from (("command", line) for line in lines if line.startswith("spikingtac "))
 
 
+def cells(notebook: str) -> Iterator[tuple[str, str]]:
+    """Yield the same of a notebook: lines that begin with ``!`` are commands."""
+    for cell in json.loads(notebook)["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "code" and text.startswith("!"):
+            yield from (("command", line.removeprefix("!")) for line in text.splitlines())
+        elif cell["cell_type"] == "code":
+            yield "python", text
+
+
 def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
     """Run a page in the current folder and return how many pieces ran.
 
     Args:
-        page: The page.
+        page: The page, or the notebook.
         begin: Where on the page to begin.
         ready: Outputs that are there already; the commands that would make them are left out.
 
@@ -38,7 +49,8 @@ def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
     """
     text, names = page.read_text(encoding="utf-8"), dict[str, Any](__name__="pasted")
     ran = 0
-    for kind, piece in pieces(text[text.index(begin) :]):
+    found = cells(text) if page.suffix == ".ipynb" else pieces(text[text.index(begin) :])
+    for kind, piece in found:
         if kind == "python":
             exec(compile(piece, page.name, "exec"), names)
         else:

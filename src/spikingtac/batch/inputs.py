@@ -99,26 +99,39 @@ def identity(recording: Path) -> list[list[str | int]]:
     return [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
 
 
-def _inside(path: Path, members: Sequence[str]) -> Iterator[Path]:
-    if _is_pattern(path):
-        for match in sorted(glob.glob(str(path), recursive=True)):
-            yield from (
-                _below(Path(match), members) if _is_plain_folder(Path(match)) else [Path(match)]
-            )
-    elif _is_plain_folder(path):
-        yield from _below(path, members)
-    else:
-        yield path
+def recordings_below(
+    folder: Path, members: Sequence[str] = EVENT_MEMBERS, levels: int | None = None
+) -> Iterator[Path]:
+    """Yield the recordings of a folder and of those in it, in the order of their names.
 
-
-def _below(folder: Path, members: Sequence[str]) -> Iterator[Path]:
+    Args:
+        folder: Where to look; what begins with a dot is left out.
+        members: An archive with one of these arrays is meant.
+        levels: How many folders deep, or None for all of them.
+    """
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
         if _is_plain_folder(path):
-            yield from _below(path, members)
+            if levels is None or levels > 0:
+                deeper = None if levels is None else levels - 1
+                yield from recordings_below(path, members, deeper)
         elif path.is_dir() or _is_event_file(path, members):
             yield path
+
+
+def _inside(path: Path, members: Sequence[str]) -> Iterator[Path]:
+    if _is_pattern(path):
+        for match in sorted(glob.glob(str(path), recursive=True)):
+            yield from (
+                recordings_below(Path(match), members)
+                if _is_plain_folder(Path(match))
+                else [Path(match)]
+            )
+    elif _is_plain_folder(path):
+        yield from recordings_below(path, members)
+    else:
+        yield path
 
 
 def _is_pattern(path: Path) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.step_maps import unpack_map
 from spikingtac.errors import CalibrationError
 
@@ -78,6 +79,7 @@ def _checked(document: Any) -> dict[str, Any]:
         **_maps(document, size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
+        "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
         "provenance": dict(document.get("provenance") or {}),
     }
 

@@ -20,6 +20,7 @@ from spikingtac.calibration.document import (
     OPTIONAL_NUMBERS,
     checked_document,
 )
+from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.step_maps import pack_map
 from spikingtac.errors import CalibrationError
 
@@ -48,6 +49,7 @@ class Calibration:
             place is expected from the others. None counts as all True.
         lag_us: Delay of the events behind the motion, us, or None.
         px_per_mm: Image scale at the skin, or None where no pitch was given.
+        lens: Where on the flat skin each pixel looks, or None: ``px_per_mm`` stands for all.
         band_scale_on: Factor from ``step_on`` to the step of the band fit, or None: the graded map
             serves this sensor better (:mod:`spikingtac.markers.calibration.step_scale`).
         band_scale_off: The same for ``step_off``.
@@ -73,6 +75,7 @@ class Calibration:
     marker_measured: NDArray[np.bool_] | None = None
     lag_us: float | None = None
     px_per_mm: float | None = None
+    lens: Lens | None = None
     band_scale_on: float | None = None
     band_scale_off: float | None = None
     hysteresis: str | None = None
@@ -93,8 +96,10 @@ class Calibration:
         return dataclasses.replace(self, **changed)
 
     def scale(self) -> dict[str, Any]:
-        """Return what tracks need of it: ``grid`` and, where it is known, ``px_per_mm``."""
-        known = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
+        """Return what tracks need of it: ``grid`` and, where known, ``px_per_mm`` and ``lens``."""
+        known: dict[str, Any] = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
+        if self.lens is not None:
+            known["lens"] = self.lens.document()
         return {"grid": list(self.grid), **known}
 
     def save(self, path: str | Path) -> None:
@@ -111,6 +116,8 @@ class Calibration:
                 document[name] = round(float(value), 6)
         if self.hysteresis is not None:
             document["hysteresis"] = self.hysteresis
+        if self.lens is not None:
+            document["lens"] = self.lens.document()
         document["reference_px"] = np.round(self.reference_px, 4).tolist()
         document["radius_px"] = np.round(self.radius_px, 4).tolist()
         for name in OPTIONAL_MARKER_NUMBERS:

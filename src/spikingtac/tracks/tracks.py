@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
@@ -177,6 +178,15 @@ class Tracks:
         return float(scale) if isinstance(scale, int | float) and scale > 0 else None
 
     @property
+    def lens(self) -> Lens | None:
+        """Where on the flat skin each pixel looks, or None: one scale stands for all of them."""
+        document = self.meta.get("lens")
+        try:
+            return None if document is None else Lens.from_document(document)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"the lens of these tracks is damaged: {error}") from error
+
+    @property
     def displacement_mm(self) -> NDArray[np.float64]:
         """``(n, m, 2)`` displacement on the skin, mm.
 
@@ -188,7 +198,11 @@ class Tracks:
                 "these tracks know no scale; calibrate with --pitch-mm, the distance of "
                 "neighbouring markers on the skin, and track again"
             )
-        return self.displacement_px.astype(np.float64) / self.px_per_mm
+        lens = self.lens
+        if lens is None:
+            return self.displacement_px.astype(np.float64) / self.px_per_mm
+        rest_px = self.reference_px.astype(np.float64)
+        return lens.to_mm(rest_px + self.displacement_px) - lens.to_mm(rest_px)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the tracks.
@@ -216,7 +230,9 @@ class Tracks:
             "displacement_max_px": largest_px,
             "displacement_max_marker": None if empty else int(marker),
             "displacement_max_t_us": None if empty else int(self.t_us[at]),
-            "displacement_max_mm": largest_px / self.px_per_mm if self.px_per_mm else None,
+            "displacement_max_mm": None
+            if self.px_per_mm is None
+            else _longest(self.displacement_mm),
             "held_share": 0.0 if empty else float(self.coasted.mean()),
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
             "health": self._health_at_the_end(),
@@ -278,3 +294,7 @@ class Tracks:
 
 def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:
     return {FIELDS.get(name, name): array for name, array in values.items()}
+
+
+def _longest(moved: NDArray[np.float64]) -> float:
+    return float(np.hypot(*np.moveaxis(moved, 2, 0)).max(initial=0.0))

@@ -33,6 +33,7 @@ def run(args: Args) -> int:
     config = CalibrationConfig(
         grid=grid_shape(args.grid),
         pitch_mm=args.pitch_mm,
+        lens=args.lens,
         polarity=args.polarity,
         method=args.method,
         allow_missing=args.allow_missing,
@@ -114,6 +115,8 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "step_off": calibration.step_off,
         "lag_us": calibration.lag_us,
         "px_per_mm": calibration.px_per_mm,
+        "lens": None if calibration.lens is None else calibration.lens.document(),
+        "no_lens": notes.get("no_lens"),
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
         **{
@@ -142,6 +145,9 @@ def _print(calibration: Calibration, args: Args) -> None:
         rows.append(("lag", f"{calibration.lag_us / 1e3:.2f}", "ms, events behind the motion"))
     if calibration.px_per_mm is not None:
         rows.append(("scale", f"{calibration.px_per_mm:.3f}", "px/mm"))
+    if (lens := calibration.lens) is not None:
+        doubt = f"+- {lens.radial_sigma:.4f}, residual {1e3 * lens.residual_mm:.0f} um"
+        rows.append(("lens", f"{lens.radial:.4f}", f"radial, {doubt}"))
     for name, key, unit in (
         ("full swings", "swings", "per marker"),
         ("residual", "residual", "levels, rms"),
@@ -152,6 +158,8 @@ def _print(calibration: Calibration, args: Args) -> None:
             (name, f"{middle_of(values):.3g}", f"{unit}, {values[0]:.3g} to {values[-1]:.3g}")
         )
     emit_table(str(args.output), ("", "", ""), rows, words=3)
+    if found["no_lens"]:
+        remark(f"No lens: {found['no_lens']}.")
     for marker in found["missing"]:
         remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
     if found["doubtful"]:

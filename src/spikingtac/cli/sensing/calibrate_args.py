@@ -38,6 +38,9 @@ class Args(ManyArgs):
     """Size of the grid, as 8x8; found by itself unless given."""
     pitch_mm: float | None = None
     """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
+    lens: bool = False
+    """With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt to the grid,
+    so that millimetres hold at the rim, too."""
     polarity: Literal["auto"] | Polarity = "auto"
     """White markers on dark ground, or dark on light; found by itself unless given."""
     method: Method = "rest-mean"

@@ -137,9 +137,15 @@ def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
         arguments["look"] = args.calibrate
         arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
     if args.source != STANDARD_INPUT:
-        return show_source(arguments, args, repeat=False)
+        return show_source(arguments, args, offer=_is_recording(args.source))
     with standard_input_pipe() as pipe:
-        return show_source({**arguments, "source": str(pipe)}, args, repeat=False)
+        return show_source({**arguments, "source": str(pipe)}, args)
+
+
+def _is_recording(source: str) -> bool:
+    """Return whether a source is a file or a folder, and no pipe."""
+    path = Path(source)
+    return path.is_file() or path.is_dir()
 
 
 def _check_deadlines(args: Args) -> None:
@@ -172,17 +178,34 @@ def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
 
 
 def show_source(
-    arguments: dict[str, Any], args: Any, *, repeat: bool, tracks: Path | None = None
+    arguments: dict[str, Any],
+    args: Any,
+    *,
+    repeat: bool = False,
+    tracks: Path | None = None,
+    offer: bool = False,
 ) -> dict[str, Any]:
-    """Serve a source under the options that ``view`` and ``demo`` share; return the summary."""
+    """Serve a source under the options that ``view`` and ``demo`` share; return the summary.
+
+    Args:
+        arguments: How it is opened.
+        args: The verb's options.
+        repeat: Begin again at the end.
+        tracks: File for every estimate, or None.
+        offer: Let the page open the other recordings of its folder, on this machine only.
+    """
     from spikingtac.live.factory import Factory
     from spikingtac.viewer.session.events_only import open_view_or_events
     from spikingtac.viewer.session.opening import open_felt_source
+    from spikingtac.viewer.session.shelf import open_from_shelf
+    from spikingtac.viewer.web.security import is_loopback
     from spikingtac.viewer.web.show import show
 
     check_seconds(args.seconds)
     options = replace(page_options(args), repeat=repeat, tracks=tracks)
     opener = open_felt_source if "force" in arguments else open_view_or_events
+    if offer and is_loopback(args.host):
+        opener = open_from_shelf
     open_view = Factory(function=opener, arguments=arguments)
     return show(open_view, options, remark)
 

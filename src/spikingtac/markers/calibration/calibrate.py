@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens_fit import with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
@@ -81,6 +82,7 @@ class CalibrationConfig:
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
         pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
+        lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
         polarity: White markers on dark ground, dark on light, or "auto" to find out.
         method: How rests become a reference
             (:mod:`spikingtac.markers.calibration.reference`).
@@ -96,6 +98,7 @@ class CalibrationConfig:
 
     grid: tuple[int, int] | None = None
     pitch_mm: float | None = None
+    lens: bool = False
     polarity: Literal["auto", "white", "dark"] = "auto"
     method: Method = "rest-mean"
     allow_missing: int | None = None
@@ -107,6 +110,8 @@ class CalibrationConfig:
     def __post_init__(self) -> None:
         if self.pitch_mm is not None and not self.pitch_mm > 0.0:
             raise ConfigError(f"pitch_mm is {self.pitch_mm}, it must be positive")
+        if self.lens and self.pitch_mm is None:
+            raise ConfigError("the lens is fitted to a grid of known pitch; give pitch_mm, too")
         if self.allow_missing is not None and self.allow_missing < 0:
             raise ConfigError(f"allow_missing is {self.allow_missing}, it must not be negative")
         if not self.threshold > 0.0:
@@ -146,6 +151,8 @@ def calibrate(
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(look.sighting.grid, look.events.size, missing, config.allow_missing)
     calibration = _assembled(look, (refined, learned), quality, config)
+    if config.lens and config.pitch_mm is not None:
+        calibration = with_lens(calibration, config.pitch_mm)
     calibration = with_step_scale(look.events, refined, calibration)
     own = round(own_contradiction(look.events, calibration), 4)
     calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})

@@ -38,10 +38,10 @@ class _Row:
 
 
 class Record:
-    """Collects frames of a session as they are offered."""
+    """Collects frames of a session as they are offered, those after a number."""
 
-    def __init__(self) -> None:
-        self._number = 0
+    def __init__(self, after: int = 0) -> None:
+        self._number = after
         self._rows: list[_Row] = []
         self._taken, self._every = 0, 1
         self._played_us = 0

@@ -24,7 +24,8 @@ def parse_command(text: str) -> tuple[str, Any]:
 
     Commands are JSON objects of one key: ``ack``, ``play``, ``speed``, ``seek_us``,
     ``exposure_us``, ``map``, ``set`` (a list of a control's name and its value), ``defaults``,
-    ``reset`` (of the watchdog), ``calibrate`` or ``begin_anew`` (the guide of a calibration).
+    ``reset`` (of the watchdog), ``calibrate`` or ``begin_anew`` (the guide of a calibration),
+    ``list`` (look again which recordings there are) or ``open`` (the name of one of them).
 
     Raises:
         CommandError: The text is anything else.
@@ -66,4 +67,6 @@ _RULES: dict[str, Callable[[Any], bool]] = {
     "reset": lambda value: value is True,
     "calibrate": lambda value: value is True,
     "begin_anew": lambda value: value is True,
+    "list": lambda value: value is True,
+    "open": lambda value: isinstance(value, str) and bool(value),
 }

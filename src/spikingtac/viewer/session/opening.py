@@ -188,7 +188,6 @@ def _open_twin(source: str, seed: int, camera: str | None) -> ViewSource:
 
 def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     from spikingtac.sim.scene import catalog
-    from spikingtac.sim.scene.first_contact import touch_once
     from spikingtac.sim.scene.source import SceneSource
     from spikingtac.sim.twin_camera import truthful_packets
 
@@ -218,7 +217,6 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
         truth=truth,
         simulated=True,
         ends=False,
-        prepare=partial(touch_once, scene, seed),
         provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
     )
 

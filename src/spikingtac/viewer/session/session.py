@@ -72,7 +72,7 @@ class Session:
         self._notice, self._retuned = view.notice, False
         source = view.source
         if len(view.calibration.reference_px):  # looking at events needs no calibration
-            source = CheckedSource(source, view.calibration, self._warn)
+            source = CheckedSource(source, view.calibration, self.warn)
         store = EventStore(source)
         if view.ends:
             store.extend_to_end()
@@ -103,10 +103,15 @@ class Session:
             "defaults": lambda _: self._retune(self._view.config),
             "reset": lambda _: self._health.reset() if self._health else None,
             "calibrate": lambda _: self._calibrate(),
+            "list": lambda _: setattr(self, "_greeted_s", 0.0),
             "begin_anew": lambda _: self._view.desk.begin_anew() if self._view.desk else None,
         }
         if name in actions:
             actions[name](value)
+
+    def warn(self, why: str) -> None:
+        """Add a line to the page's notice, and greet the page anew."""
+        self._notice, self._greeted_s = f"{self._notice} {why}".strip(), 0.0
 
     def step(self) -> None:
         """Play on by one frame, publish it, and wait for the time of the next one."""
@@ -197,9 +202,6 @@ class Session:
 
     def _tracker(self) -> MarkerTracker:
         return self._view.make_tracker(self._config)
-
-    def _warn(self, why: str) -> None:
-        self._notice = f"{self._notice} {why}".strip()
 
     def _play(self, playing: bool) -> None:
         if playing and self._playhead_us >= self._last_us():

@@ -61,6 +61,8 @@ def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any
         "controls": [asdict(control) for control in in_use(config)],
         "window_us": WINDOW_US,
         "overview": _overview(playback),
+        "opened": view.opened,
+        "shelf": view.shelf.names() if view.shelf else None,
         "quality": None if len(calibration.reference_px) else _quality(playback),
     }
 

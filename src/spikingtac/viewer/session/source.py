@@ -32,6 +32,18 @@ class Truth(Protocol):
         ...
 
 
+class Recordings(Protocol):
+    """Other recordings that a page may open, by their names."""
+
+    def names(self) -> list[str]:
+        """Return the names of those that are there now."""
+        ...
+
+    def open(self, name: str) -> ViewSource:
+        """Open one of them."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class ViewSource:
     """Everything that a session needs to show one sensor.
@@ -47,12 +59,13 @@ class ViewSource:
         rate_hz: Estimates per second.
         simulated: True where the events come from the digital twin.
         ends: True where the source ends by itself, so that its length is known at once.
-        prepare: Compiles what the source will need soon, while it still compiles what it needs now.
         notice: A line that the page shows until a control is used; empty for none.
         provenance: What the events are: file or scene, seed, digest; it goes into the tracks.
         felt: Tells force, patch and vibration where a force model was given, or None.
         desk: Where a page calibrates a sensor that has no calibration yet, or None.
         calibrated: Makes the view of the same events once there is a calibration.
+        shelf: The other recordings that the page may open instead, or None.
+        opened: The name of this one on the shelf.
     """
 
     label: str
@@ -65,7 +78,6 @@ class ViewSource:
     rate_hz: float = 1_000.0
     simulated: bool = False
     ends: bool = True
-    prepare: Callable[[], None] = field(default=lambda: None)
     notice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     felt: FeltLayer | None = None
@@ -73,6 +85,8 @@ class ViewSource:
     calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
         default=lambda view, _: view
     )
+    shelf: Recordings | None = None
+    opened: str = ""
 
 
 class SampledTruth:

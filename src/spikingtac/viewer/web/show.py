@@ -226,6 +226,8 @@ class _SessionMonitor:
         if greeting is not None:
             self._greeted, document = greeting[0], json.loads(greeting[1])
             if "starting" not in document:
+                if self._hello and self._hello.get("opened") != document.get("opened"):
+                    self.record = Record(after=self.record.number)  # of what is shown in the end
                 self._hello = document
                 self._reference_px = np.array(document["reference_px"]).reshape(-1, 2)
         return self._hello is not None

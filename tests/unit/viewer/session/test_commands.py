@@ -20,6 +20,8 @@ from spikingtac.viewer.session.commands import CommandError, parse_command
         ("set", ["gain", 1.5]),
         ("set", ["law", "paper"]),
         ("defaults", True),
+        ("list", True),
+        ("open", "day/second"),
     ],
 )
 def test_commands_are_understood(name: str, value: object) -> None:
@@ -34,6 +36,8 @@ def test_commands_are_understood(name: str, value: object) -> None:
         "[]",
         "{}",
         '{"play": 1}',
+        '{"open": ""}',
+        '{"open": ["first"]}',
         '{"play": true, "ack": 1}',
         '{"speed": 0}',
         '{"speed": 1e9}',

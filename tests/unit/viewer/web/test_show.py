@@ -92,6 +92,28 @@ def test_markers_that_are_learned_meanwhile_are_in_the_record() -> None:
     assert monitor.record._rows
 
 
+class Reopening(Calibrating):
+    """A session whose page opens another recording after its third frame."""
+
+    def greeting(self, after: int) -> tuple[int, bytes] | None:
+        number = 1 if self.frames < 4 else 2
+        document = {"reference_px": [[1.0, 2.0]] * 3, "opened": f"recording {number}"}
+        return (number, json.dumps(document).encode()) if number > after else None
+
+
+def test_the_record_is_of_the_recording_that_is_shown_in_the_end() -> None:
+    session: Any = Reopening()
+    monitor = module._SessionMonitor(session, None, print)
+    while session.frames < 5:
+        assert monitor.poll()
+    first = monitor.record
+    for _ in range(3):
+        assert monitor.poll()
+    assert monitor.record is first
+    assert first.number == session.frames
+    assert min(row.t_s for row in first._rows) * 1e6 >= 5
+
+
 def test_a_quick_start_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert waited(monkeypatch, greets_s=3.0)[1] == []
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba.core.event import RecordingListener, register, unregister
 
 from spikingtac.events.source import PacketSource
 from spikingtac.live.event_store import EventStore
@@ -23,18 +22,11 @@ WARM_UP_US = 320_000
 PACKET_US = 10_000
 BUDGET_S = 600.0
 EXPOSURE_US = 10_000
-COMPILATION = "numba:compile"
-"""Numba's name for the event that a kernel is compiled; it is not raised by one from the cache."""
 
 
 def warm_up(view: ViewSource) -> None:
-    """Track a nearly silent stream with a tracker of the view's, and discard both.
-
-    Where that compiled nothing, the source finds its kernels in the cache, too.
-    """
+    """Track a nearly silent stream with a tracker of the view's, and discard both."""
     store = EventStore(PacketSource(list(_silence(view.source.size)), view.source.size))
-    compiled = RecordingListener()
-    register(COMPILATION, compiled)
     try:
         playback = Playback(
             store,
@@ -48,9 +40,6 @@ def warm_up(view: ViewSource) -> None:
         images(playback, EXPOSURE_US, None)
     finally:
         store.close()
-        unregister(COMPILATION, compiled)
-    if compiled.buffer:
-        view.prepare()
 
 
 def _silence(size: tuple[int, int]) -> Iterator[EventPacket]:

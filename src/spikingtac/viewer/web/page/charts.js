@@ -162,25 +162,49 @@ class Strip {
   }
 }
 
-export function drawOverview(canvas, overview, meta) {
-  fitCanvas(canvas);
-  const context = canvas.getContext("2d"), tone = colors();
-  const { width, height } = canvas, ratio = devicePixelRatio;
-  const start = meta.t_start_us, span = Math.max(meta.t_end_us - start, 1);
-  const across = (tUs) => ((tUs - start) / span) * width;
-  context.clearRect(0, 0, width, height);
-  const top = Math.max(...overview.counts, 1), bar = width / overview.counts.length;
-  const covered = (overview.t_end_us - overview.t_start_us) / span;
-  const head = across(meta.t_us);
+// The timeline's overview: bars that change rarely, drawn once in two colours, and what is played.
+export class Overview {
+  constructor(canvas) {
+    this.canvas = canvas;
+    [this.played, this.ahead] = [0, 1].map(() => document.createElement("canvas"));
+  }
+
+  draw(overview, meta) {
+    fitCanvas(this.canvas);
+    const { width, height } = this.canvas, tone = colors(), ratio = devicePixelRatio;
+    const start = meta.t_start_us, span = Math.max(meta.t_end_us - start, 1);
+    const across = (tUs) => Math.round(((tUs - start) / span) * width);
+    const head = across(meta.t_us), marks = meta.contacts_us.map(across);
+    const bars = [width, height, span, tone.soft].join();
+    if (this.bars !== bars || this.of !== overview) {
+      [this.bars, this.of, this.shown] = [bars, overview, ""];
+      drawBars(this.played, this.canvas, overview, span, tone.soft);
+      drawBars(this.ahead, this.canvas, overview, span, tone.line);
+    }
+    const shown = [head, ...marks].join();
+    if (this.shown === shown) return;
+    this.shown = shown;
+    const context = this.canvas.getContext("2d");
+    context.clearRect(0, 0, width, height);
+    if (head > 0) context.drawImage(this.played, 0, 0, head, height, 0, 0, head, height);
+    if (head < width) context.drawImage(this.ahead, head, 0, width - head, height, head, 0, width - head, height);
+    context.fillStyle = tone.contact;
+    for (const at of marks) context.fillRect(at - ratio, 0, 2 * ratio, 4 * ratio);
+    context.fillStyle = tone.text;
+    context.fillRect(head - ratio, 0, 2 * ratio, height);
+  }
+}
+
+function drawBars(onto, { width, height }, overview, span, color) {
+  [onto.width, onto.height] = [width, height];
+  const context = onto.getContext("2d"), ratio = devicePixelRatio;
+  const top = Math.max(...overview.counts, 1);
+  const bar = (width / overview.counts.length) * (overview.t_end_us - overview.t_start_us) / span;
+  context.fillStyle = color;
   overview.counts.forEach((count, index) => {
-    const x = index * bar * covered, tall = Math.max(ratio, (height - 6 * ratio) * Math.sqrt(count / top));
-    context.fillStyle = x <= head ? tone.soft : tone.line;
-    context.fillRect(x, height - tall, Math.max(bar * covered - 0.5, 1), tall);
+    const tall = Math.max(ratio, (height - 6 * ratio) * Math.sqrt(count / top));
+    context.fillRect(index * bar, height - tall, Math.max(bar - 0.5, 1), tall);
   });
-  context.fillStyle = tone.contact;
-  for (const at of meta.contacts_us) context.fillRect(across(at) - ratio, 0, 2 * ratio, 4 * ratio);
-  context.fillStyle = tone.text;
-  context.fillRect(head - ratio, 0, 2 * ratio, height);
 }
 
 export function niceStep(span) {

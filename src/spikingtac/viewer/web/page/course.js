@@ -20,7 +20,8 @@ export class Course {
     this.bucketUs = BUCKET_US;
     this.top = 1;
     this.painted = "";
-    this.newest = this.before = undefined;
+    this.newest = undefined;
+    this.fresh = []; // pairs of samples that are not painted yet
   }
 
   // Keep a frame's displacements; true where they are the largest so far.
@@ -35,8 +36,9 @@ export class Course {
     while (largest > this.top) [this.top, this.painted] = [nextNice(this.top), ""];
     if (this.samples.size * moved.length > MOST_FLOATS) this.thin(startUs);
     const since = tUs - (this.newest?.t_us ?? -Infinity);
-    this.before = since > 0 && since <= GAP_US ? this.newest : this.samples.get(bucket - 1);
+    const before = since > 0 && since <= GAP_US ? this.newest : this.samples.get(bucket - 1);
     this.newest = this.samples.get(bucket);
+    if (before) this.fresh.push([before, this.newest]);
   }
 
   thin(startUs) {
@@ -65,7 +67,8 @@ export class Course {
     this.spanUs = ends ? lasts : span;
     const wanted = [width, height, this.top, this.spanUs, tone.ground, this.bucketUs].join();
     if (wanted !== this.painted) this.paintAll(tone, wanted);
-    else if (this.newest) this.paint(this.cache.getContext("2d"), [this.before, this.newest].filter(Boolean), tone);
+    else if (this.fresh.length) this.paint(this.cache.getContext("2d"), this.fresh, tone);
+    this.fresh = [];
     const context = this.canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     context.drawImage(this.cache, 0, 0);
@@ -89,16 +92,17 @@ export class Course {
     [this.cache.width, this.cache.height] = [this.canvas.width, this.canvas.height];
     const context = this.cache.getContext("2d");
     this.axes(context, tone);
-    this.paint(context, this.inOrder(), tone);
+    this.paint(context, [this.inOrder()], tone);
   }
 
-  paint(context, samples, tone) {
-    if (samples.length < 2) return;
+  paint(context, runs, tone) {
     context.strokeStyle = tone.edge;
     context.globalAlpha = 0.5;
     context.lineWidth = devicePixelRatio;
     context.beginPath();
-    for (let marker = 0; marker < samples[0].moved.length; marker += 2) this.path(context, samples, marker);
+    for (const samples of runs) {
+      for (let at = 0; at < (samples[0]?.moved.length ?? 0); at += 2) this.path(context, samples, at);
+    }
     context.stroke();
     context.globalAlpha = 1;
   }

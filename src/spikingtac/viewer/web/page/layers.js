@@ -1,7 +1,10 @@
 // Layers over the sensor's image that show the field between the markers.
+const FINER = 8; // the heat map is made smooth at so many points for each marker, and then enlarged
+
 export class FieldLayers {
   constructor() {
     this.small = document.createElement("canvas");
+    this.finer = document.createElement("canvas");
   }
 
   greet(hello) {
@@ -9,22 +12,28 @@ export class FieldLayers {
     this.whole = rows > 1 && columns > 1 && rows * columns === hello.reference_px.length;
     if (!this.whole) return;
     [this.small.width, this.small.height] = [columns, rows];
+    [this.finer.width, this.finer.height] = [FINER * columns, FINER * rows];
     this.pixels = this.small.getContext("2d").createImageData(columns, rows);
     this.words = new Uint32Array(this.pixels.data.buffer);
     this.affine = affineOf(hello.reference_px, rows, columns);
   }
 
-  // Displacement between the markers, as colours: one drawing of a small picture, made smooth.
-  drawHeat(sensor, moved) {
+  // Displacement between the markers, as colours. Only a small picture is made smooth by cubic
+  // curves: done for each pixel of the page, they cost more than everything else together.
+  drawHeat(sensor, moved, context, zoom) {
     if (!this.whole) return;
     for (let i = 0; i < this.words.length; i++) this.words[i] = sensor.heatWord(moved[i]);
     this.small.getContext("2d").putImageData(this.pixels, 0, 0);
-    const { context, zoom } = sensor, [[ax, ay], [bx, by], [ox, oy]] = this.affine;
+    const [width, height] = [this.finer.width, this.finer.height], smooth = this.finer.getContext("2d");
+    smooth.clearRect(0, 0, width, height);
+    [smooth.imageSmoothingEnabled, smooth.imageSmoothingQuality] = [true, "high"];
+    smooth.drawImage(this.small, 0, 0, width, height);
+    const [[ax, ay], [bx, by], [ox, oy]] = this.affine;
     context.save();
     context.setTransform(ax * zoom, ay * zoom, bx * zoom, by * zoom, (ox + 0.5) * zoom, (oy + 0.5) * zoom);
     context.imageSmoothingEnabled = true;
-    context.imageSmoothingQuality = "high";
-    context.drawImage(this.small, -0.5, -0.5, this.small.width, this.small.height);
+    context.imageSmoothingQuality = "low";
+    context.drawImage(this.finer, -0.5, -0.5, this.small.width, this.small.height);
     context.restore();
   }
 

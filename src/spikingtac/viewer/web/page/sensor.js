@@ -1,5 +1,6 @@
 // Draws the sensor: image, discs, truth and arrows. Positions are in sensor pixels whose centres
 // are whole numbers, so that half a pixel lies between a position and the canvas's corner.
+import { drawSeen, drawSustained } from "./arrows.js";
 import { FieldLayers } from "./layers.js";
 import { colors, fitCanvas } from "./theme.js";
 
@@ -7,12 +8,9 @@ const AGE_BINS = 7;
 const OFF_CODE = 8;
 const MAP_LEVELS = 15;
 const CHOOSE_WITHIN_PX = 25;
-const SHAFT_PX = 1.6;
-const HEAD_SHARE = 0.35;
-const LONGEST_HEAD_PX = 7;
 const MOST_OPAQUE = 0.7; // of the heat map
 const SCALE_STEPS = 64; // colours of the scale
-const SHORTEST_ARROW_PX = 0.35; // below it, in sensor pixels, a dot says more than an arrow
+const ARROW_STEPS = 16; // colours of the arrows: those of one colour are one path
 
 export class Sensor {
   constructor(canvas) {
@@ -79,30 +77,50 @@ export class Sensor {
     if (!this.hello) return;
     fitCanvas(this.canvas);
     this.zoom = Math.min(this.canvas.width / this.hello.size[0], this.canvas.height / this.hello.size[1]);
-    this.context.fillStyle = this.tone.image;
-    this.context.fillRect(0, 0, this.canvas.width, this.canvas.height);
-    this.drawImage(arrays);
     this.follow(arrays);
-    if (this.options.heat && this.moved.length) this.layers.drawHeat(this, this.moved);
+    this.drawImage(arrays);
     if (this.options.discs) this.drawDiscs(this.hello.reference_px, this.tone.disc);
     if (this.options.mesh && this.arrows.length) this.layers.drawMesh(this, this.arrows);
     if (this.options.truth && arrays.truth_px) this.drawDiscs(pairs(arrays.truth_px), this.tone.truth);
     if (this.arrows.length) this.drawArrows(arrays);
   }
 
+  // Events and heat map are laid over each other at the sensor's own pixels, and enlarged once.
   drawImage(arrays) {
+    const heat = this.options.heat && this.moved.length > 0, shown = this.fillPicture(arrays);
+    if (!shown && !heat) return this.ground(0, 0);
+    const [width, height] = this.hello.view_size, step = this.hello.view_step, onto = this.picture.getContext("2d");
+    if (!shown) {
+      onto.fillStyle = this.tone.image;
+      onto.fillRect(0, 0, width, height);
+    }
+    if (heat) this.layers.drawHeat(this, this.moved, onto, 1 / step);
+    const right = width * step * this.zoom, below = height * step * this.zoom;
+    this.context.imageSmoothingEnabled = false;
+    this.context.drawImage(this.picture, 0, 0, right, below);
+    this.ground(Math.floor(right), Math.floor(below));
+  }
+
+  // Draw the chosen image into the small picture; false where there is none.
+  fillPicture(arrays) {
     const image = this.options.image;
     const packed = image === "map" ? arrays.map : image === "none" ? undefined : arrays.activity;
-    if (!packed) return;
+    if (!packed) return false;
     const table = this.tables[image], words = this.words;
     for (let i = 0, pixel = 0; pixel < words.length; i++) {
       words[pixel++] = table[packed[i] >> 4];
       if (pixel < words.length) words[pixel++] = table[packed[i] & 15];
     }
     this.picture.getContext("2d").putImageData(this.pixels, 0, 0);
-    this.context.imageSmoothingEnabled = false;
-    const [width, height] = this.hello.view_size, step = this.hello.view_step * this.zoom;
-    this.context.drawImage(this.picture, 0, 0, width * step, height * step);
+    return true;
+  }
+
+  // What the image leaves free, right of and below a point.
+  ground(right, below) {
+    const { width, height } = this.canvas;
+    this.context.fillStyle = this.tone.image;
+    if (width > right) this.context.fillRect(right, 0, width - right, height);
+    if (height > below) this.context.fillRect(0, below, right, height - below);
   }
 
   drawDiscs(centers, color) {
@@ -130,54 +148,25 @@ export class Sensor {
   }
 
   drawArrows({ position_px: position, held, confidence }) {
-    const context = this.context, dash = [4 * devicePixelRatio, 3 * devicePixelRatio];
     if (this.options.arrows) {
+      const seen = new Map(), sustained = [];
       this.arrows.forEach(([rx, ry, tx, ty], marker) => {
-        const sustained = held[marker] === 1, lost = sustained && confidence[marker] === 0;
+        const ends = [this.toCanvas(rx, ry), this.toCanvas(tx, ty), this.moved[marker]];
+        if (held[marker] === 1) return sustained.push([ends, confidence[marker] === 0]);
         // On the heat map the same colours would not be seen.
-        const plain = this.options.heat ? this.tone.text : this.scaleTexts[this.scaleStep(this.moved[marker])];
-        context.strokeStyle = context.fillStyle = lost ? this.tone.lost : sustained ? this.tone.held : plain;
-        context.setLineDash(sustained ? dash : []);
-        this.arrow(this.toCanvas(rx, ry), this.toCanvas(tx, ty), this.moved[marker]);
-        if (lost) this.cross(...this.toCanvas(rx, ry));
+        const color = this.options.heat ? this.tone.text : this.scaleTexts[this.arrowStep(this.moved[marker])];
+        if (!seen.has(color)) seen.set(color, []);
+        seen.get(color).push(ends);
       });
-      context.setLineDash([]);
+      drawSeen(this.context, seen);
+      drawSustained(this.context, sustained, this.tone);
     }
     this.ring(position);
   }
 
-  cross(x, y) {
-    const context = this.context, size = 4 * devicePixelRatio;
-    context.setLineDash([]);
-    context.beginPath();
-    for (const way of [1, -1]) {
-      context.moveTo(x - size, y - way * size);
-      context.lineTo(x + size, y + way * size);
-    }
-    context.stroke();
-  }
-
-  arrow([x0, y0], [x1, y1], length) {
-    const context = this.context, ratio = devicePixelRatio;
-    if (length < SHORTEST_ARROW_PX) {
-      context.beginPath();
-      context.arc(x1, y1, 1.5 * ratio, 0, 2 * Math.PI);
-      context.fill();
-      return;
-    }
-    const angle = Math.atan2(y1 - y0, x1 - x0);
-    const head = Math.min(LONGEST_HEAD_PX * ratio, HEAD_SHARE * Math.hypot(x1 - x0, y1 - y0) + 2 * ratio);
-    context.lineWidth = SHAFT_PX * ratio;
-    context.beginPath();
-    context.moveTo(x0, y0);
-    context.lineTo(x1 - 0.8 * head * Math.cos(angle), y1 - 0.8 * head * Math.sin(angle));
-    context.stroke();
-    context.beginPath();
-    context.moveTo(x1, y1);
-    for (const turn of [-0.42, 0.42]) {
-      context.lineTo(x1 - head * Math.cos(angle + turn), y1 - head * Math.sin(angle + turn));
-    }
-    context.fill();
+  arrowStep(moved) {
+    const width = SCALE_STEPS / ARROW_STEPS;
+    return Math.floor(this.scaleStep(moved) / width) * width + width - 1;
   }
 
   ring(position) {

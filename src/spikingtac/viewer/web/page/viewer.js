@@ -1,5 +1,5 @@
 // Connects, draws the latest frame at the display's rate, acknowledges what was drawn.
-import { Counts, Trace, drawOverview } from "./charts.js";
+import { Counts, Overview, Trace } from "./charts.js";
 import { buildControls, refreshControls } from "./controls.js";
 import { Course } from "./course.js";
 import { drawFelt, drawSpectrum, forceText, slipText, vibrationText } from "./felt.js";
@@ -10,6 +10,7 @@ import { legendKeys, showLegend } from "./legend.js";
 import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { savePicture, saveTable } from "./save.js";
 import { Sensor } from "./sensor.js";
+import { showShelf } from "./shelf.js";
 import { startTheme } from "./theme.js";
 import { decode } from "./wire.js";
 
@@ -23,11 +24,18 @@ const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
 
 const $ = (id) => document.getElementById(id);
 const sensor = new Sensor($("sensor")), counts = new Counts($("counts")), trace = new Trace($("trace"));
-const course = new Course($("course")), readings = new Readings($("readings"));
+const course = new Course($("course")), overview = new Overview($("overview")), readings = new Readings($("readings"));
 const metrics = { frames: 0, fps: 0, latencies_ms: [], draw_ms: [], arrows: [], sample: null, connected: false, hello: null, meta: null, states: [], saved: null };
 window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
+
+// Drawn in turn: nobody sees a course grow sixty times a second, and each costs what the sensor does.
+const CHARTS = [
+  (meta) => write($("count"), String(counts.draw(meta, hello.window_us) ?? "")),
+  (meta) => hello.reference_px.length && trace.draw(meta, sensor.options.truth),
+  (meta) => hello.reference_px.length && course.draw(meta, sensor.options.marker, hello.ends),
+];
 
 function send(command) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
@@ -53,10 +61,12 @@ function greet(document_) {
   }
   const names = (from) => from.controls.map((control) => control.name).join();
   const first = !hello || names(hello) !== names(document_);
-  const other = !hello || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
+  const other = !hello || hello.opened !== document_.opened || JSON.stringify(hello.reference_px) !== JSON.stringify(document_.reference_px);
   hello = metrics.hello = document_;
+  showShelf(document_, (name) => send({ open: name }));
   if (other) {
     forget();
+    counts.clear();
     sensor.options.marker = $("marker").value = middle(hello);
   }
   sensor.greet(hello);
@@ -104,7 +114,7 @@ function draw() {
   $("waiting").hidden = true;
   counts.add(meta, arrays.counts);
   sample(meta, arrays);
-  paint();
+  paint(metrics.frames % CHARTS.length);
   showMoment(meta);
   measure(meta);
   send({ ack: ++metrics.frames });
@@ -113,19 +123,15 @@ function draw() {
   if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
 }
 
-// Everything that is drawn, from the latest frame.
-function paint() {
+// What is drawn of the latest frame: the sensor, and one of the charts in its turn; else all of them.
+function paint(turn = null) {
   const { meta, arrays } = drawn;
   sensor.top = course.top;
   sensor.draw(drawn);
   drawFelt(sensor, meta.felt);
   drawGuide(sensor, meta.guide, arrays);
-  $("count").value = counts.draw(meta, hello.window_us) ?? "";
-  if (hello.reference_px.length) {
-    trace.draw(meta, sensor.options.truth);
-    course.draw(meta, sensor.options.marker, hello.ends);
-  }
-  drawOverview($("overview"), hello.overview, meta);
+  CHARTS.forEach((draw_, index) => (turn === null || turn === index) && draw_(meta));
+  overview.draw(hello.overview, meta);
 }
 
 function sample(meta, { position_px: position, truth_px: truth }) {
@@ -141,14 +147,14 @@ function sample(meta, { position_px: position, truth_px: truth }) {
 
 function showMoment(meta) {
   const since = (meta.t_us - meta.t_start_us) / 1e6;
-  $("clock").value = `${since.toFixed(3)} s`;
+  write($("clock"), `${since.toFixed(3)} s`);
   if (!scrubbing) Object.assign($("timeline"), { min: meta.t_start_us, max: meta.t_end_us, value: meta.t_us });
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
-  $("play").textContent = meta.playing ? "Pause" : "Play";
+  write($("play"), meta.playing ? "Pause" : "Play");
   $("play").setAttribute("aria-pressed", String(meta.playing));
   setState(steady(meta.state), meta.watchdog);
   $("notice").hidden = !meta.notice;
-  $("notice").textContent = meta.notice;
+  write($("notice"), meta.notice);
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
   lamp.hidden = false;
   lamp.classList.toggle("lit", meta.in_contact);
@@ -264,10 +270,16 @@ function legendTexts() {
   return [...$("legend").children].map((entry) => entry.textContent.trim()).filter(Boolean);
 }
 
+function openShelf() {
+  if (!hello?.shelf) return;
+  send({ list: true }); // there may be new ones
+  $("shelf").showModal();
+}
+
 const toggleTheme = startTheme(redraw);
 const toggle = (id) => () => $(id).click();
 listen({
-  " ": () => $("play").click(), "d": toggleTheme, "?": () => $("keys").showModal(),
+  " ": () => $("play").click(), "d": toggleTheme, "o": openShelf, "?": () => $("keys").showModal(),
   "ArrowLeft": (shift) => drawn && seek(drawn.meta.t_us - (shift ? 1e5 : 1e4)), "ArrowRight": (shift) => drawn && seek(drawn.meta.t_us + (shift ? 1e5 : 1e4)),
   "Home": () => drawn && seek(drawn.meta.t_start_us), "i": () => pick("image", 1),
   "a": toggle("arrows"), "h": toggle("heat"), "g": toggle("mesh"), "c": toggle("discs"), "t": toggle("truth"),
@@ -293,6 +305,7 @@ $("defaults").addEventListener("click", () => { forget(); send({ defaults: true 
 $("reset").addEventListener("click", () => send({ reset: true }));
 $("calibrate").addEventListener("click", () => send({ calibrate: true }));
 $("begin-anew").addEventListener("click", () => send({ begin_anew: true }));
+$("open").addEventListener("click", openShelf);
 $("save").addEventListener("click", () => hello && saveTable(course, hello, hello.label));
 $("picture").addEventListener("click", () => drawn && savePicture(sensor, hello.label, [$("clock").value, ...legendTexts()]));
 $("theme").addEventListener("click", toggleTheme);

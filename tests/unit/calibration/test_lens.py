@@ -1,0 +1,173 @@
+"""The lens from a flat grid, against Brown's distortion in the digital twin."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.lens import Lens
+from spikingtac.calibration.lens_fit import fit_lens, with_lens
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import CalibrationError, RecordingError
+from spikingtac.sim.optics.projection import Lens as Pinhole
+from spikingtac.sim.optics.projection import distort_kernel
+from spikingtac.tracks.tracks import Tracks
+
+SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
+NOISE_PX = 0.05
+OPTICS = Pinhole(159.5, 159.5, 15.5, 13.0, -0.05, 0.0, 0.0, 0.0)
+
+
+def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
+    y, x = np.mgrid[0 : grid[0], 0 : grid[1]] * PITCH_MM
+    return np.stack([x.ravel() - x.mean(), y.ravel() - y.mean()], axis=1)
+
+
+def imaged_px(place_mm: np.ndarray, tilt: float = 0.0) -> np.ndarray:
+    """Places on the skin as a camera shows them whose lens distorts by Brown's law, k1 = -0.05."""
+    return np.array(
+        [distort_kernel.py_func(OPTICS, x, y, tilt * x)[:2] for x, y in place_mm.tolist()]
+    )
+
+
+def rests_px(seed: int, tilt: float = 0.0) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0.0, NOISE_PX, (len(skin_mm()), 2))
+    return imaged_px(skin_mm(), tilt) + noise
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.05])
+def test_displacements_at_the_rim_are_right_where_one_scale_is_wrong(tilt: float) -> None:
+    lens = fit_lens(rests_px(1, tilt), GRID, SIZE, PITCH_MM)
+    before, after = skin_mm(), skin_mm() + np.array([0.3, -0.2])
+    moved_px = imaged_px(after, tilt) - imaged_px(before, tilt)
+    moved_mm = lens.to_mm(imaged_px(after, tilt)) - lens.to_mm(imaged_px(before, tilt))
+    true_mm = np.hypot(0.3, 0.2)
+    off = np.abs(np.hypot(*moved_mm.T) / true_mm - 1.0)
+    one_scale = np.hypot(*moved_px.T) / np.median(np.hypot(*moved_px.T))
+    assert np.abs(one_scale - 1.0).max() > 0.06
+    assert off.max() < 0.012
+    np.testing.assert_allclose(moved_mm, np.broadcast_to([0.3, -0.2], moved_mm.shape), atol=0.012)
+
+
+def test_its_axes_are_those_of_the_image_whatever_way_the_grid_lies() -> None:
+    turn = np.radians(7.0)
+    turned = skin_mm() @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    lens = fit_lens(imaged_px(turned), GRID, SIZE, PITCH_MM)
+    middle = np.array([[159.5, 159.5], [160.5, 159.5], [159.5, 160.5]])
+    along_x, along_y = np.diff(lens.to_mm(middle)[[0, 1, 0, 2]], axis=0)[[0, 2]]
+    np.testing.assert_allclose(along_x, [1 / 15.5, 0.0], atol=2e-4)
+    np.testing.assert_allclose(along_y, [0.0, 1 / 15.5], atol=2e-4)
+
+
+def test_the_coefficient_and_its_error_are_right() -> None:
+    """Of rests that the model itself distorts, two thirds of the fits lie within one sigma."""
+    truth = fit_lens(imaged_px(skin_mm()), GRID, SIZE, PITCH_MM)
+    scaled = (skin_mm() * 15.5) / truth.half_diagonal_px  # s of u = s / (1 + k s^2), solved for s
+    radius = np.hypot(*scaled.T)
+    k = truth.radial
+    grown = (1 - np.sqrt(1 - 4 * k * radius**2)) / (2 * k * radius)
+    clean_px = scaled * (grown / radius)[:, None] * truth.half_diagonal_px + 159.5
+    apart = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0.0, NOISE_PX, clean_px.shape)
+        found = fit_lens(clean_px + noise, GRID, SIZE, PITCH_MM)
+        apart.append((found.radial - k) / found.radial_sigma)
+    assert abs(np.mean(apart)) < 4 / np.sqrt(40)
+    assert 0.7 < np.std(apart) < 1.35
+
+
+@pytest.mark.parametrize(
+    ("grid", "noise_px", "why"),
+    [((2, 8), 0.05, "do not show a lens"), ((3, 3), 0.05, "do not show"), ((8, 8), 4.0, "rim")],
+)
+def test_what_the_grid_does_not_show_is_refused(
+    grid: tuple[int, int], noise_px: float, why: str
+) -> None:
+    places = imaged_px(skin_mm(grid))
+    noise = np.random.default_rng(2).normal(0.0, noise_px, places.shape)
+    with pytest.raises(CalibrationError, match=why):
+        fit_lens(places + noise, grid, SIZE, PITCH_MM)
+
+
+def calibration() -> Calibration:
+    return Calibration(
+        reference_px=rests_px(3),
+        radius_px=np.full(64, 7.0),
+        grid=GRID,
+        size=SIZE,
+        px_per_mm=15.0,
+    )
+
+
+def test_it_travels_with_the_calibration_and_the_tracks(tmp_path: Path) -> None:
+    made = with_lens(calibration(), PITCH_MM)
+    made.save(tmp_path / "calibration.json")
+    read = Calibration.load(tmp_path / "calibration.json")
+    assert made.lens is not None
+    assert read.lens is not None
+    np.testing.assert_array_equal(read.lens.homography, made.lens.homography)
+    moved_px = imaged_px(skin_mm() + np.array([0.3, -0.2])) - imaged_px(skin_mm())
+    tracks = tracks_of(read, moved_px)
+    np.testing.assert_allclose(tracks.displacement_mm[0], [[0.3, -0.2]] * 64, atol=0.012)
+    assert tracks.summary()["displacement_max_mm"] == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
+    flat = tracks_of(replace(read, lens=None), moved_px)
+    np.testing.assert_allclose(flat.displacement_mm[0], moved_px / 15.0, rtol=1e-5)
+
+
+def tracks_of(known: Calibration, moved_px: np.ndarray) -> Tracks:
+    place = (known.reference_px + moved_px)[None]
+    return Tracks(
+        t_us=np.array([0]),
+        detected_px=place,
+        position_px=place,
+        displacement_px=moved_px[None],
+        coasted=np.zeros((1, 64), bool),
+        confidence=np.ones((1, 64)),
+        reference_px=known.reference_px,
+        meta=known.scale(),
+    )
+
+
+def test_a_grid_that_shows_none_keeps_its_calibration_and_says_why() -> None:
+    uneven = calibration().reference_px + np.random.default_rng(4).normal(0.0, 4.0, (64, 2))
+    found = with_lens(replace(calibration(), reference_px=uneven), PITCH_MM)
+    assert found.lens is None
+    assert "uncertain" in found.provenance["no_lens"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"homography": [[1, 0], [0, 1]]},
+        {"homography": [[0, 0, 0]] * 3},
+        {"radial": 1.5},
+        {"radial": float("nan")},
+        {"half_diagonal_px": 0},
+        {"center_px": 3},
+    ],
+)
+def test_a_damaged_lens_is_refused(damage: dict, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    with_lens(calibration(), PITCH_MM).save(path)
+    document = json.loads(path.read_text())
+    document["lens"] |= damage
+    path.write_text(json.dumps(document))
+    with pytest.raises(CalibrationError):
+        Calibration.load(path)
+    tracks = tracks_of(calibration(), np.zeros((64, 2)))
+    with pytest.raises(RecordingError, match="lens"):
+        _ = replace(tracks, meta={**tracks.meta, "lens": document["lens"]}).displacement_mm
+
+
+def test_a_lens_without_distortion_is_one_scale() -> None:
+    lens = Lens(
+        center_px=(0.0, 0.0),
+        half_diagonal_px=10.0,
+        radial=0.0,
+        radial_sigma=0.0,
+        homography=np.diag([2.0, 2.0, 1.0]),
+        residual_mm=0.0,
+    )
+    np.testing.assert_allclose(lens.to_mm(np.array([[5.0, -10.0]])), [[1.0, -2.0]])
