@@ -19,6 +19,7 @@ from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
+from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import create_tracks
 from spikingtac.tracks.files import NpzTracksWriter
@@ -44,8 +45,9 @@ def track_to_file(
         force: Tells the wrench of every frame, too (``.npz`` only).
 
     Returns:
-        A summary: counts, largest displacement, markers never observed, anomalies, health, and
-        what the recording has against the calibration.
+        A summary: counts, largest displacement, markers never observed, anomalies, health, what
+        the recording has against the calibration, and its swing (a share of the calibrated one;
+        None where too little moved) with a warning where the gel has faded.
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
@@ -56,9 +58,10 @@ def track_to_file(
     estimator = force_estimator(force, Path(output), len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
-    checked = CheckedSource(source, calibration)
+    checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
     try:
-        for frame in follow(checked, tracker, config.rate_hz):
+        for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
+            runs.follow(frame.detected_px - calibration.reference_px)
             if estimator is not None and isinstance(writer, NpzTracksWriter):
                 moved = frame.detected_px - calibration.reference_px
                 writer.measure(wrench_columns(estimator.update(frame.t_us, moved)))
@@ -68,7 +71,8 @@ def track_to_file(
                 advance(source.progress)
         health = source.counters().summary()
         meta = {**provenance_of(source, config), **calibration.scale(), "health": health}
-        writer.close({**meta, "calibration_misfit": checked.misfit})
+        found = {"calibration_misfit": checked.misfit, **_ageing(runs.swing())}
+        writer.close({**meta, **found})
     except BaseException:
         writer.abandon()
         raise
@@ -77,8 +81,15 @@ def track_to_file(
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
         "health": health,
-        "calibration_misfit": checked.misfit,
+        **found,
         "output": str(output),
+    }
+
+
+def _ageing(swing: Swing | None) -> dict[str, Any]:
+    return {
+        "swing": None if swing is None else round(swing.share, 3),
+        "ageing": swing.words() if swing is not None and swing.faded else None,
     }
 
 

@@ -10,7 +10,7 @@ import pytest
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.files.model_file import load_force, save_force
-from spikingtac.touch.force.fit import fit_force
+from spikingtac.touch.force.fit import CHOICES, NORMAL, fit_force
 from spikingtac.touch.force.model import ForceModel
 from spikingtac.touch.force.rest_zero import RestZeroConfig
 from spikingtac.touch.force.score import score_force
@@ -62,6 +62,17 @@ def test_a_zero_that_moved_is_learned_at_rest(model: ForceModel) -> None:
     lost = [score.mae for score in score_force(unaware, series(4, rest_mm=0.015))]
     gain = (np.array(lost[:2]) - still[:2]) / (np.array(moved[:2]) - still[:2])
     assert (gain > 1.5).all()
+
+
+def test_the_normal_law_is_the_better_one_between_the_series(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taught, between = [series(41), series(42)], {}
+    for choices in (NORMAL, NORMAL[:1], NORMAL[1:]):
+        monkeypatch.setitem(CHOICES, "fz", choices)
+        model = fit_force(taught)
+        between[choices] = model.about["r2_between_series"]["fz"], model.laws[2].name
+    assert between[NORMAL] == max(between[NORMAL[:1]], between[NORMAL[1:]])
 
 
 def test_rest_is_quiet(model: ForceModel) -> None:

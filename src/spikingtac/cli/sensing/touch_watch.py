@@ -16,7 +16,7 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
+    from spikingtac.touch.ageing.swing_runs import Swing
     from spikingtac.touch.vibration.event_vibration import VibrationLine
     from spikingtac.touch.vibration.heard_packets import HeardPackets
     from spikingtac.types import EventPacket, MarkerFrame
@@ -118,7 +118,7 @@ def track(
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            packets, rate_hz = absorbing(heard or checked, runs), config.tracking.rate_hz
+            packets, rate_hz = runs.passing(heard or checked), config.tracking.rate_hz
             for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
                 runs.follow(frame.detected_px - calibration.reference_px)
                 if heard is not None:
@@ -139,13 +139,6 @@ def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPac
     from spikingtac.touch.vibration.heard_packets import HeardPackets
 
     return HeardPackets(packets, EventVibrationMonitor(calibration))
-
-
-def absorbing(packets: Iterable[EventPacket], runs: SwingRuns) -> Iterator[EventPacket]:
-    """Pass packets on and count their runs."""
-    for packet in packets:
-        runs.absorb(packet.sound())
-        yield packet
 
 
 PROGRESS_EVERY = 256

@@ -157,6 +157,7 @@ def track_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
         "never_observed": len(summary["never_observed"]),
         "anomalies": sum(summary["anomalies"].values()),
         "calibration_misfit": int(summary["calibration_misfit"] is not None),
+        "swing": summary["swing"],
     }
 
 
@@ -165,6 +166,8 @@ def _print(summary: dict[str, Any], recording: Path) -> None:
         remark(f"note: {kind} {count} times in the recording")
     if summary["calibration_misfit"]:
         warn(summary["calibration_misfit"])
+    if summary.get("ageing"):
+        warn(summary["ageing"])
     if "pieces" in summary:
         remark(
             f"{summary['pieces']} pieces; both ways are {summary['seam_mean_px']:.2f} px apart at "

@@ -42,6 +42,18 @@ KINDS = (
     "twice",
 )
 """What is drawn from: slides count twice."""
+CARRY = "carry"
+"""A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
+IN_PLACE = ("twist", "circle", CARRY)
+"""Kinds in which a body stays about where it was pressed."""
+CARRY_MOVES = 10
+"""Disturbances of one carried body, a second each."""
+CARRY_MM = 0.3
+"""Largest distance of a carried body from where it was taken, mm per unit of friction."""
+CARRY_DEPTH = (0.9, 1.15)
+"""Range of its depths, as a share of the first."""
+CARRY_REST_S = (0.1, 1.0)
+"""Range of the rests between its moves, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +125,7 @@ def draw_slide(
     hold = SegmentConfig(kind="hold", duration_s=0.2)
     lift = SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S)
     middle = _DRAWN[kind](motion)
-    x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (
-        kind not in ("twist", "circle")
-    )
+    x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
     settings = {} if body.radius_mm is None else _radius(body, float(rng.uniform(*body.radius_mm)))
     contact = ContactConfig(
         indenter=IndenterConfig(kind=body.kind, settings=settings),
@@ -224,6 +234,20 @@ def _twice(motion: _Motion) -> list[SegmentConfig]:
     return [half, SegmentConfig(kind="hold", duration_s=0.3), half]
 
 
+def _carry(motion: _Motion) -> list[SegmentConfig]:
+    """Return small moves about the first place, each with its own depth, and rests."""
+    segments, here = [], np.zeros(2)
+    for _ in range(CARRY_MOVES):
+        angle, far = motion.rng.uniform(0.0, 2.0 * np.pi), np.sqrt(motion.rng.uniform())
+        there = CARRY_MM * motion.friction * far * np.array([np.cos(angle), np.sin(angle)])
+        motion.way, here = there - here, there
+        depth = motion.depth_mm * float(motion.rng.uniform(*CARRY_DEPTH))
+        motion.speed = float(np.exp(motion.rng.uniform(*np.log(SPEEDS_MM_S))))
+        rest = SegmentConfig(kind="hold", duration_s=float(motion.rng.uniform(*CARRY_REST_S)))
+        segments += [motion.segment("slide", depth_mm=depth), rest]
+    return segments
+
+
 _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
     "slide": _slide,
     "stick": _stick,
@@ -234,4 +258,5 @@ _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
     "roll": _roll,
     "deepen": _deepen,
     "twice": _twice,
+    CARRY: _carry,
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,20 @@ def watch_without_camera(slide: Slide, seed: int) -> WatchedSlide:
         for t_us, row in zip(steps, noisy, strict=True)
     ]
     return _watched(slide, source.reference_px, frames, truth)
+
+
+def with_slack(watched: WatchedSlide, slack_px: float) -> WatchedSlide:
+    """Return a contact of which each marker is seen to move only when a string is taut.
+
+    An event camera does not see the beginning of a motion that turns back (the play operator of
+    :mod:`spikingtac.touch.touches.backlash`).
+    """
+    moved = watched.moved_px.copy()
+    for row in range(1, len(moved)):
+        away = watched.moved_px[row] - moved[row - 1]
+        length = np.maximum(np.sqrt((away**2).sum(axis=1, keepdims=True)), 1e-12)
+        moved[row] = moved[row - 1] + away * np.maximum(1.0 - slack_px / length, 0.0)
+    return replace(watched, moved_px=moved)
 
 
 class _Packets:

@@ -8,6 +8,7 @@ Needs no tracker but to know which markers moved.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +86,16 @@ class SwingRuns:
         longest_runs_kernel(
             (packet.x, packet.y, packet.p, packet.t), self._run, self._last_us, self._longest
         )
+
+    def passing(self, packets: Iterable[EventPacket]) -> Iterator[EventPacket]:
+        """Pass packets on, and take them in.
+
+        Raises:
+            ConfigError: They are of another sensor.
+        """
+        for packet in packets:
+            self.absorb(packet.sound())
+            yield packet
 
     def follow(self, displacement: Field) -> None:
         """Take in displacements ``(m, 2)`` from the calibrated rest, px."""

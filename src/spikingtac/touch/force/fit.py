@@ -32,7 +32,7 @@ LATERAL = (
     LawChoice(("squares", "squares", "squares", "kernel")),
     LawChoice(("shape", "squares", "linear", "kernel")),
 )
-NORMAL = (LawChoice(("normal",), corrected=True),)
+NORMAL = (LawChoice(("normal",), corrected=True), LawChoice(("kernel",)))
 CHOICES = dict.fromkeys(COMPONENTS, LATERAL) | {"fz": NORMAL}
 """Component -> the formulas, or means of some, that may describe it (ours: means of unlike formulas
 err less than any of them on data/force)."""

@@ -11,7 +11,7 @@ from spikingtac.touch.slip.alarm import Alarm
 from spikingtac.touch.slip.feature_stream import FeatureStream
 from spikingtac.touch.slip.slip import Phase, Slip, SlipState
 from spikingtac.touch.slip.slip_config import SlipConfig
-from spikingtac.touch.slip.stick_law import StickLaw, fitted_law
+from spikingtac.touch.slip.stick_law import StickLaw, Stuck, fitted_law
 
 Field = NDArray[np.float64]
 
@@ -42,8 +42,8 @@ class SlipMonitor:
             config: When slip is told.
             law: From features to what sticks; the package's own unless given.
         """
-        self._config, self._law = config or SlipConfig(), law or fitted_law()
-        self._features = FeatureStream(reference)
+        self._config = config or SlipConfig()
+        self._features, self._course = FeatureStream(reference), (law or fitted_law()).course()
         self._incipient = Alarm(self._config.incipient)
         self._gross = Alarm(self._config.gross)
         self.reset()
@@ -52,6 +52,7 @@ class SlipMonitor:
         """Forget everything."""
         self.state: SlipState | None = None
         self._features.reset()
+        self._course.reset()
         self._touched_us: int | None = None
         self._forget()
 
@@ -77,31 +78,32 @@ class SlipMonitor:
             self._touched_us = None
         elif self._touched_us is None:
             self._touched_us = t_us
-        settled = self._touched_us is not None and (
-            t_us - self._touched_us >= self._config.settle_us
-        )
-        if features is None or not settled:
+        if features is None or self._touched_us is None:
+            self._course.reset()
             self.state = None
             return self._ended(t_us)
-        return self._told(t_us, features)
+        stuck = self._course.update(t_us, features)
+        if t_us - self._touched_us < self._config.settle_us:
+            self.state = None
+            return None
+        return self._told(t_us, stuck)
 
     def finish(self, t_us: int) -> Slip | None:
         """Return the slip that is still open at the end, us."""
         return self._ended(t_us)
 
-    def _told(self, t_us: int, features: Field) -> Slip | None:
+    def _told(self, t_us: int, stuck: Stuck) -> Slip | None:
         if self._features.still and self.state is not None:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
-        stuck = self._law(features)
         if self._incipient.update(t_us, stuck.incipient) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
-        if self._gross.update(t_us, stuck.gross) and self._gross_us is None:
+        if self._gross.update(t_us, 1.0 - stuck.share) and self._gross_us is None:
             self._gross_us = t_us
         slipping = self._incipient.on or self._gross.on
         phase: Phase = "gross" if self._gross.on else "incipient" if self._incipient.on else "stick"
-        self.state = SlipState(t_us, stuck.share, stuck.incipient, stuck.gross, phase)
+        self.state = SlipState(t_us, stuck.share, stuck.incipient, 1.0 - stuck.share, phase)
         if slipping:
             self._least = min(self._least, stuck.share)
             return None

@@ -15,8 +15,8 @@ class SlipState:
     Attributes:
         t_us: Time, us.
         sticking_share: Share of the contact's area that sticks, 0 to 1.
-        incipient: Probability that a fifth of the contact or more slips.
-        gross: Probability that nine tenths of it or more slip.
+        incipient: Probability that part of the contact slips.
+        gross: Share of it that slips, 0 to 1, by which gross slip is told.
         phase: What the alarms say: both with hold and hysteresis.
     """
 

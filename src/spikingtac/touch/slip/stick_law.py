@@ -1,7 +1,9 @@
-"""From the shape of a field to the share of the contact that sticks: a small network.
+"""From the course of a field's shape to the share of the contact that sticks.
 
-Two layers of hyperbolic tangents and three logistic outputs, fitted to slides on the twin, whose
-sticking part is known (``scripts/fit_slip_law.py``). A real skin's share has no instrument.
+A body that turns back or stops looks like one that slips, for a moment; what went before tells
+them apart, so the networks have a memory. The law is the mean of two, which were taught in
+different ways: their errors differ. They are fitted to contacts on the twin, whose sticking part
+is known (``scripts/fit_slip_law.py``). A real skin's share has no instrument.
 """
 
 from __future__ import annotations
@@ -17,73 +19,55 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.touch.slip.features import FEATURES
+from spikingtac.touch.slip.stick_network import StickNetwork
 
 Field = NDArray[np.float64]
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the file of weights."""
-OUTPUTS = 3
-"""The sticking share, and the probabilities of incipient and gross slip."""
+OUTPUTS = 2
+"""The sticking share, and the probability of incipient slip."""
 FILE = "stick_law.json"
-LARGEST_LOGIT = 30.0
-"""Limit of a logit, so that nothing overflows."""
 
 
 class Stuck(NamedTuple):
-    """What a law says of a field.
+    """What a law says of a contact.
 
     Attributes:
         share: Share of the contact that sticks, 0 to 1.
-        incipient: Probability that a fifth of it or more slips.
-        gross: Probability that nine tenths or more slip.
+        incipient: Probability that part of it slips.
     """
 
     share: float
     incipient: float
-    gross: float
 
 
 @dataclass(frozen=True)
 class StickLaw:
-    """Weights of the law.
+    """The mean of some networks.
 
     Attributes:
-        middle: ``(FEATURES,)`` means of the features that were learned from.
-        deviation: ``(FEATURES,)`` their standard deviations.
-        weights: One matrix per layer, ``(outputs, inputs)``.
-        offsets: One vector per layer.
+        networks: The networks; each steps at its own rate.
     """
 
-    middle: Field
-    deviation: Field
-    weights: tuple[Field, ...]
-    offsets: tuple[Field, ...]
+    networks: tuple[StickNetwork, ...]
 
     def __post_init__(self) -> None:
-        inputs = FEATURES
-        for matrix, offset in zip(self.weights, self.offsets, strict=True):
-            if matrix.shape != (len(offset), inputs):
-                raise ValueError(f"a layer of {inputs} inputs has weights {matrix.shape}")
-            inputs = len(offset)
-        if inputs != OUTPUTS or len(self.middle) != FEATURES or len(self.deviation) != FEATURES:
-            raise ValueError(f"a stick law has {FEATURES} features and {OUTPUTS} outputs")
+        for network in self.networks:
+            if (len(network.middle), len(network.told.offsets)) != (FEATURES, OUTPUTS):
+                raise ValueError(f"a stick law has {FEATURES} features and {OUTPUTS} outputs")
+        if not self.networks:
+            raise ValueError("a stick law has one network or more")
 
-    def __call__(self, features: Field) -> Stuck:
-        """Return what the features ``(FEATURES,)`` of a field say."""
-        values = (features - self.middle) / self.deviation
-        for matrix, offset in zip(self.weights[:-1], self.offsets[:-1], strict=True):
-            values = np.tanh(matrix @ values + offset)
-        logits = self.weights[-1] @ values + self.offsets[-1]
-        return Stuck(*(1.0 / (1.0 + np.exp(-_limited(logits)))).tolist())
+    def course(self) -> StickCourse:
+        """Return what follows one contact after the other."""
+        return StickCourse(self)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the law as plain values."""
         return {
             "schema": SCHEMA,
-            "middle": self.middle.tolist(),
-            "deviation": self.deviation.tolist(),
-            "weights": [matrix.tolist() for matrix in self.weights],
-            "offsets": [offset.tolist() for offset in self.offsets],
+            "networks": [network.to_mapping() for network in self.networks],
         }
 
     @classmethod
@@ -96,16 +80,37 @@ class StickLaw:
         try:
             if document["schema"] != SCHEMA:
                 raise ValueError(f"schema {document['schema']}, this version reads {SCHEMA}")
-            return cls(
-                np.array(document["middle"], np.float64),
-                np.array(document["deviation"], np.float64),
-                tuple(np.array(matrix, np.float64) for matrix in document["weights"]),
-                tuple(np.array(offset, np.float64) for offset in document["offsets"]),
-            )
+            return cls(tuple(StickNetwork.from_mapping(one) for one in document["networks"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(
                 f"no stick law: {error}; make one with: python scripts/fit_slip_law.py"
             ) from error
+
+
+class StickCourse:
+    """Follows a contact with a law, causally."""
+
+    def __init__(self, law: StickLaw) -> None:
+        """Start without a contact."""
+        self._law = law
+        self._said = np.zeros((len(law.networks), OUTPUTS))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the contact: nothing has touched for long."""
+        self._memories = [network.untouched for network in self._law.networks]
+        self._next_us: list[int] | None = None
+
+    def update(self, t_us: int, features: Field) -> Stuck:
+        """Take in the features ``(FEATURES,)`` of a frame and return what the law says."""
+        if self._next_us is None:
+            self._next_us = [t_us] * len(self._memories)
+        for number, network in enumerate(self._law.networks):
+            if t_us < self._next_us[number]:
+                continue
+            self._memories[number], self._said[number] = network(self._memories[number], features)
+            self._next_us[number] = max(self._next_us[number] + network.step_us, t_us)
+        return Stuck(*self._said.mean(axis=0).tolist())
 
 
 @cache
@@ -113,7 +118,3 @@ def fitted_law() -> StickLaw:
     """Return the law that comes with the package."""
     file = importlib.resources.files("spikingtac.touch.slip") / FILE
     return StickLaw.from_mapping(json.loads(file.read_text(encoding="utf-8")))
-
-
-def _limited(logits: Field) -> Field:
-    return np.minimum(np.maximum(logits, -LARGEST_LOGIT), LARGEST_LOGIT)

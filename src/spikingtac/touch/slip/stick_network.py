@@ -1,0 +1,149 @@
+"""A small recurrent network: from a course of features to numbers between 0 and 1.
+
+One layer of hyperbolic tangents, a gated recurrent unit (K. Cho and others, "Learning phrase
+representations using RNN encoder-decoder", EMNLP 2014), and logistic outputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+
+LARGEST_LOGIT = 30.0
+"""Limit of a logit, so that nothing overflows."""
+GATES = 3
+"""Parts of a gated unit: reset, update, new."""
+SETTLING_STEPS = 500
+"""Steps after which the memory of an untouched skin no longer changes (ours)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """An affine map.
+
+    Attributes:
+        weights: ``(outputs, inputs)``.
+        offsets: ``(outputs,)``.
+    """
+
+    weights: Field
+    offsets: Field
+
+    def __call__(self, values: Field) -> Field:
+        """Return the image ``(outputs,)`` of ``(inputs,)``."""
+        return self.weights @ values + self.offsets
+
+    def require(self, outputs: int, inputs: int) -> None:
+        """Raise ValueError unless the map is of that shape."""
+        if self.weights.shape != (outputs, inputs) or self.offsets.shape != (outputs,):
+            raise ValueError(
+                f"a layer of {self.weights.shape} and {self.offsets.shape} is not one of "
+                f"{outputs} outputs and {inputs} inputs"
+            )
+
+
+LAYERS = ("seen", "fresh", "kept", "told")
+"""The layers of a network, as in its file."""
+
+
+@dataclass(frozen=True)
+class StickNetwork:
+    """Weights of a network.
+
+    Attributes:
+        step_us: Time between two of its steps, us.
+        middle: ``(f,)`` means of the features that were learned from.
+        deviation: ``(f,)`` their standard deviations.
+        seen: From features to what is seen.
+        fresh: From what is seen to the three gates.
+        kept: From the memory to the three gates.
+        told: From the memory, then what is seen, to the outputs.
+    """
+
+    step_us: int
+    middle: Field
+    deviation: Field
+    seen: Layer
+    fresh: Layer
+    kept: Layer
+    told: Layer
+
+    def __post_init__(self) -> None:
+        features, seen = len(self.middle), len(self.seen.offsets)
+        memory = len(self.kept.offsets) // GATES
+        self.seen.require(seen, features)
+        self.fresh.require(GATES * memory, seen)
+        self.kept.require(GATES * memory, memory)
+        self.told.require(len(self.told.offsets), memory + seen)
+        if len(self.deviation) != features:
+            raise ValueError(f"{features} means and {len(self.deviation)} deviations")
+        if not self.step_us > 0:
+            raise ValueError(f"step_us is {self.step_us}, it must be positive")
+
+    @cached_property
+    def untouched(self) -> Field:
+        """``(memory,)`` what is remembered where nothing has touched for long."""
+        memory = np.zeros(len(self.kept.offsets) // GATES)
+        for _ in range(SETTLING_STEPS):
+            memory, _ = self._step(memory, self.middle)
+        return memory
+
+    def __call__(self, memory: Field, features: Field) -> tuple[Field, Field]:
+        """Return the memory after a step, and the outputs ``(o,)``, 0 to 1.
+
+        Args:
+            memory: ``(memory,)`` what was remembered before; :attr:`untouched` at first.
+            features: ``(f,)``.
+        """
+        after, seen = self._step(memory, features)
+        return after, _logistic(self.told(np.concatenate([after, seen])))
+
+    def _step(self, memory: Field, features: Field) -> tuple[Field, Field]:
+        seen = np.tanh(self.seen((features - self.middle) / self.deviation))
+        fresh, kept = self.fresh(seen).reshape(GATES, -1), self.kept(memory).reshape(GATES, -1)
+        reset, update = _logistic(fresh[:2] + kept[:2])
+        new = np.tanh(fresh[2] + reset * kept[2])
+        return new + update * (memory - new), seen
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the network as plain values."""
+        layers: dict[str, Layer] = {name: getattr(self, name) for name in LAYERS}
+        return {
+            "step_us": self.step_us,
+            "middle": self.middle.tolist(),
+            "deviation": self.deviation.tolist(),
+        } | {
+            name: {"weights": layer.weights.tolist(), "offsets": layer.offsets.tolist()}
+            for name, layer in layers.items()
+        }
+
+    @classmethod
+    def from_mapping(cls, document: dict[str, Any]) -> StickNetwork:
+        """Build a network from plain values.
+
+        Raises:
+            KeyError, TypeError, ValueError: They are none.
+        """
+        return cls(
+            int(document["step_us"]),
+            np.array(document["middle"], np.float64),
+            np.array(document["deviation"], np.float64),
+            *(_layer(document[name]) for name in LAYERS),
+        )
+
+
+def _layer(document: dict[str, Any]) -> Layer:
+    return Layer(
+        np.array(document["weights"], np.float64), np.array(document["offsets"], np.float64)
+    )
+
+
+def _logistic(logits: Field) -> Field:
+    limited = np.minimum(np.maximum(logits, -LARGEST_LOGIT), LARGEST_LOGIT)
+    return 1.0 / (1.0 + np.exp(-limited))
