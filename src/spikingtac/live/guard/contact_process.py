@@ -24,7 +24,13 @@ from spikingtac.live.guard.contact_loop import (
     Subscriber,
     failure_words,
 )
-from spikingtac.live.real_time import exempt_from_collection, lock_memory, take_precedence
+from spikingtac.live.real_time import (
+    GUARD_PRIORITY,
+    exempt_from_collection,
+    keep_to_one_core,
+    lock_memory,
+    take_precedence,
+)
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
@@ -146,9 +152,15 @@ class GuardStatus:
             self.publish("ready", loop.report())
 
     def rehearse(self, loop: ContactLoop, arm: Arm) -> None:
-        """Do once what takes long the first time, and take precedence, before the watch begins."""
+        """Do once what takes long the first time, and take precedence, before the watch begins.
+
+        Threads of one interpreter gain nothing from a second core, and a stall of either would
+        hold up all of them: with precedence they keep to one.
+        """
         arm.state()
-        self.precedes = take_precedence()
+        self.precedes = take_precedence(GUARD_PRIORITY)
+        if self.precedes:
+            keep_to_one_core()
         status_message({**asdict(loop.report()), "health": "ok", "reason": ""})
 
     def tripped(self, watchdog: Watchdog) -> None:
