@@ -6,9 +6,10 @@ The arm is the UR driver on a controller that speaks its protocols on loopback a
 does; it moves at 40 mm/s, the guard is a process of its own, and the stream has a window each
 millisecond. A trial begins anew with a new controller and a new process. A guard that trips before
 its fault, which a busy machine may cause, stops the arm as it should; such a trial is counted
-(``early``) and repeated. So is one in which this process, which plays the robot, did not run for
-50 ms (``robot_late``). The summary is written after every trial and continued by the same
-command. The exit code is 1 where a trial failed. ``guard_quiet.py`` guards without any fault.
+(``early``) and repeated, as one whose fault came before the guard watched a moving arm. So is one
+in which this process, which plays the robot, did not run for 50 ms (``robot_late``). The summary is
+written after every trial and continued by the same command. The exit code is 1 where a trial failed.
+``guard_quiet.py`` guards without any fault.
 """
 
 from __future__ import annotations
@@ -188,6 +189,8 @@ def trial(kind: str, folder: Path) -> dict[str, Any]:
             _wait_until(
                 lambda: _watches(process) and _speed(controller) > 0.95 * SPEED_MM_S, process
             )
+            if note.exists():
+                raise TimeoutError("the fault came before the guard watched a moving arm")
             if kind == "ignored":
                 controller.deaf_to = EVERYTHING
             if kind in ("kill", "half-open"):

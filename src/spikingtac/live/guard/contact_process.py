@@ -52,6 +52,9 @@ SHUTDOWN_S = 5.0
 INSISTENCE_S = 4.0
 """Time for which a guard that was told to end stops an arm that moves on again and again; less than
 :data:`SHUTDOWN_S`, after which its parent ends it."""
+INSISTENCE_PERIOD_S = 0.002
+"""Pause between these stops: one that fails at once, since the controller is gone, would keep a
+core from everything else, another arm's guard included."""
 
 
 class ContactProcess:
@@ -284,5 +287,6 @@ def _brake(watchdog: Watchdog, told: socket.socket) -> None:
     watchdog.disconnected("the guard was told to end")
     until_s = time.monotonic() + INSISTENCE_S
     while watchdog.stop_failure is not None and time.monotonic() < until_s:
+        time.sleep(INSISTENCE_PERIOD_S)
         watchdog.check()  # stops again, and waits for the outcome
     os._exit(0)

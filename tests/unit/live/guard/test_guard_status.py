@@ -1,5 +1,8 @@
-"""Before the watch begins the guard takes its precedence, and with it a core of its own."""
+"""What a guard does with its precedence: it keeps to a core, and leaves room for others there."""
 
+import os
+import signal
+import socket
 from typing import Any, cast
 
 import pytest
@@ -36,3 +39,32 @@ def test_the_guard_keeps_to_a_core_only_where_it_precedes(
     assert status.precedes == permitted
     assert asked == [GUARD_PRIORITY, *(["core"] if permitted else [])]
     assert GUARD_PRIORITY > PRIORITY, "a tracker on the same core must not hold it up"
+
+
+class _ProcessEndedError(Exception):
+    """The process has ended."""
+
+
+def test_stopping_again_and_again_leaves_the_core_to_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another guard on the core was starved for 4 s: every stop failed at once, without a pause."""
+    orders: list[None] = []
+
+    def stop() -> None:
+        orders.append(None)
+        raise ConnectionError("nobody there")
+
+    def leave(code: int) -> None:
+        raise _ProcessEndedError(code)
+
+    period_s, insistence_s = contact_process.INSISTENCE_PERIOD_S, 0.2
+    monkeypatch.setattr(contact_process, "INSISTENCE_S", insistence_s)
+    monkeypatch.setattr(os, "_exit", leave)
+    told, teller = socket.socketpair()
+    with told, teller:
+        teller.send(bytes([signal.SIGTERM]))
+        watchdog = Watchdog(WatchdogConfig(), stop, lambda: 0.0)
+        with pytest.raises(_ProcessEndedError):
+            contact_process._brake(watchdog, told)
+    assert 2 <= len(orders) <= insistence_s / period_s + 2
