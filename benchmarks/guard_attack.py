@@ -8,7 +8,7 @@ millisecond. A trial begins anew with a new controller and a new process. A guar
 its fault, which a busy machine may cause, stops the arm as it should; such a trial is counted
 (``early``) and repeated, as one whose fault came before the guard watched a moving arm. So is one
 in which this process, which plays the robot, did not run for 50 ms (``robot_late``). The summary is
-written after every trial and continued by the same command. The exit code is 1 where a trial failed.
+written after every trial and continued by the same command. The exit code is 1 where one failed.
 ``guard_quiet.py`` guards without any fault.
 """
 
@@ -34,7 +34,6 @@ sys.path.insert(0, str(ROOT / "tests"))
 from spikingtac.atomic_files import write_json  # noqa: E402
 from spikingtac.contact.details import ContactDetails  # noqa: E402
 from spikingtac.contact.detector import ContactDetector, DetectorSummary  # noqa: E402
-from spikingtac.contact.registry import DetectionConfig, make_detector  # noqa: E402
 from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
 from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
@@ -43,7 +42,7 @@ from spikingtac.live.real_time import exempt_from_collection, take_precedence  #
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
-from stand_ins.moving_rims import calibration, windows  # noqa: E402
+from stand_ins.moving_rims import windows  # noqa: E402
 from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 LIMIT_S = 0.2
@@ -125,11 +124,6 @@ class FaultyDetector:
 def faulty_detector(kind: str, note: str) -> ContactDetector:
     """Make the detector; the guarding process calls this."""
     return FaultyDetector(Fault(kind, note))
-
-
-def real_detector() -> ContactDetector:
-    """Make the project's detector; the guarding process calls this."""
-    return make_detector("motion", DetectionConfig(), [calibration()], windows(1000, seed=1))
 
 
 def stream(kind: str, note: str) -> Iterator[Arrival]:

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from guard_attack import WINDOW_S, as_a_robot, as_a_user, real_detector, stream
+from guard_attack import WINDOW_S, as_a_robot, as_a_user, stream
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -38,12 +38,15 @@ sys.path.insert(0, str(ROOT / "tests"))
 from stall_meter import Stall, StallNotes, stall_notes  # noqa: E402
 
 from spikingtac.atomic_files import write_json  # noqa: E402
+from spikingtac.contact.detector import ContactDetector  # noqa: E402
+from spikingtac.contact.registry import DetectionConfig, make_detector  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
 from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
 from spikingtac.live.guard.contact_process import ContactProcess  # noqa: E402
 from spikingtac.live.real_time import exempt_from_collection  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.robot.watchdog import WatchdogConfig  # noqa: E402
+from stand_ins.moving_rims import calibration, windows  # noqa: E402
 from stand_ins.ur_controller import URController  # noqa: E402
 
 LIMITS_S = {"stale": WatchdogConfig().stale_s, "overload": WatchdogConfig().backlog_s}
@@ -79,6 +82,11 @@ def noted_stream(note: str) -> Iterator[Arrival]:
             yield arrival
     finally:
         Path(note).write_text(json.dumps(list(last)), encoding="utf-8")
+
+
+def real_detector() -> ContactDetector:
+    """Make the project's detector; the guarding process calls this."""
+    return make_detector("motion", DetectionConfig(), [calibration()], windows(1000, seed=1))
 
 
 def burn() -> None:

@@ -7,7 +7,8 @@
 The folder of recordings holds ``bootstrap.raw`` and ``mix.raw``; a calibration that is given is not
 made again. Without another checkout, the other side is this one with the checks on entry left out.
 Each side works in a process of its own that stays warm; they take turns within each round, in an
-order that changes, so that a machine whose speed drifts slows both. "own packets" are windows that
+order that changes, so that a machine whose speed drifts slows both; only the time on the processor
+counts, since other work would be most of the rest. "own packets" are windows that
 nobody has marked as checked, as a user's may be. Printed is the median of the rounds' ratios, this
 checkout's time over the other's, with a 95 % interval (bootstrap over rounds). The aims: 1.05 for
 decoding, 1.03 for steps; the exit code is 1 where a median is above its aim.
@@ -128,7 +129,7 @@ def report(rounds: list[dict[str, dict[str, float]]]) -> int:
 
 
 def work(recordings: Path, calibration: Path | None, only: str) -> int:
-    """Time every task once for each line of the standard input; s for decoding, us for a step."""
+    """Time every task once for each line of the standard input: s for decoding, us for a step."""
     begun_s = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         tasks = decoding(Path(folder)) if "decode".startswith(only[:6]) else {}
@@ -157,9 +158,9 @@ def decoding(folder: Path) -> dict[str, Callable[[], float]]:
             writer.write(packet)
 
         def read(path: Path = path) -> float:
-            begun_s = time.perf_counter()
+            begun_s = time.thread_time()
             assert sum(len(packet) for packet in st.open_events(path)) == EVENTS
-            return time.perf_counter() - begun_s
+            return time.thread_time() - begun_s
 
         tasks[f"decode {name}"] = read
     return tasks
@@ -197,11 +198,11 @@ def _median_step_us(tracker: Any, packets: list[Any]) -> float:
     import spikingtac as st
 
     steps_us: list[float] = []
-    begun_s = time.perf_counter()
+    begun_s = time.thread_time()
     for window in st.windows(st.PacketSource(packets, packets[0].size), STEP_US):
         tracker.absorb(window)
         tracker.estimate(window.t_end_us)
-        now_s = time.perf_counter()
+        now_s = time.thread_time()
         steps_us.append((now_s - begun_s) * 1e6)
         begun_s = now_s
         if len(steps_us) == STEPS:
