@@ -103,17 +103,15 @@ class EventPacket:
         )
 
     def sound(self) -> EventPacket:
-        """Return the packet as one whose columns are known to fit, itself if they are.
+        """Return the packet, whose columns are known to fit from now on: nobody checks them again.
 
         Raises:
             ConfigError: The columns differ in length, or an event lies outside of the sensor.
         """
-        if self.checked:
-            return self
-        self._refuse_unsound()
-        return EventPacket(
-            self.x, self.y, self.p, self.t, self.t_start_us, self.t_end_us, self.size, True
-        )
+        if not self.checked:
+            self._refuse_unsound()
+            object.__setattr__(self, "checked", True)  # a copy takes as long as the check itself
+        return self
 
     def require_map(self, shape: tuple[int, ...]) -> None:
         """Refuse a map ``(height, width)`` of another sensor, and events that leave the map.
@@ -127,8 +125,7 @@ class EventPacket:
                 f"events of a {width}x{height} sensor do not fit a map of "
                 f"{shape[1]}x{shape[0]}; make the map with the size of the recording"
             )
-        if not self.checked:
-            self._refuse_unsound()
+        self.sound()
 
     def _refuse_unsound(self) -> None:
         count = len(self.t)

@@ -68,6 +68,10 @@ def test_packets_that_leave_the_sensor_are_refused_on_entry() -> None:
         for x, y in ((column, fit.y), (fit.x, column)):
             with pytest.raises(ConfigError, match="lie outside of the 4x4"):
                 EventPacket(x, y, fit.p, fit.t, 0, 2, SIZE).sound()
+    once = EventPacket(fit.x, fit.y, fit.p, fit.t, 0, 2, SIZE)
+    assert not once.checked
+    assert once.sound() is once
+    assert once.checked
     unequal = EventPacket(fit.x[:0], fit.y, fit.p, fit.t, 0, 2, SIZE)
     with pytest.raises(ConfigError, match="equal length, not 0, 1, 1, 1"):
         list(windows([unequal], 10))
