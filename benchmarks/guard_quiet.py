@@ -9,8 +9,8 @@ of a machine of its own; the burners are ordinary processes. After a trip the gu
 
 A stall meter with a higher priority runs on every core (``stall_meter.py``). A trip is excused
 where, just before it, the machine itself stalled for as long as the guard's limit that was passed:
-nothing that runs on this machine could have looked; or where the robot's stand-in was held up, and
-the arm's controller was not there. Every other trip is false. The exit code is 1 where one was. The
+nothing that runs on this machine could have looked; or, where the controller was gone, the robot's
+stand-in was held up. Every other trip is false. The exit code is 1 where one was. The
 record is written after every trip and every minute.
 """
 
@@ -164,7 +164,9 @@ class QuietHour:
                 self._note_file.unlink(missing_ok=True)
                 status = self._watch(process)
                 process.close()
-                if status.get("phase") != "ready":
+                if "health" not in status:  # it failed before it watched: nothing was guarded
+                    print(f"no start: {status.get('reason', 'no answer')}", flush=True)
+                elif status["phase"] != "ready":
                     self._note(status)
         self._write()
         return sum(trip["false"] for trip in self._trips)
@@ -192,7 +194,8 @@ class QuietHour:
         stalls = self._notes.between(status["at_s"] - BEFORE_S, time.monotonic())
         trip = {"after_min": round(self._watched_s / 60.0, 2), **judged(status, stalls)}
         trip["robot_late_ms"] = round(1e3 * self._robot_late_s, 1)
-        trip["false"] &= self._robot_late_s < ROBOT_LATE_S
+        if trip["health"] == "disconnected":  # the robot's silence is no reason for any other trip
+            trip["false"] &= self._robot_late_s < ROBOT_LATE_S
         if trip["false"]:
             trip["windows"] = self._last_windows(status["at_s"])
         self._trips.append(trip)
