@@ -1,7 +1,6 @@
 """Attack the guard of an arm: does the arm stand, or is it told that it does not, within 0.2 s?
 
     python benchmarks/guard_attack.py -o guard.json [--trials 100] [--attacks lag,kill]
-    python benchmarks/guard_attack.py --quiet-minutes 60      # no fault at all: does it trip?
 
 The arm is the UR driver on a controller that speaks its protocols on loopback and moves as the twin
 does; it moves at 40 mm/s, the guard is a process of its own, and the stream has a window each
@@ -10,22 +9,18 @@ its fault, which a busy machine may cause, stops the arm as it should; such a tr
 (``early``) and repeated. So is one in which this process, which plays the robot, did not run for
 50 ms (``robot_late``). The summary is written after every trial and continued by the same
 command. The exit code is 1 where a trial failed.
-
-Without faults, a process on each core that does nothing but sleep for 1 ms, with a higher
-real-time priority than the guard and its memory locked, notes when the machine let it wait. Its
-longest wait is printed beside each trip: what stalls such a process stalls every guard.
+``guard_quiet.py`` guards without any fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,16 +34,15 @@ sys.path.insert(0, str(ROOT / "tests"))
 from spikingtac.atomic_files import write_json  # noqa: E402
 from spikingtac.contact.details import ContactDetails  # noqa: E402
 from spikingtac.contact.detector import ContactDetector, DetectorSummary  # noqa: E402
-from spikingtac.contact.registry import DetectionConfig, make_detector  # noqa: E402
 from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.live.factory import Factory  # noqa: E402
 from spikingtac.live.guard.contact_loop import Arrival  # noqa: E402
 from spikingtac.live.guard.contact_process import ContactProcess  # noqa: E402
-from spikingtac.live.real_time import lock_memory, take_precedence  # noqa: E402
+from spikingtac.live.real_time import exempt_from_collection, take_precedence  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.types import Contact, EventPacket  # noqa: E402
 from stand_ins.guarded import LEAP_US  # noqa: E402
-from stand_ins.moving_rims import calibration, windows  # noqa: E402
+from stand_ins.moving_rims import windows  # noqa: E402
 from stand_ins.ur_controller import EVERYTHING, URController  # noqa: E402
 
 LIMIT_S = 0.2
@@ -57,14 +51,12 @@ REST_MM_S = 1.0
 SPEED_MM_S = 40.0
 FAR_MM = (800.0, 0.0, 0.0)
 WINDOW_S = 0.001
-FAULT_WINDOW = 500
-"""Window at which something goes wrong, after 0.5 s: the arm moves by then."""
 PATIENCE_S = 30.0
 ROBOT_LATE_S = 0.05
 """The robot's stand-in shares the machine; a real controller does not wait for its turn, s."""
-STALL_PRIORITY, STALL_S, STALL_MEMORY_S = 50, 0.003, 1.0
-"""Real-time priority of the processes that note stalls, the shortest stall noted, and how long
-before a trip's notice one counts, s."""
+CORES = sorted(os.sched_getaffinity(0))
+ROBOT_PRIORITY = 30
+"""Real-time priority of the robot's stand-in, above a guard's."""
 SLOW_S = 0.002
 """What the detector needs for a window of 1 ms under the attack "lag", s."""
 DETECTOR_FAULTS = ("lag", "hang", "exception", "ignored")
@@ -80,17 +72,27 @@ class Fault:
 
     Attributes:
         kind: One of the attacks.
-        note: File into which the time of the fault is written, on the monotonic clock, s.
+        note: File into which the time of the fault is written, on the monotonic clock, s; the
+            fault is due as soon as there is one of the same name with the ending ``.due``.
     """
 
     kind: str
     note: str
+
+    def due(self) -> bool:
+        """Return whether it is time: the guard watches, and the arm moves."""
+        return due_file(self.note).exists()
 
     def begins(self) -> None:
         """Write down that it goes wrong now, once."""
         path = Path(self.note)
         if not path.exists():
             path.write_text(repr(time.monotonic()), encoding="utf-8")
+
+
+def due_file(note: str | Path) -> Path:
+    """Return the file that makes a fault due."""
+    return Path(f"{note}.due")
 
 
 class FaultyDetector:
@@ -102,10 +104,10 @@ class FaultyDetector:
         self._fault, self._count = fault, 0
 
     def update(self, window: Window) -> Contact | None:
-        """Go wrong in window FAULT_WINDOW, and decide on no contact otherwise."""
+        """Go wrong once it is due, and decide on no contact otherwise."""
         self._count += 1
         kind = self._fault.kind
-        if self._count < FAULT_WINDOW or kind not in DETECTOR_FAULTS:
+        if kind not in DETECTOR_FAULTS or not self._fault.due():
             return None
         self._fault.begins()
         if kind == "exception":
@@ -132,18 +134,13 @@ def faulty_detector(kind: str, note: str) -> ContactDetector:
     return FaultyDetector(Fault(kind, note))
 
 
-def real_detector() -> ContactDetector:
-    """Make the project's detector; the guarding process calls this."""
-    return make_detector("motion", DetectionConfig(), [calibration()], windows(1000, seed=1))
-
-
 def stream(kind: str, note: str) -> Iterator[Arrival]:
     """Yield a window each millisecond; stall or leap where the fault is one of the stream's."""
     fault, pool = Fault(kind, note), windows(POOL, seed=2)
     parts = [window[0] if isinstance(window, tuple) else window for window in pool]
     begun_s, number = time.monotonic(), 0
     while True:
-        wrong = number >= FAULT_WINDOW and kind in STREAM_FAULTS
+        wrong = kind in STREAM_FAULTS and fault.due()
         if wrong:
             fault.begins()
         if wrong and kind == "stall":
@@ -159,16 +156,36 @@ def _at(window: EventPacket, start_us: int) -> EventPacket:
     return replace(window, t=t, t_start_us=start_us, t_end_us=start_us + 1_000)
 
 
+def as_a_robot() -> None:
+    """Let this thread and those that it starts run as the robot does, which waits for nobody.
+
+    It leaves the last core to the guard, which keeps to that one: a controller is another machine.
+    """
+    os.sched_setaffinity(0, CORES[:-1] or CORES)
+    take_precedence(ROBOT_PRIORITY)
+
+
+@contextmanager
+def as_a_user() -> Iterator[None]:
+    """Start a process from an ordinary thread that may use every core, as a user's is."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.sched_setaffinity(0, CORES)
+    yield
+    as_a_robot()
+
+
 def trial(kind: str, folder: Path) -> dict[str, Any]:
     """Attack one guard; return after how long the arm rested, and after how long it was told."""
     note = folder / "fault"
     note.unlink(missing_ok=True)
+    due_file(note).unlink(missing_ok=True)
     with URController() as controller:
-        process = ContactProcess(
-            Factory(function=stream, arguments={"kind": kind, "note": str(note)}),
-            Factory(function=faulty_detector, arguments={"kind": kind, "note": str(note)}),
-            Factory(function=URArm, arguments={"host": controller.host}),
-        )
+        with as_a_user():
+            process = ContactProcess(
+                Factory(function=stream, arguments={"kind": kind, "note": str(note)}),
+                Factory(function=faulty_detector, arguments={"kind": kind, "note": str(note)}),
+                Factory(function=URArm, arguments={"host": controller.host}),
+            )
         try:
             _wait_until(lambda: _watches(process), process)
             controller.move(FAR_MM, SPEED_MM_S)
@@ -177,8 +194,9 @@ def trial(kind: str, folder: Path) -> dict[str, Any]:
             )
             if kind == "ignored":
                 controller.deaf_to = EVERYTHING
+            time.sleep(float(np.random.default_rng().uniform(0.0, 0.1)))
+            due_file(note).touch()
             if kind in ("kill", "half-open"):
-                time.sleep(float(np.random.default_rng().uniform(0.0, 0.1)))
                 note.write_text(repr(time.monotonic()), encoding="utf-8")
             if kind == "kill":
                 process.kill()
@@ -283,95 +301,15 @@ def attack(kind: str, trials: int, known: dict[str, Any], folder: Path) -> Itera
             return
 
 
-def note_stalls(core: int, folder: str) -> None:
-    """Sleep for 1 ms again and again on one core; note in a file when that takes longer."""
-    os.sched_setaffinity(0, {core})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(STALL_PRIORITY))
-    lock_memory()
-    with Path(folder, str(core)).open("w", encoding="utf-8", buffering=1) as file:
-        due_s = time.monotonic()
-        while True:
-            due_s += WINDOW_S
-            time.sleep(max(0.0, due_s - time.monotonic()))
-            now_s = time.monotonic()
-            if now_s - due_s > STALL_S:
-                file.write(f"{now_s} {now_s - due_s}\n")
-                due_s = now_s
-
-
-@contextmanager
-def stall_notes() -> Iterator[Callable[[float, float], float]]:
-    """Note stalls on every core; yield what returns the longest stall between two times, s."""
-    spawn = multiprocessing.get_context("spawn")
-    with tempfile.TemporaryDirectory() as folder:
-        cores = sorted(os.sched_getaffinity(0))
-        watchers = [
-            spawn.Process(target=note_stalls, args=(core, folder), daemon=True) for core in cores
-        ]
-        for watcher in watchers:
-            watcher.start()
-
-        def longest_s(since_s: float, until_s: float) -> float:
-            lines = [line for path in Path(folder).iterdir() for line in path.open()]
-            notes = [tuple(map(float, line.split())) for line in lines]
-            return max((late for at, late in notes if since_s <= at <= until_s), default=0.0)
-
-        yield longest_s
-        for watcher in watchers:
-            watcher.terminate()
-
-
-def keep_quiet(minutes: float) -> int:
-    """Guard without any fault, again after each trip; print the trips, of which none is due."""
-    with stall_notes() as longest_stall_s:
-        return _keep_quiet(minutes, longest_stall_s)
-
-
-def _keep_quiet(minutes: float, longest_stall_s: Callable[[float, float], float]) -> int:
-    begun_s, watched_s = time.monotonic(), 0.0
-    trips: list[str] = []
-    while time.monotonic() - begun_s < 60.0 * minutes:
-        with URController() as controller:
-            process = ContactProcess(
-                Factory(function=stream, arguments={"kind": "none", "note": os.devnull}),
-                Factory(function=real_detector),
-                Factory(function=URArm, arguments={"host": controller.host}),
-            )
-            _wait_until(lambda process=process: process.status().get("phase"), process)
-            ready_s, status = time.monotonic(), process.status()
-            while status["phase"] == "ready" and time.monotonic() - begun_s < 60.0 * minutes:
-                time.sleep(0.1)
-                status = process.status()
-            watched_s += time.monotonic() - ready_s
-            if status["phase"] != "ready":
-                trips.append(f"{status['health']}: {status['reason']}")
-                load, now_s = os.getloadavg()[0], time.monotonic()
-                stall_ms = 1e3 * longest_stall_s(now_s - STALL_MEMORY_S, now_s)
-                print(
-                    f"after {watched_s / 60:.1f} min, load {load:.1f}: {trips[-1]}; "
-                    f"longest stall of the machine in the last second: {stall_ms:.1f} ms",
-                    flush=True,
-                )
-            process.close()
-    stall_ms = 1e3 * longest_stall_s(begun_s, time.monotonic())
-    print(
-        f"{len(trips)} trips in {watched_s / 60:.1f} min, precedes: {status.get('precedes')}, "
-        f"longest stall of the machine {stall_ms:.1f} ms"
-    )
-    return int(len(trips) > 0)
-
-
 def main() -> int:
     """Attack, and write the summary after every trial."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("guard.json"))
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--attacks", default=",".join(ATTACKS))
-    parser.add_argument("--quiet-minutes", type=float)
     args = parser.parse_args()
-    take_precedence()  # it plays the robot, whose controller waits for nobody's turn
-    if args.quiet_minutes:
-        return keep_quiet(args.quiet_minutes)
+    exempt_from_collection()
+    as_a_robot()
     report: dict[str, Any] = {"limit_s": LIMIT_S, "attacks": {}}
     if args.output.is_file():
         report = json.loads(args.output.read_text(encoding="utf-8"))

@@ -37,7 +37,7 @@ def collect(name: str, extras: set[str], found: dict[str, Distribution]) -> None
         asked = re.findall(r"extra\s*==\s*['\"]([^'\"]+)", requirement)
         if wanted is None or (asked and not extras & set(asked)):
             continue
-        key = wanted.group().lower()
+        key = re.sub(r"[-_.]+", "-", wanted.group()).lower()
         inner = re.match(r"[A-Za-z0-9._-]+\[([^\]]*)\]", requirement)
         if key == PROJECT and inner:
             collect(PROJECT, set(inner.group(1).replace(" ", "").split(",")), found)

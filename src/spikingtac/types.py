@@ -8,7 +8,7 @@ right); geometry in mm; time in integer microseconds (``_us``).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -103,27 +103,15 @@ class EventPacket:
         )
 
     def sound(self) -> EventPacket:
-        """Return the packet as one whose columns are known to fit, itself if they are.
+        """Return the packet, whose columns are known to fit from now on: nobody checks them again.
 
         Raises:
             ConfigError: The columns differ in length, or an event lies outside of the sensor.
         """
-        if self.checked:
-            return self
-        lengths = [len(column) for column in (self.x, self.y, self.p, self.t)]
-        if min(lengths) != max(lengths):
-            raise ConfigError(
-                "a packet's columns x, y, p and t must be of equal length, not "
-                f"{', '.join(map(str, lengths))}"
-            )
-        for name, column, limit in zip("xy", (self.x, self.y), self.size, strict=True):
-            lowest, highest = (column.min(), column.max()) if lengths[0] else (0, -1)
-            if lowest < 0 or highest >= limit:
-                raise ConfigError(
-                    f"events at {name} from {lowest} to {highest} px lie outside of the "
-                    f"{self.size[0]}x{self.size[1]} px sensor; drop them, or give the true size"
-                )
-        return replace(self, checked=True)
+        if not self.checked:
+            self._refuse_unsound()
+            object.__setattr__(self, "checked", True)  # a copy takes as long as the check itself
+        return self
 
     def require_map(self, shape: tuple[int, ...]) -> None:
         """Refuse a map ``(height, width)`` of another sensor, and events that leave the map.
@@ -137,8 +125,21 @@ class EventPacket:
                 f"events of a {width}x{height} sensor do not fit a map of "
                 f"{shape[1]}x{shape[0]}; make the map with the size of the recording"
             )
-        if not self.checked:
-            self.sound()
+        self.sound()
+
+    def _refuse_unsound(self) -> None:
+        count = len(self.t)
+        if not len(self.x) == len(self.y) == len(self.p) == count:
+            lengths = ", ".join(str(len(column)) for column in (self.x, self.y, self.p, self.t))
+            raise ConfigError(
+                f"a packet's columns x, y, p and t must be of equal length, not {lengths}"
+            )
+        for name, column, limit in zip("xy", (self.x, self.y), self.size, strict=True):
+            if count and not _lies_within(column, limit):
+                raise ConfigError(
+                    f"events at {name} from {column.min()} to {column.max()} px lie outside of the "
+                    f"{self.size[0]}x{self.size[1]} px sensor; drop them, or give the true size"
+                )
 
     def to_structured(self) -> NDArray[Any]:
         """Return the events as one array of :data:`EDGE_DTYPE`."""
@@ -173,6 +174,17 @@ class EventPacket:
             size=packets[0].size,
             checked=all(packet.checked for packet in packets),
         )
+
+
+def _lies_within(column: NDArray[Any], limit: int) -> bool:
+    """Return whether coordinates, at least one, lie in ``[0, limit)``; "not a number" does not.
+
+    An unsigned column has no lower end to look for, which takes half of the time; a ufunc called
+    by itself takes half of what the array's method does where there are few events.
+    """
+    if not np.maximum.reduce(column) < limit:
+        return False
+    return column.dtype.kind == "u" or bool(np.minimum.reduce(column) >= 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+
+import pytest
 
 PROJECT = Path(__file__).resolve().parents[2]
 PACKAGE = PROJECT / "src" / "spikingtac"
@@ -60,3 +64,24 @@ def declared() -> set[str]:
 def test_imports_and_declarations_agree() -> None:
     assert imported() - declared() == set(), "declare it in pyproject.toml"
     assert declared() - imported() - set(BY_NAME_ONLY) == set(), "nothing imports it"
+
+
+def test_the_licence_of_every_dependency_is_listed_once() -> None:
+    try:
+        distribution("spikingtac")
+    except PackageNotFoundError:
+        pytest.skip("the package is not installed, so that nothing tells what it needs")
+    script = PROJECT / "scripts" / "licences.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert done.returncode == 0, f"not permissive: {done.stdout}"
+    rows = [line.split("\t") for line in done.stdout.splitlines()]
+    names = [name for name, _, _ in rows]
+    assert len(set(names)) == len(names)
+    assert {"numpy", "numba", "pillow", "starlette"} <= set(names)
+    assert [name for name, _, licence in rows if licence == "not stated"] == []
+
+
+def test_what_others_broke_has_an_upper_bound() -> None:
+    text = (PROJECT / "pyproject.toml").read_text(encoding="utf-8")
+    for name in ("numpy", "starlette", "uvicorn", "h11"):
+        assert re.search(rf'"{name}>=[0-9.]+,<[0-9]+"', text), name

@@ -129,7 +129,9 @@ def _pieces(
             if following < len(packet):
                 end_us = min(end_us, int(packet.t[following]))
             if end_us > start_us:
-                yield number, packet.part(first, following, start_us, end_us)
+                span = first, following, start_us, end_us
+                whole = span == (0, len(packet), packet.t_start_us, packet.t_end_us)
+                yield number, packet if whole else packet.part(*span)
             if following < len(packet):
                 number, first = number + 1, following
                 start_us = int(packet.t[following])

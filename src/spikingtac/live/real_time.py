@@ -8,8 +8,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-PRIORITY = 10
-"""Real-time priority, 1 to 99 (ours: above ordinary work, below drivers)."""
+PRIORITY, GUARD_PRIORITY = 10, 20
+"""Real-time priorities, 1 to 99 (ours: above ordinary work, below drivers; what guards an arm runs
+before a tracker or a display on the same core)."""
 LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4
 """Flags of mlockall (sys/mman.h of Linux). Without the last one every library is read from the disk
 as a whole, and every new thread's stack is filled, while nothing else runs: 0.1 s and more."""
@@ -63,17 +64,21 @@ def exempt_from_collection() -> None:
     gc.freeze()
 
 
-def take_precedence() -> bool:
+def take_precedence(priority: int = PRIORITY) -> bool:
     """Let this process run before ordinary work, where that is permitted; return whether it is.
 
     Within 25 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
     turn. All threads take part: one that waits for its turn while it holds the interpreter would
     hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
-    (``rtprio``).
+    (``rtprio``); who is permitted less than is asked for has :data:`PRIORITY`.
     """
+    return any(_take(wanted) for wanted in dict.fromkeys((priority, PRIORITY)))
+
+
+def _take(priority: int) -> bool:
     try:
         for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, OSError):  # no such system, or not permitted
         return False
     return True

@@ -63,6 +63,15 @@ def test_packets_that_leave_the_sensor_are_refused_on_entry() -> None:
     outside = EventPacket(fit.x + np.uint16(4), fit.y, fit.p, fit.t, 0, 2, SIZE)
     with pytest.raises(ConfigError, match="x from 4 to 4 px lie outside of the 4x4"):
         list(windows([outside], 10))
+    for bad in (-1, np.nan):
+        column = np.array([bad])
+        for x, y in ((column, fit.y), (fit.x, column)):
+            with pytest.raises(ConfigError, match="lie outside of the 4x4"):
+                EventPacket(x, y, fit.p, fit.t, 0, 2, SIZE).sound()
+    once = EventPacket(fit.x, fit.y, fit.p, fit.t, 0, 2, SIZE)
+    assert not once.checked
+    assert once.sound() is once
+    assert once.checked
     unequal = EventPacket(fit.x[:0], fit.y, fit.p, fit.t, 0, 2, SIZE)
     with pytest.raises(ConfigError, match="equal length, not 0, 1, 1, 1"):
         list(windows([unequal], 10))

@@ -91,3 +91,26 @@ def test_everything_is_asked_for_and_told(monkeypatch: pytest.MonkeyPatch) -> No
     refused = Granted(memory=True, priority=False, core=None).text()
     assert "memory locked, priority ordinary (rtprio in" in refused
     assert "any core" in refused
+
+
+def test_who_is_permitted_less_gets_what_is_permitted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    given: list[int] = []
+
+    def permit(thread: int, policy: int, param: int) -> None:
+        del thread, policy
+        if param > real_time.PRIORITY:
+            raise PermissionError
+        given.append(param)
+
+    monkeypatch.setattr(real_time, "THREADS", tmp_path)
+    monkeypatch.setattr(os, "sched_setscheduler", permit, raising=False)
+    monkeypatch.setattr(os, "sched_param", int, raising=False)
+    monkeypatch.setattr(os, "SCHED_FIFO", 1, raising=False)
+    assert real_time.take_precedence(real_time.GUARD_PRIORITY)
+    assert given == [real_time.PRIORITY]
+    monkeypatch.setattr(real_time, "PRIORITY", 5)
+    given.clear()
+    assert real_time.take_precedence(4)
+    assert given == [4]

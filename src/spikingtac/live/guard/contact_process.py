@@ -24,7 +24,13 @@ from spikingtac.live.guard.contact_loop import (
     Subscriber,
     failure_words,
 )
-from spikingtac.live.real_time import exempt_from_collection, lock_memory, take_precedence
+from spikingtac.live.real_time import (
+    GUARD_PRIORITY,
+    exempt_from_collection,
+    keep_to_one_core,
+    lock_memory,
+    take_precedence,
+)
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
@@ -46,6 +52,9 @@ SHUTDOWN_S = 5.0
 INSISTENCE_S = 4.0
 """Time for which a guard that was told to end stops an arm that moves on again and again; less than
 :data:`SHUTDOWN_S`, after which its parent ends it."""
+INSISTENCE_PERIOD_S = 0.002
+"""Pause between these stops: one that fails at once, since the controller is gone, would keep a
+core from everything else, another arm's guard included."""
 
 
 class ContactProcess:
@@ -146,9 +155,15 @@ class GuardStatus:
             self.publish("ready", loop.report())
 
     def rehearse(self, loop: ContactLoop, arm: Arm) -> None:
-        """Do once what takes long the first time, and take precedence, before the watch begins."""
+        """Do once what takes long the first time, and take precedence, before the watch begins.
+
+        Threads of one interpreter gain nothing from a second core, and a stall of either would
+        hold up all of them: with precedence they keep to one.
+        """
         arm.state()
-        self.precedes = take_precedence()
+        self.precedes = take_precedence(GUARD_PRIORITY)
+        if self.precedes:
+            keep_to_one_core()
         status_message({**asdict(loop.report()), "health": "ok", "reason": ""})
 
     def tripped(self, watchdog: Watchdog) -> None:
@@ -272,5 +287,6 @@ def _brake(watchdog: Watchdog, told: socket.socket) -> None:
     watchdog.disconnected("the guard was told to end")
     until_s = time.monotonic() + INSISTENCE_S
     while watchdog.stop_failure is not None and time.monotonic() < until_s:
+        time.sleep(INSISTENCE_PERIOD_S)
         watchdog.check()  # stops again, and waits for the outcome
     os._exit(0)
