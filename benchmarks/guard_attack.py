@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import sys
 import tempfile
 import time
@@ -57,6 +58,8 @@ ROBOT_LATE_S = 0.05
 CORES = sorted(os.sched_getaffinity(0))
 ROBOT_PRIORITY = 30
 """Real-time priority of the robot's stand-in, above a guard's."""
+BUSY_LIMIT_US = 2_000_000
+"""The system ends a stand-in that runs so long without a pause: one took the core for good."""
 SLOW_S = 0.002
 """What the detector needs for a window of 1 ms under the attack "lag", s."""
 DETECTOR_FAULTS = ("lag", "hang", "exception", "ignored")
@@ -162,6 +165,7 @@ def as_a_robot() -> None:
     It leaves the last core to the guard, which keeps to that one: a controller is another machine.
     """
     os.sched_setaffinity(0, CORES[:-1] or CORES)
+    resource.setrlimit(resource.RLIMIT_RTTIME, (BUSY_LIMIT_US, resource.RLIM_INFINITY))
     take_precedence(ROBOT_PRIORITY)
 
 
@@ -170,6 +174,7 @@ def as_a_user() -> Iterator[None]:
     """Start a process from an ordinary thread that may use every core, as a user's is."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.sched_setaffinity(0, CORES)
+    resource.setrlimit(resource.RLIMIT_RTTIME, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     yield
     as_a_robot()
 
