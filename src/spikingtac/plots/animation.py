@@ -43,8 +43,7 @@ def save_animation(
     tracks: Tracks,
     path: str | Path,
     *,
-    from_s: float | None = None,
-    to_s: float | None = None,
+    stretch_s: tuple[float | None, float | None] = (None, None),
     slow: float = 1.0,
     theme: str = "light",
     width: str = "single",
@@ -57,9 +56,8 @@ def save_animation(
     Args:
         tracks: What is drawn; in mm where its scale is known, otherwise in px.
         path: File to write, ``.gif``; it appears whole or not at all.
-        from_s: Begin, s since the first estimate; a second before the largest displacement unless
-            given.
-        to_s: End, s since the first estimate; a second after the largest displacement unless given.
+        stretch_s: Begin and end, s since the first estimate; a second before and after the largest
+            displacement unless given.
         slow: How many times slower than it was; below 1 it is faster.
         theme: ``light`` or ``dark``.
         width: ``single`` or ``double`` column.
@@ -73,7 +71,7 @@ def save_animation(
     if not target.parent.is_dir():
         raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
     require_estimates(tracks)
-    rows = _rows(tracks, (from_s, to_s), slow)
+    rows = _rows(tracks, stretch_s, slow)
     first, *rest = _pictures(tracks, rows, theme, width)
     with replacing(target) as partial:
         first.save(
@@ -83,7 +81,7 @@ def save_animation(
     return len(rows)
 
 
-def _rows(tracks: Tracks, ends_s: tuple[float | None, float | None], slow: float) -> list[int]:
+def _rows(tracks: Tracks, stretch_s: tuple[float | None, float | None], slow: float) -> list[int]:
     """Return the estimates to draw."""
     if not slow > 0.0:
         raise ConfigError(f"slow is {slow:g}, it must be above 0; 4 is four times slower")
@@ -92,7 +90,7 @@ def _rows(tracks: Tracks, ends_s: tuple[float | None, float | None], slow: float
     usual_us = max(largest_us - AROUND_US, begin_us), min(largest_us + AROUND_US, end_us)
     first_us, last_us = (
         usual if given is None else begin_us + round(given * US_PER_S)
-        for given, usual in zip(ends_s, usual_us, strict=True)
+        for given, usual in zip(stretch_s, usual_us, strict=True)
     )
     if not begin_us <= first_us < last_us <= end_us:
         shown = ((t - begin_us) / US_PER_S for t in (first_us, last_us, end_us))

@@ -26,7 +26,7 @@ def pictures(path: Path) -> np.ndarray:
 def test_a_picture_for_every_fiftieth_of_a_second(theme: str, bright: bool, tmp_path: Path) -> None:
     tracks = circling_tracks()
     path = tmp_path / "field.gif"
-    count = save_animation(tracks, path, from_s=0.1, to_s=0.4, slow=2.0, theme=theme)
+    count = save_animation(tracks, path, stretch_s=(0.1, 0.4), slow=2.0, theme=theme)
     shown = pictures(path)
     assert count == len(shown) == 1 + round(0.3 * 2.0 * 1_000 / FRAME_MS)
     assert (shown[0].mean() > 128) == bright
@@ -43,7 +43,7 @@ def test_the_stretch_is_around_the_largest_displacement_unless_given(tmp_path: P
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     tracks = circling_tracks(estimates=400)
     with pytest.raises(ConfigError, match=r"from 0\.3 to 0\.2 s: the tracks go from 0 to 0\.399 s"):
-        save_animation(tracks, tmp_path / "a.gif", from_s=0.3, to_s=0.2)
+        save_animation(tracks, tmp_path / "a.gif", stretch_s=(0.3, 0.2))
     with pytest.raises(ConfigError, match=r"valid ending: \.gif"):
         save_animation(tracks, tmp_path / "a.webp")
     with pytest.raises(ConfigError, match="slow is 0"):

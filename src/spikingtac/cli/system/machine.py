@@ -36,6 +36,7 @@ EXTRAS = {
     "xarray": ("xarray",),
     "cluster": ("distributed",),
     "ros2": ("cyclonedds",),
+    "foxglove": ("foxglove",),
     "lerobot": ("pyarrow", "pandas"),
     "zarr": ("zarr",),
     "design": ("build123d", "trimesh"),

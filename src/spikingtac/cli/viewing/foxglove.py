@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -70,17 +71,16 @@ def run(args: Args) -> int:
     except ConfigError as error:
         raise ConfigError(f"--field-hz: {error}") from error
     rehearse(feed.layout)
-    publisher = FoxglovePublisher(config, feed.settings)
-    shown = StreamConfig(
-        hardware=args.source.name,
-        events=feed.source is not None and not args.without_events,
-        wrench=feed.has_wrench,
-    )
-    stream = SensorStream(publisher, feed.layout, shown, feed.force, feed.settings.config)
-    feed.settings.watch(stream.retune)
-    remark(f"open ws://{args.host}:{publisher.port} in Foxglove (Open connection); Ctrl-C ends")
-    ready = partial(wait_for_reader, publisher, FIELD, args.wait_s)
-    found = publish_until(feed, stream, args.seconds, ready)
-    publisher.close()
+    with closing(FoxglovePublisher(config, feed.settings)) as publisher:
+        shown = StreamConfig(
+            hardware=args.source.name,
+            events=feed.source is not None and not args.without_events,
+            wrench=feed.has_wrench,
+        )
+        stream = SensorStream(publisher, feed.layout, shown, feed.force, feed.settings.config)
+        feed.settings.watch(stream.retune)
+        remark(f"open ws://{args.host}:{publisher.port} in Foxglove (Open connection); Ctrl-C ends")
+        ready = partial(wait_for_reader, publisher, FIELD, args.wait_s)
+        found = publish_until(feed, stream, args.seconds, ready)
     tell(found, as_json=args.json)
     return 0

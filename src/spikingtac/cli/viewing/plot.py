@@ -91,5 +91,11 @@ def _draw(args: Args, tracks: Tracks) -> int:
 def _animate(args: Args, tracks: Tracks) -> int:
     from spikingtac.plots.animation import save_animation
 
-    stretch = {"from_s": args.from_s, "to_s": args.to_s, "slow": args.slow}
-    return save_animation(tracks, args.output, **stretch, theme=args.theme, width=args.width)
+    return save_animation(
+        tracks,
+        args.output,
+        stretch_s=(args.from_s, args.to_s),
+        slow=args.slow,
+        theme=args.theme,
+        width=args.width,
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -80,15 +81,15 @@ def run(args: Args) -> int:
     feed = open_feed(FeedConfig(**given, tell=warn))
     _check_distance(args, feed)
     rehearse(feed.layout)
-    publisher = DdsPublisher(config)
-    stream = _announce(args, feed, publisher)
-    desk = _node(args, feed, publisher)
-    where = "this machine" if args.interface == "lo" else args.interface
-    remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
-    ready = partial(wait_for_reader, publisher, field, args.wait_s)
-    found = publish_until(feed, stream, args.seconds, ready)
-    desk.close()
-    publisher.close()
+    with ExitStack() as opened:  # also a source that is refused leaves nothing in the domain
+        publisher = DdsPublisher(config)
+        opened.callback(publisher.close)
+        stream = _announce(args, feed, publisher)
+        opened.callback(_node(args, feed, publisher).close)
+        where = "this machine" if args.interface == "lo" else args.interface
+        remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
+        ready = partial(wait_for_reader, publisher, field, args.wait_s)
+        found = publish_until(feed, stream, args.seconds, ready)
     tell(found, as_json=args.json)
     return 0
 
