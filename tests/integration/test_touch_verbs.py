@@ -53,7 +53,7 @@ def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFix
     place = REFERENCE[:, :2] - REFERENCE[:, :2].mean(axis=0)
     near = np.exp(-0.5 * (place**2).sum(axis=1, keepdims=True) / 4.0)
     press = np.interp(t_us, [0, 300_000, 500_000], [0.0, 0.0, 0.3])[:, None, None] * near * place
-    drag = np.interp(t_us, [0, 700_000, 1_000_000], [0.0, 0.0, 1.0])[:, None, None]
+    drag = np.interp(t_us, [0, 700_000, 1_000_000], [0.0, 0.0, 2.0])[:, None, None]
     moved = press + drag * near**2 * np.array(
         [1.0, 0.0]
     )  # a drag under which only the middle moves
