@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from spikingtac.markers.graded.backlash import LEAP_PX, follow_kernel
+from spikingtac.markers.graded.backlash import LEAP_PX, lead_kernel
 
 
 def plain(
@@ -34,8 +34,11 @@ def test_the_kernel_does_what_the_plain_twin_does() -> None:
     expected = [
         plain([tuple(place) for place in path[:, m]], tuple(start[m]), play[m]) for m in range(5)
     ]
-    last, offset = start.copy(), np.zeros((5, 2))
+    last, offset, given = start.copy(), np.zeros((5, 2)), np.empty((5, 2))
+    velocity, lag_s = rng.normal(0.0, 50.0, (5, 2)), 2.4e-3
     for k, places in enumerate(path):
-        follow_kernel(places, last, play, offset)
-        np.testing.assert_allclose(offset, [given[k] for given in expected], atol=1e-12)
+        lead_kernel(places, velocity, lag_s, last, play, offset, given)
+        offsets = np.array([one[k] for one in expected])
+        np.testing.assert_allclose(offset, offsets, atol=1e-12)
+        np.testing.assert_allclose(given, places + lag_s * velocity + offsets, atol=1e-12)
     assert np.hypot(*offset.T).max() > 0.1

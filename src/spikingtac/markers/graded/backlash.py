@@ -68,32 +68,52 @@ class BacklashCompensation:
         self._last_px = start_px.astype(np.float64)
         self.offset_px = np.zeros_like(self._last_px)
 
-    def update(self, fitted_px: NDArray[np.float64], *, whole: bool = True) -> None:
-        """Take in ``(m, 2)`` fitted places, px.
+    def update(
+        self,
+        fitted_px: NDArray[np.float64],
+        velocity_px_s: NDArray[np.float64],
+        lag_s: float,
+        *,
+        whole: bool = True,
+    ) -> NDArray[np.float64]:
+        """Take in where the discs were found; return where their markers are, ``(m, 2)``, px.
+
+        The lag is made good in the same pass: NumPy's calls would cost as much again.
 
         Args:
-            fitted_px: Where the discs were found.
+            fitted_px: ``(m, 2)`` fitted places, px.
+            velocity_px_s: ``(m, 2)`` their velocities, px/s.
+            lag_s: Delay of the events, s.
             whole: Whether all events arrive. While some are lost steps are larger than what an
-                event stands for, and fits are ahead as often as behind: nothing is made good.
+                event stands for, and fits are ahead as often as behind: no play is made good.
         """
         play = self._play_px if whole else self._no_play_px
-        follow_kernel(fitted_px, self._last_px, play, self.offset_px)
+        given_px = np.empty_like(self._last_px)
+        offsets = self._last_px, play, self.offset_px
+        lead_kernel(fitted_px, velocity_px_s, lag_s, *offsets, given_px)
+        return given_px
 
 
 @njit(cache=True, nogil=True)
-def follow_kernel(
+def lead_kernel(
     fitted_px: NDArray[np.float64],
+    velocity_px_s: NDArray[np.float64],
+    lag_s: float,
     last_px: NDArray[np.float64],
     play: NDArray[np.float64],
     offset_px: NDArray[np.float64],
+    given_px: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Move offsets on by what the fits moved, up to the play; remember the fits.
+    """Move offsets on by what the fits moved, up to the play; write the places ahead of the fits.
 
     Args:
         fitted_px: ``(m, 2)`` fitted places, px.
-        last_px: ``(m, 2)`` those of the last call; changed.
+        velocity_px_s: ``(m, 2)`` their velocities, px/s.
+        lag_s: Delay of the events, s.
+        last_px: ``(m, 2)`` fitted places of the last call; changed.
         play: ``(m,)`` largest offset of each marker, px.
         offset_px: ``(m, 2)`` offsets; changed.
+        given_px: ``(m, 2)`` result: fitted place, lag and offset together, px.
     """
     for m in range(play.size):
         dx, dy = fitted_px[m, 0] - last_px[m, 0], fitted_px[m, 1] - last_px[m, 1]
@@ -101,7 +121,10 @@ def follow_kernel(
         if dx * dx + dy * dy > LEAP_PX * LEAP_PX:
             dx, dy = 0.0, 0.0
         x, y = offset_px[m, 0] + dx, offset_px[m, 1] + dy
-        length = np.sqrt(x * x + y * y)
-        if length > play[m]:
-            x, y = x * play[m] / length, y * play[m] / length
+        length2 = x * x + y * y
+        if length2 > play[m] * play[m]:
+            shrunk = play[m] / np.sqrt(length2)
+            x, y = x * shrunk, y * shrunk
         offset_px[m, 0], offset_px[m, 1] = x, y
+        given_px[m, 0] = fitted_px[m, 0] + lag_s * velocity_px_s[m, 0] + x
+        given_px[m, 1] = fitted_px[m, 1] + lag_s * velocity_px_s[m, 1] + y

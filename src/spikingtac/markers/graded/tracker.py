@@ -285,9 +285,8 @@ class GradedTracker:
         )
 
     def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
-        self._backlash.update(self._filter.position_px, whole=self._whole)
-        fitted_px = self._filter.position_px + self._lag_s * self._filter.velocity_px_s
-        detected_px = fitted_px + self._backlash.offset_px
+        fit_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
+        detected_px = self._backlash.update(fit_px, velocity_px_s, self._lag_s, whole=self._whole)
         reference_px, coasted = self._calibration.reference_px, self._manager.coasted
         position_px = self._law.update(detected_px, reference_px)
         return MarkerFrame(

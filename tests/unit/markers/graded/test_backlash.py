@@ -25,8 +25,9 @@ def made_good(fitted_px: np.ndarray, play: float) -> np.ndarray:
     backlash = BacklashCompensation(np.array([play]), np.array([[fitted_px[0], 7.0]]))
     given = []
     for x in fitted_px:
-        backlash.update(np.array([[x, 7.0]]))
-        given.append(x + backlash.offset_px[0, 0])
+        place = backlash.update(np.array([[x, 7.0]]), np.zeros((1, 2)), 0.0)
+        assert place[0, 1] == 7.0
+        given.append(place[0, 0])
     return np.array(given)
 
 
@@ -43,6 +44,15 @@ def test_a_marker_that_turns_round_is_given_where_it_is() -> None:
 def test_it_is_never_ahead_by_more_than_the_play() -> None:
     fitted = np.cumsum(np.random.default_rng(1).normal(0.0, 0.3, 500))
     assert np.abs(made_good(fitted, 0.12) - fitted).max() <= 0.12 + 1e-12
+
+
+def test_the_lag_is_made_good_too_and_nothing_else_while_events_are_lost() -> None:
+    backlash = BacklashCompensation(np.array([0.1]), np.zeros((1, 2)))
+    fitted, velocity = np.array([[1.0, 0.0]]), np.array([[40.0, -10.0]])
+    whole = backlash.update(fitted, velocity, 2e-3)
+    np.testing.assert_allclose(whole, [[1.18, -0.02]])
+    lossy = backlash.update(fitted, velocity, 2e-3, whole=False)
+    np.testing.assert_allclose(lossy, [[1.08, -0.02]])
 
 
 def test_without_play_the_fit_is_given() -> None:
