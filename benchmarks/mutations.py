@@ -84,15 +84,15 @@ MUTATIONS = (
     Mutation(
         name="lag-sign",
         file="markers/graded/tracker.py",
-        old="self._filter.position_px + self._lag_s * self._filter.velocity_px_s",
-        new="self._filter.position_px - self._lag_s * self._filter.velocity_px_s",
+        old="velocity_px_s, self._lag_s, whole",
+        new="velocity_px_s, -self._lag_s, whole",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
         file="markers/graded/tracker.py",
-        old="self._filter.position_px + self._lag_s * self._filter.velocity_px_s",
-        new="self._filter.position_px.copy()",
+        old="velocity_px_s, self._lag_s, whole",
+        new="velocity_px_s, 0.0, whole",
         tests=(ACCURACY,),
     ),
     Mutation(
