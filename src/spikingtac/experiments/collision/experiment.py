@@ -55,14 +55,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     begin_run(options.output, settings, options.resume, options.overwrite)
     approaches, stretches = run_all(options, config, names)
     report = make_report(approaches, stretches, provenance(options.command(NAME), settings))
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "approaches": len(approaches),
-        "rows": len(report.rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output, approaches=len(approaches))
 
 
 def make_report(

@@ -92,13 +92,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         figures=[before_and_after(config)],
         methods=ABOUT | {f"{ACTIVITY}...": "the same behind the event-activity filter"},
     )
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output)
 
 
 def score_job(job: RecordingJob) -> Samples:

@@ -7,6 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from spikingtac.atomic_files import write_json, write_text
 from spikingtac.experiments.harness.html_page import html_page
@@ -16,8 +17,14 @@ from spikingtac.experiments.harness.rows import Row
 REPORT = "report.json"
 
 
-def write_report(report: Report, folder: Path) -> None:
-    """Write all files of a report into a folder."""
+def write_report(report: Report, folder: Path, **counts: int) -> dict[str, Any]:
+    """Write all files of a report into a folder; return the summary of the run.
+
+    Args:
+        report: What was found.
+        folder: Where to write.
+        **counts: What else was counted, as ``trials``.
+    """
     write_json(folder / REPORT, report.document())
     write_text(folder / "tables" / "rows.csv", _csv(report.rows))
     for table in report.tables:
@@ -25,6 +32,13 @@ def write_report(report: Report, folder: Path) -> None:
     for number, (_, svg) in enumerate(report.figures, 1):
         write_text(folder / "figures" / f"figure{number}.svg", svg)
     write_text(folder / "report.html", html_page(report))
+    return {
+        "experiment": report.experiment,
+        "output": str(folder),
+        **counts,
+        "rows": len(report.rows),
+        "findings": list(report.findings),
+    }
 
 
 def latex(table: Table, rows: Sequence[Row]) -> str:

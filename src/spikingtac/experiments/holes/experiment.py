@@ -64,14 +64,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         figures=_figures(rows, records, calibrations, names),
         methods={name: METHODS[name].about for name in names},
     )
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "trials": len(records),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output, trials=len(records))
 
 
 def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], list[Record]]:

@@ -75,14 +75,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     ]
     records = run_all(jobs, options.workers, options.advance)
     report = _report(records, options, settings | {"methods": names}, table())
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "trials": len(jobs),
-        "rows": len(report.rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output, trials=len(jobs))
 
 
 def all_methods() -> dict[str, Method | LawMethod]:

@@ -74,14 +74,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         figures=_figures([job for job in jobs if job.case.name not in refused], names),
         methods={name: method.about for name, method in main_methods().items() if name in names},
     )  # fmt: skip
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "trials": len(records),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output, trials=len(records))
 
 
 def _recordings(data: Path | None) -> Path:

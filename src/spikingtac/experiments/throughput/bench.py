@@ -82,13 +82,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         findings=_findings(rows),
         tables=_tables(rows),
     )
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output)
 
 
 def _part(camera: str, options: RunOptions, settings: dict[str, Any]) -> dict[str, Any]:

@@ -70,13 +70,7 @@ def run(options: RunOptions) -> dict[str, Any]:
             for case in (case_of(*one) for one in cases)
         ],
     )
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output)
 
 
 def case_of(skin: Skin, rate_mev_s: int) -> str:

@@ -56,14 +56,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         tables=_tables(rows, names),
         methods={name: METHODS[name] for name in names},
     )
-    write_report(report, options.output)
-    return {
-        "experiment": NAME,
-        "output": str(options.output),
-        "trials": len(records),
-        "rows": len(rows),
-        "findings": list(report.findings),
-    }
+    return write_report(report, options.output, trials=len(records))
 
 
 def _records(options: RunOptions, names: list[str], seeds: range) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from spikingtac.markers.graded.appearance import Appearance
 
 MOST_PLAY_PX = 0.15
 """Largest play that is made good. Where steps were scaled beyond what events stand for (recorded
-gel: 2.4 times), their width says nothing of the play."""
+gel: 3.8 times), their width says nothing of the play."""
 
 LEAP_PX = 2.0
 """A fit that goes farther than this at once was found elsewhere: its way says nothing."""
