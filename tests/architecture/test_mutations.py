@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from stand_ins.programs import program
 
 PROJECT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    specification = importlib.util.spec_from_file_location(
-        "mutations", PROJECT / "benchmarks" / "mutations.py"
-    )
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    sys.modules["mutations"] = module  # dataclasses look their module up
-    specification.loader.exec_module(module)
-    return module
+    return program("benchmarks/mutations.py")
 
 
 def test_every_mutation_applies_at_one_place(script: ModuleType) -> None:

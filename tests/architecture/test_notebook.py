@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -11,6 +10,7 @@ from types import ModuleType
 import pytest
 
 from stand_ins.pasted import cells, pieces
+from stand_ins.programs import program
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = PROJECT / "docs" / "tutorial" / "first-figure.md"
@@ -19,13 +19,7 @@ NOTEBOOK = PAGE.with_suffix(".ipynb")
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    path = PROJECT / "scripts" / "tutorial_notebook.py"
-    spec = importlib.util.spec_from_file_location("tutorial_notebook", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return program("scripts/tutorial_notebook.py")
 
 
 def test_it_is_made_from_the_page(script: ModuleType) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -15,6 +14,7 @@ import pytest
 import spikingtac
 from spikingtac.events.cameras.kinds import KINDS
 from spikingtac.events.open import READABLE
+from stand_ins.programs import program
 
 PROJECT = Path(__file__).resolve().parents[2]
 DOCS = PROJECT / "docs"
@@ -40,13 +40,7 @@ HOW_TOS = (
 
 
 def hooks() -> ModuleType:
-    path = PROJECT / "scripts" / "site_hooks.py"
-    spec = importlib.util.spec_from_file_location("site_hooks", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return program("scripts/site_hooks.py")
 
 
 @pytest.fixture(scope="module")
