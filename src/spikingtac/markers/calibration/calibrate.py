@@ -30,6 +30,7 @@ from spikingtac.markers.calibration.finding.sighting import (
     refuse_gaps,
 )
 from spikingtac.markers.calibration.first_course import first_course
+from spikingtac.markers.calibration.following import Course
 from spikingtac.markers.calibration.quality import (
     Quality,
     judge,
@@ -38,10 +39,16 @@ from spikingtac.markers.calibration.quality import (
     provenance,
     refuse_without_grid,
 )
-from spikingtac.markers.calibration.reference import Method, mean_pitch_px, reference
+from spikingtac.markers.calibration.reference import (
+    Method,
+    displaced_before,
+    mean_pitch_px,
+    reference,
+)
 from spikingtac.markers.calibration.refinement import Refined, choose_states, refine
 from spikingtac.markers.calibration.step_scale import with_step_scale
 from spikingtac.markers.calibration.swings import LearnedSteps
+from spikingtac.markers.calibration.tracked_reference import with_tracked_reference
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 from spikingtac.markers.published.blobs import BlobConfig
@@ -154,6 +161,7 @@ def calibrate(
     if config.lens and config.pitch_mm is not None:
         calibration = with_lens(calibration, config.pitch_mm)
     calibration = with_step_scale(look.events, refined, calibration)
+    calibration = with_tracked_reference(look.events, calibration, look.rests_us[look.unloaded])
     own = round(own_contradiction(look.events, calibration), 4)
     calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})
     seen = look.events if look.polarity == "white" else look.events.inverted()
@@ -218,7 +226,10 @@ def _assembled(
     refined, learned = found
     measured = quality.measured
     rest_px = refined.course.center_px[_samples(look)[1][look.unloaded, 1]]
-    reference_px = _reference_px(look, rest_px, measured, config.method)
+    reference_px = _reference_px(look, refined.course, rest_px, config.method)
+    reference_px[~measured] = expected_places(reference_px, measured, look.sighting.grid.shape)[
+        ~measured
+    ]
     scale = None
     if config.pitch_mm is not None and len(reference_px) > 1:
         scale = mean_pitch_px(reference_px, look.sighting.grid.shape) / config.pitch_mm
@@ -245,11 +256,12 @@ def _assembled(
 
 
 def _reference_px(
-    look: Look, rest_px: NDArray[np.float64], measured: NDArray[np.bool_], method: Method
+    look: Look, course: Course, rest_px: NDArray[np.float64], method: Method
 ) -> NDArray[np.float64]:
-    out = reference(rest_px, look.rests_us[look.unloaded], method)
-    out[~measured] = expected_places(out, measured, look.sighting.grid.shape)[~measured]
-    return out
+    rests_us = look.rests_us[look.unloaded]
+    at_us = look.events.time_us[np.minimum(course.index, len(look.events) - 1)].astype(np.int64)
+    displaced_px = displaced_before(rests_us, rest_px, at_us, course.center_px)
+    return reference(rest_px, rests_us, displaced_px, method)
 
 
 def _appearance(

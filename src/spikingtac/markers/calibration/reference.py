@@ -1,12 +1,10 @@
 """Where markers rest without load, from where they stood whenever nothing touched them.
 
 The paper takes the middle of the box around all equilibrium states (section IV-D, the equation of
-P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours: creep after a contact leaves
-each rest a little off, to the side from which it came. Contacts of many kinds cancel in the mean,
-where a box keeps the two outermost rests of each axis alone. What they have in common does not
-cancel, since presses spread the skin, and only time takes it back. So the rest before the first
-contact, and others that are long enough, are held against the mean of the short ones: the more the
-two differ, the less the short ones count.
+P_init); ``bounding-box`` is that. The default ``rest-mean`` is ours. A skin that was just touched
+rests a little off, to the side to which it was pressed: it creeps. That share of the displacement
+is the same for all markers and contacts, so that all rests together tell it. It is taken off, and
+what is left is averaged: the place at one rest alone may be wrong by a pixel where edges are wide.
 """
 
 from __future__ import annotations
@@ -21,44 +19,81 @@ Method = Literal["rest-mean", "bounding-box"]
 SETTLED_US = 3_000_000
 """After so long a rest the skin has crept back (recorded presses)."""
 
-STARTS_US = 200_000
-"""A rest that begins so soon after the recording does counts as settled: hardly anybody starts to
-record within seconds after a contact."""
-
 NEAR_PX = 0.15
 """A rest so far from the weighted median counts half (Cauchy weights): the residual of creep."""
 
-SINGLE_REST_PX = 0.17
-"""Error that is assumed of the place at a single rest (simulated sensors: 0.06 to 0.22 px at the
-first rest; for the twin, v2e and a transparent model, 0.15 to 0.2 is best or as good as any)."""
+MOST_CREEP = 0.3
+"""Largest share of a displacement that a skin is believed to keep for a while."""
 
 
 def reference(
-    position_px: NDArray[np.float64], rests_us: NDArray[np.int64], method: Method
+    position_px: NDArray[np.float64],
+    rests_us: NDArray[np.int64],
+    displaced_px: NDArray[np.float64],
+    method: Method,
 ) -> NDArray[np.float64]:
     """Return ``(m, 2)`` reference positions, px.
 
     Args:
         position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
         rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
+        displaced_px: ``(rests, m, 2)`` mean displacement in the contact before each rest, px; zero
+            where there was none.
         method: How they are reduced to one.
     """
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
     length_us = np.diff(rests_us, axis=1)[:, 0]
-    settled = (rests_us[:, 0] < STARTS_US) | (length_us >= SETTLED_US)
-    if settled.all() or not settled.any():
-        return _typical(position_px, length_us)
-    early, late = (_typical(position_px[some], length_us[some]) for some in (settled, ~settled))
-    scatter = ((position_px[~settled] - late) ** 2).sum(axis=2).mean()
-    variances = SINGLE_REST_PX**2 / settled.sum(), scatter / np.count_nonzero(~settled)
-    creep = max(((late - early) ** 2).sum(axis=1).mean() - sum(variances), 0.0)
-    share = variances[0] / (variances[0] + variances[1] + creep)
-    return early + share * (late - early)
+    creep = creep_share(position_px, length_us, displaced_px)
+    return typical(position_px - creep * displaced_px, length_us)
 
 
-def _typical(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
-    # A mean in which long rests count more, and those far from the others less.
+def creep_share(
+    position_px: NDArray[np.float64],
+    length_us: NDArray[np.int64],
+    displaced_px: NDArray[np.float64],
+) -> float:
+    """Return which share of the displacements before the rests is still there at them.
+
+    It is the least-squares slope over all markers and rests, long ones counting more. Without a
+    rest before the first contact, equal contacts do not tell it, and it is 0.
+    """
+    weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
+    off_px, moved_px = (
+        values - np.average(values, axis=0, weights=weight)
+        for values in (position_px, displaced_px)
+    )
+    weight = weight[:, np.newaxis, np.newaxis]
+    squares = float((weight * moved_px**2).sum())
+    share = float((weight * off_px * moved_px).sum()) / squares if squares > 0.0 else 0.0
+    return min(max(share, 0.0), MOST_CREEP)
+
+
+def displaced_before(
+    rests_us: NDArray[np.int64],
+    position_px: NDArray[np.float64],
+    course_us: NDArray[np.int64],
+    course_px: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return ``(rests, m, 2)`` mean displacement between each rest and the one before it, px.
+
+    Args:
+        rests_us: ``(rests, 2)`` when each began and ended, us since the start of the recording.
+        position_px: ``(rests, m, 2)`` positions at them, px.
+        course_us: ``(k,)`` times of the samples, us since the start of the recording.
+        course_px: ``(k, m, 2)`` places at them, px.
+    """
+    middle_px = weighted_median(position_px, np.diff(rests_us, axis=1)[:, 0])
+    starts_us = np.concatenate([[0], rests_us[:-1, 1]])
+    first, last = np.searchsorted(course_us, [starts_us, rests_us[:, 0]])
+    return np.array([
+        (course_px[begin:end] - middle_px).mean(axis=0) if end > begin else 0.0 * middle_px
+        for begin, end in zip(first, last, strict=True)
+    ])  # fmt: skip
+
+
+def typical(position_px: NDArray[np.float64], length_us: NDArray[Any]) -> NDArray[np.float64]:
+    """Return ``(m, 2)`` mean places: long rests count more, and those far from the others less."""
     weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
     middle = weighted_median(position_px, weight)
     off = np.linalg.norm(position_px - middle, axis=2)

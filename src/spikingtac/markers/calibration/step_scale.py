@@ -116,7 +116,7 @@ def fit_step_scale(
     @functools.cache
     def apart_at(powers: Powers) -> float:
         on, off = (GROWTH**power for power in powers)
-        t_us, center_px = _tracked(events, calibration.with_steps_scaled(on, off))
+        t_us, center_px = track(events, calibration.with_steps_scaled(on, off))
         nearest = np.searchsorted(t_us, at_us).clip(0, len(t_us) - 1)
         return float(np.linalg.norm(center_px[nearest] - known_px, axis=2)[:, chosen].mean())
 
@@ -142,9 +142,10 @@ def _least(
         best = least
 
 
-def _tracked(
+def track(
     events: BufferedEvents, calibration: Calibration
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return times ``(n,)``, us, and places ``(n, m, 2)``, px, as the disc fit finds them."""
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
     locator = DiscLocator(DiscLocatorConfig(), bright)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.reference import reference
+from spikingtac.markers.calibration.reference import displaced_before, reference
 
 PLACES = np.array([[x, y] for y in (20.0, 60.0, 100.0) for x in (20.0, 60.0, 100.0)])
 SECOND_US = 1_000_000
@@ -16,37 +16,72 @@ def rests(lengths_s: list[float], first_us: int = 0) -> np.ndarray:
     return np.column_stack([begins, begins + np.array(lengths_s) * SECOND_US]).astype(np.int64)
 
 
+def none(count: int) -> np.ndarray:
+    return np.zeros((count, *PLACES.shape))
+
+
 def test_what_presses_leave_spread_is_not_the_reference() -> None:
-    outward = (PLACES - PLACES.mean(axis=0)) * 0.02
-    spread = np.array([PLACES, *[PLACES + outward] * 6])
-    found = reference(spread, rests([0.5, *[0.3] * 6]), "rest-mean")
-    assert np.abs(found - PLACES).max() < 0.1 * np.abs(outward).max()
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([0.0 * PLACES, *[outward] * 6])
+    spread = PLACES + 0.1 * displaced
+    lengths_s = [0.5, *[0.3] * 6]
+    found = reference(spread, rests(lengths_s), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
     # Without a rest before the first press nothing tells creep from the place.
-    late = reference(spread[1:], rests([0.3] * 6, first_us=SECOND_US), "rest-mean")
-    np.testing.assert_allclose(late, PLACES + outward)
+    late = reference(spread[1:], rests(lengths_s[1:]), displaced[1:], "rest-mean")
+    np.testing.assert_allclose(late, PLACES + 0.1 * outward)
+
+
+def test_contacts_of_several_sizes_tell_creep_without_a_rest_before_them() -> None:
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([outward, 2.0 * outward, 0.5 * outward])
+    found = reference(PLACES + 0.1 * displaced, rests([0.3] * 3), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
+
+
+def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
+    outward = (PLACES - PLACES.mean(axis=0)) * 0.2
+    displaced = np.array([0.0 * PLACES, *[outward] * 6])
+    places = np.array([PLACES + 0.1 * outward, *[PLACES] * 6])  # no skin creeps this way
+    found = reference(places, rests([0.6] * 7), displaced, "rest-mean")
+    assert np.abs(found - PLACES).max() < 0.1 * np.abs(0.1 * outward).max()
 
 
 def test_slides_to_and_fro_cancel_and_outweigh_one_bad_first_rest() -> None:
     rng = np.random.default_rng(1)
     ways = np.array([[0.2, 0.0], [-0.2, 0.0], [0.0, 0.2], [0.0, -0.2]] * 3)[:, np.newaxis]
     first = PLACES + rng.normal(0.0, 0.1, PLACES.shape)
-    found = reference(np.array([first, *(PLACES + ways)]), rests([0.5] + [0.3] * 12), "rest-mean")
+    places = np.array([first, *(PLACES + ways)])
+    found = reference(places, rests([0.5] + [0.3] * 12), none(13), "rest-mean")
     assert np.abs(found - PLACES).mean() < 0.5 * np.abs(first - PLACES).mean()
 
 
-def test_a_long_rest_counts_as_much_as_the_first() -> None:
+def test_long_rests_count_more() -> None:
     apart = np.array([PLACES, PLACES + 0.1, PLACES + 1.0])
-    found = reference(apart, rests([3.0, 4.0, 0.3]), "rest-mean")
+    found = reference(apart, rests([3.0, 4.0, 0.3]), none(3), "rest-mean")
     assert np.abs(found - (PLACES + 0.05)).max() < 0.05
+
+
+def test_the_displacement_before_a_rest_is_the_mean_since_the_rest_before() -> None:
+    spans_us = np.array([[0, 100], [200, 300], [400, 500]])
+    at_us = np.arange(0, 500, 10)
+    moved_px = np.where(
+        at_us < 100, 0.0, np.where(at_us < 200, 3.0, np.where(at_us < 300, 0.0, 5.0))
+    )
+    course_px = PLACES + moved_px[:, np.newaxis, np.newaxis]
+    found = displaced_before(spans_us, np.array([PLACES] * 3), at_us, course_px)
+    np.testing.assert_allclose(found[0], 0.0)
+    np.testing.assert_allclose(found[1], 3.0)
+    np.testing.assert_allclose(found[2], 5.0)
 
 
 def test_the_bounding_box_is_the_papers() -> None:
     apart = np.array([PLACES, PLACES + 1.0, PLACES + 0.2])
-    found = reference(apart, rests([1.0, 1.0, 1.0]), "bounding-box")
+    found = reference(apart, rests([1.0, 1.0, 1.0]), none(3), "bounding-box")
     np.testing.assert_allclose(found, PLACES + 0.5)
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_rests_are_enough(count: int) -> None:
-    found = reference(np.array([PLACES] * count), rests([0.3] * count), "rest-mean")
+    found = reference(np.array([PLACES] * count), rests([0.3] * count), none(count), "rest-mean")
     np.testing.assert_allclose(found, PLACES)

@@ -1,0 +1,63 @@
+"""Four discs that sway, as ideal pixels with equal thresholds see them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.profile import DiscProfile
+
+SIZE = (96, 64)
+REST_PX = np.array([[24.0, 20.0], [60.0, 20.0], [24.0, 46.0], [60.0, 46.0]])
+RADIUS_PX, STEP, PERIOD_US, SAMPLES = 6.0, 0.12, 1_000, 1_500
+PROFILE = DiscProfile(4.0, 0.7)
+
+
+def ways_px() -> np.ndarray:
+    phase = np.linspace(0.0, 6.0 * np.pi, SAMPLES)
+    return np.column_stack([8.0 * np.sin(phase), 5.0 * np.sin(0.5 * phase)])
+
+
+def levels(way_px: np.ndarray) -> np.ndarray:
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    out = np.zeros((SIZE[1], SIZE[0]))
+    for cx, cy in REST_PX + way_px:
+        np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
+    return out
+
+
+def fired() -> Iterator[tuple[int, np.ndarray]]:
+    """Yield time and codes of ideal pixels that follow the discs."""
+    known = levels(ways_px()[0]).ravel()
+    for sample, way_px in enumerate(ways_px()):
+        now = levels(way_px).ravel()
+        for sign, bit in ((1.0, 1), (-1.0, 0)):
+            while len(pixels := np.flatnonzero(sign * (now - known) > STEP)):
+                known[pixels] += sign * STEP
+                yield sample * PERIOD_US, 2 * pixels + bit
+
+
+@cache
+def swaying_discs() -> BufferedEvents:
+    times, codes = zip(*fired(), strict=True)
+    stamps = np.repeat(times, [len(code) for code in codes])
+    code = np.concatenate(codes).astype(np.uint32)
+    return BufferedEvents(code, stamps.astype(np.uint32), SIZE, 0, SAMPLES * PERIOD_US)
+
+
+def calibration(step: float) -> Calibration:
+    return Calibration(
+        reference_px=REST_PX,
+        radius_px=np.full(4, RADIUS_PX),
+        grid=(2, 2),
+        size=SIZE,
+        contrast=PROFILE.contrast,
+        edge_px=PROFILE.edge_px,
+        step_on=step,
+        step_off=step,
+        lag_us=0.0,
+    )
