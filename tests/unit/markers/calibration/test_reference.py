@@ -39,6 +39,15 @@ def test_contacts_of_several_sizes_tell_creep_without_a_rest_before_them() -> No
     np.testing.assert_allclose(found, PLACES, atol=1e-9)
 
 
+def test_a_skin_that_slides_leave_spread_is_told_by_the_rest_before_them() -> None:
+    ways_px = np.array([[6.0, 0.0], [-6.0, 0.0], [0.0, 6.0], [0.0, -6.0]])[:, np.newaxis]
+    displaced = np.array([0.0 * PLACES, *(ways_px + 0.0 * PLACES)])
+    spread = 0.002 * (PLACES - PLACES.mean(axis=0))
+    places = np.array([PLACES, *[PLACES + spread] * 4]) + 0.02 * displaced
+    found = reference(places, rests([0.6, *[0.3] * 4]), displaced, "rest-mean")
+    np.testing.assert_allclose(found, PLACES, atol=1e-9)
+
+
 def test_a_first_rest_that_is_wrong_does_not_outvote_the_others() -> None:
     outward = (PLACES - PLACES.mean(axis=0)) * 0.2
     displaced = np.array([0.0 * PLACES, *[outward] * 6])
