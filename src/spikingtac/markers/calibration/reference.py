@@ -37,6 +37,10 @@ TOUCHED_PX = 0.2
 """Mean displacement before a rest from which there was a contact."""
 
 
+TELLING_PX = 0.01
+"""A cause that differs by less than this between rests, on the average, tells nothing."""
+
+
 def reference(
     position_px: NDArray[np.float64],
     rests_us: NDArray[np.int64],
@@ -78,6 +82,7 @@ def creep_shares(
         for values in (position_px, displaced_px, _about_middle(position_px, displaced_px))
     )
     causes = np.column_stack([moved_px.ravel(), spread_px.ravel()])
+    causes *= (causes**2).sum(axis=0) > TELLING_PX**2 * weight.sum()
     shares, _ = nnls(causes, off_px.ravel())
     return min(float(shares[0]), MOST_CREEP), min(float(shares[1]), MOST_SPREAD)
 
