@@ -26,15 +26,23 @@ video.src = URL.createObjectURL(new Blob([bytes], {type: "video/mp4"}));
 const canvas = document.createElement("canvas");
 canvas.width = canvas.height = 1;
 const seen = [];
-video.onloadeddata = () => { video.currentTime = times_s[0]; };
-video.onseeked = () => {
+const take = () => {
   const context = canvas.getContext("2d");
   const x = video.videoWidth >> 1, y = video.videoHeight >> 1;
   context.drawImage(video, x, y, 1, 1, 0, 0, 1, 1);
   seen.push([...context.getImageData(0, 0, 1, 1).data]);
-  if (seen.length < times_s.length) video.currentTime = times_s[seen.length];
+  if (seen.length < times_s.length) seek();
   else done({seconds: video.duration, width: video.videoWidth, seen});
 };
+// A picture may be shown later than "seeked" says, and one that is shown already not again.
+const seek = () => {
+  let taken = false;
+  const once = () => { if (!taken) { taken = true; take(); } };
+  video.requestVideoFrameCallback(once);
+  video.onseeked = () => setTimeout(once, 2000);
+  video.currentTime = times_s[seen.length];
+};
+video.onloadeddata = seek;
 """
 
 

@@ -51,7 +51,8 @@ class Calibration:
         px_per_mm: Image scale at the skin, or None where no pitch was given.
         lens: Where on the flat skin each pixel looks, or None: ``px_per_mm`` stands for all.
         band_scale_on: Factor from ``step_on`` to the step of the band fit, or None: the graded map
-            serves this sensor better (:mod:`spikingtac.markers.calibration.step_scale`).
+            serves this sensor better
+            (:mod:`spikingtac.markers.calibration.trial_tracking.step_scale`).
         band_scale_off: The same for ``step_off``.
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
         provenance: Where the calibration came from.

@@ -46,9 +46,9 @@ from spikingtac.markers.calibration.reference import (
     reference,
 )
 from spikingtac.markers.calibration.refinement import Refined, choose_states, refine
-from spikingtac.markers.calibration.step_scale import with_step_scale
 from spikingtac.markers.calibration.swings import LearnedSteps
-from spikingtac.markers.calibration.tracked_reference import with_tracked_reference
+from spikingtac.markers.calibration.trial_tracking.step_scale import with_step_scale
+from spikingtac.markers.calibration.trial_tracking.tracked_reference import with_tracked_reference
 from spikingtac.markers.graded.appearance import nearest_marker
 from spikingtac.markers.lag.recording_lag import slide_lag_us
 from spikingtac.markers.published.blobs import BlobConfig

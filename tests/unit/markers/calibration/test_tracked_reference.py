@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.tracked_reference import with_tracked_reference
+from spikingtac.markers.calibration.trial_tracking.tracked_reference import with_tracked_reference
 from stand_ins.swaying_discs import PERIOD_US, REST_PX, STEP, calibration, swaying_discs
 
 PASSES_US = np.array([0, 500, 1_000]) * PERIOD_US

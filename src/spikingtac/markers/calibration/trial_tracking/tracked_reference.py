@@ -1,11 +1,11 @@
 """Where the tracker finds the markers at rest, if other steps suit it than explain the events.
 
-Where OFF and ON steps had to be scaled apart (:mod:`spikingtac.markers.calibration.step_scale`),
-no model of the sensor explains all of its events, and the tracker comes back from every contact to
-places that agree with each other, but not with those that all events together tell: on the
-recorded sensor they agree to 0.3 px and lie 1 px away, where the latter drift by 1.2 px from rest
-to rest. What is asked for is a displacement that vanishes at rest, so that the tracker's own rests
-are the reference. Ours.
+Where OFF and ON steps had to be scaled apart
+(:mod:`spikingtac.markers.calibration.trial_tracking.step_scale`), no model of the sensor explains
+all of its events, and the tracker comes back from every contact to places that agree with each
+other, but not with those that all events together tell: on the recorded sensor they agree to
+0.3 px and lie 1 px away, where the latter drift by 1.2 px from rest to rest. What is asked for is a
+displacement that vanishes at rest, so that the tracker's own rests are the reference. Ours.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.reference import typical
-from spikingtac.markers.calibration.step_scale import track
+from spikingtac.markers.calibration.trial_tracking.step_scale import track
 
 CREPT_SHARE = 0.35
 """The first part of a rest, in which the skin still creeps, is left out."""
