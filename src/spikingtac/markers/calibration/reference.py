@@ -59,30 +59,27 @@ def reference(
     if method == "bounding-box":
         return (position_px.min(axis=0) + position_px.max(axis=0)) / 2.0
     length_us = np.diff(rests_us, axis=1)[:, 0]
-    creep, spread = creep_shares(position_px, length_us, displaced_px)
+    creep, spread = creep_shares(position_px, displaced_px)
     left_px = creep * displaced_px + spread * _about_middle(position_px, displaced_px)
     return typical(position_px - left_px, length_us)
 
 
 def creep_shares(
-    position_px: NDArray[np.float64],
-    length_us: NDArray[np.int64],
-    displaced_px: NDArray[np.float64],
+    position_px: NDArray[np.float64], displaced_px: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return what is left at the rests, of the displacements before, and as spread of the skin.
 
-    They are the least-squares slopes over all markers and rests, long ones counting more; neither
-    is negative. Without a rest before the first contact nothing tells the spread, nor do equal
-    contacts tell the share of the displacements: they are 0.
+    They are the least-squares slopes over all markers and rests; neither is negative. (Rests count
+    alike: the last one, often the longest, is the one that is known worst.) Without a rest before
+    the first contact nothing tells the spread, nor do equal contacts tell the share of the
+    displacements: they are 0.
     """
-    weight = np.minimum(np.asarray(length_us, float), SETTLED_US)
     off_px, moved_px, spread_px = (
-        np.sqrt(weight)[:, np.newaxis, np.newaxis]
-        * (values - np.average(values, axis=0, weights=weight))
+        values - values.mean(axis=0)
         for values in (position_px, displaced_px, _about_middle(position_px, displaced_px))
     )
     causes = np.column_stack([moved_px.ravel(), spread_px.ravel()])
-    causes *= (causes**2).sum(axis=0) > TELLING_PX**2 * weight.sum()
+    causes *= (causes**2).mean(axis=0) > TELLING_PX**2
     shares, _ = nnls(causes, off_px.ravel())
     return min(float(shares[0]), MOST_CREEP), min(float(shares[1]), MOST_SPREAD)
 
