@@ -96,7 +96,7 @@ def test_grids_of_many_sizes(
 @pytest.mark.slow
 def test_presses_alone_of_a_sensor_like_the_recorded_one(tmp_path: Path) -> None:
     # The first rest, before any contact, is found a pixel off; it must not outvote the others.
-    # Measured 0.30, 0.39, 0.24, 0.29 and 0.26 px on the sensors 1 to 5.
+    # Measured 0.30, 0.42, 0.24 and 0.29 px on the sensors 1 to 4.
     scene = catalog.load("real-presses").with_serial(1)
     simulate(scene, tmp_path / "presses", seed=1)
     found = calibrate(open_events(tmp_path / "presses" / "events.raw"), estimate_lag=None)
