@@ -54,6 +54,10 @@ class BufferedEvents:
         """Return how many events came before each time since the start."""
         return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
 
+    def times_at(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the times of events by their number, us; of the last one where they end before."""
+        return self.time_us[np.minimum(index, len(self) - 1)].astype(np.int64)
+
     def packet(self, index: tuple[int, int], span_us: tuple[int, int]) -> EventPacket:
         """Return the events from one index to another as a packet.
 

@@ -40,6 +40,7 @@ from spikingtac.markers.calibration.quality import (
     refuse_without_grid,
 )
 from spikingtac.markers.calibration.reference import (
+    CREPT_SHARE,
     Method,
     displaced_before,
     mean_pitch_px,
@@ -77,7 +78,7 @@ twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less)."""
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
 """Bounds of the samples: short recordings are sampled more finely, long ones more coarsely."""
 
-REST_SHARES = (0.35, 0.8, 0.95)
+REST_SHARES = (CREPT_SHARE, 0.8, 0.95)
 """Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
 rest."""
 
@@ -161,7 +162,9 @@ def calibrate(
     if config.lens and config.pitch_mm is not None:
         calibration = with_lens(calibration, config.pitch_mm)
     calibration = with_step_scale(look.events, refined, calibration)
-    calibration = with_tracked_reference(look.events, calibration, look.rests_us[look.unloaded])
+    if config.method == "rest-mean":
+        rests_us = look.rests_us[look.unloaded]
+        calibration = with_tracked_reference(look.events, calibration, rests_us)
     own = round(own_contradiction(look.events, calibration), 4)
     calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})
     seen = look.events if look.polarity == "white" else look.events.inverted()
@@ -259,7 +262,7 @@ def _reference_px(
     look: Look, course: Course, rest_px: NDArray[np.float64], method: Method
 ) -> NDArray[np.float64]:
     rests_us = look.rests_us[look.unloaded]
-    at_us = look.events.time_us[np.minimum(course.index, len(look.events) - 1)].astype(np.int64)
+    at_us = look.events.times_at(course.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, course.center_px)
     return reference(rest_px, rests_us, displaced_px, method)
 

@@ -22,6 +22,9 @@ Method = Literal["rest-mean", "bounding-box"]
 SETTLED_US = 3_000_000
 """After so long a rest the skin has crept back (recorded presses)."""
 
+CREPT_SHARE = 0.35
+"""The first part of a rest, in which the skin still creeps, tells little of where it ends up."""
+
 NEAR_PX = 0.15
 """A rest so far from the weighted median counts half (Cauchy weights): the residual of creep."""
 
@@ -35,7 +38,6 @@ outside, since what they saw before is not known.)"""
 
 TOUCHED_PX = 0.2
 """Mean displacement before a rest from which there was a contact."""
-
 
 TELLING_PX = 0.01
 """A cause that differs by less than this between rests, on the average, tells nothing."""

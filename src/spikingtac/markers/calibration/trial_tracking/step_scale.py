@@ -109,7 +109,7 @@ def fit_step_scale(
             px.
     """
     index, known_px = places
-    at_us = events.time_us[np.minimum(index, len(events) - 1)].astype(np.int64)
+    at_us = events.times_at(index)
     measured = calibration.marker_measured
     chosen = slice(None) if measured is None else measured
 

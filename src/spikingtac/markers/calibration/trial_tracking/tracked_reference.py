@@ -17,11 +17,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.reference import typical
+from spikingtac.markers.calibration.reference import CREPT_SHARE, typical
 from spikingtac.markers.calibration.trial_tracking.step_scale import track
-
-CREPT_SHARE = 0.35
-"""The first part of a rest, in which the skin still creeps, is left out."""
 
 
 def with_tracked_reference(
