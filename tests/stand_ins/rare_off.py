@@ -25,12 +25,12 @@ def presses_px() -> np.ndarray:
     return REST_PX + depth[:, None, None] * 6.0 * apart / np.hypot(*apart.T).max()
 
 
-def levels(center_px: np.ndarray) -> np.ndarray:
+def levels(center_px: np.ndarray, profile: DiscProfile = PROFILE) -> np.ndarray:
     """Return ``(height, width)`` shares of a full swing of discs."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     out = np.zeros((SIZE[1], SIZE[0]))
     for cx, cy in center_px:
-        np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
+        np.maximum(out, profile.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
     return out
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.profile import DiscProfile
+from stand_ins.rare_off import RADIUS_PX, SIZE, levels
 
-SIZE = (96, 64)
 REST_PX = np.array([[24.0, 20.0], [60.0, 20.0], [24.0, 46.0], [60.0, 46.0]])
-RADIUS_PX, STEP, PERIOD_US, SAMPLES = 6.0, 0.12, 1_000, 1_500
+STEP, PERIOD_US, SAMPLES = 0.12, 1_000, 1_500
 PROFILE = DiscProfile(4.0, 0.7)
 
 
@@ -22,19 +22,11 @@ def ways_px() -> np.ndarray:
     return np.column_stack([8.0 * np.sin(phase), 5.0 * np.sin(0.5 * phase)])
 
 
-def levels(way_px: np.ndarray) -> np.ndarray:
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    out = np.zeros((SIZE[1], SIZE[0]))
-    for cx, cy in REST_PX + way_px:
-        np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - RADIUS_PX), out=out)
-    return out
-
-
 def fired() -> Iterator[tuple[int, np.ndarray]]:
     """Yield time and codes of ideal pixels that follow the discs."""
-    known = levels(ways_px()[0]).ravel()
+    known = levels(REST_PX + ways_px()[0], PROFILE).ravel()
     for sample, way_px in enumerate(ways_px()):
-        now = levels(way_px).ravel()
+        now = levels(REST_PX + way_px, PROFILE).ravel()
         for sign, bit in ((1.0, 1), (-1.0, 0)):
             while len(pixels := np.flatnonzero(sign * (now - known) > STEP)):
                 known[pixels] += sign * STEP
