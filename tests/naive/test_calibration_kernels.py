@@ -282,16 +282,17 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
 
 
 def test_full_swings_are_counted_pixel_by_pixel() -> None:
-    # One disc comes over a pixel, rests, and leaves it: three ON events, then two OFF events.
+    # One disc comes over a pixel, rests, and leaves it: three ON events and one OFF event against
+    # them, then two OFF events.
     discs = Discs(np.array([5.0]), np.array([0.5]), np.array([4.0]))
     pixel = 15 * SIZE[0] + 20
-    ways = [1, 1, 1, 0, 0]
+    ways = [1, 1, 0, 1, 0, 0]
     code = np.array([2 * pixel + way for way in ways], np.uint32)
     away, over = [[4.0, 15.0]], [[20.0, 15.0]]
     center_px = np.array([away, away, over, over, over, over, away, away, away, away])
-    index = np.array([0, 0, 3, 3, 3, 3, 5, 5, 5, 5])
-    by_marker = np.zeros((1, 4))
-    by_pixel = np.zeros((SIZE[0] * SIZE[1], 4), np.float32)
+    index = np.array([0, 0, 4, 4, 4, 4, 6, 6, 6, 6])
+    by_marker = np.zeros((1, 6))
+    by_pixel = np.zeros((SIZE[0] * SIZE[1], 6), np.float32)
     count_swings_kernel(
         code,
         (index, center_px),
@@ -299,7 +300,7 @@ def test_full_swings_are_counted_pixel_by_pixel() -> None:
         np.zeros(SHAPE, np.float32),
         (by_marker, by_pixel),
     )
-    np.testing.assert_array_equal(by_pixel[pixel], [3, 1, 2, 1])
+    np.testing.assert_array_equal(by_pixel[pixel], [3, 1, 2, 1, 1, 0])
     assert by_marker[0, 1] > 1  # other pixels swung as well, without events
     assert by_marker[0, 0] == 3
 

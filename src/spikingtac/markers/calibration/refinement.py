@@ -18,6 +18,7 @@ from spikingtac.markers.calibration.disc_corrections import Corrections, correct
 from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk, walk
 from spikingtac.markers.calibration.following import Course, PixelSteps
+from spikingtac.markers.calibration.swing_gain import swing_gain
 
 MOST_ROUNDS = 10
 """Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in
@@ -32,6 +33,9 @@ MOST_STATES, MOST_STATE_PIXELS = 80, 12_000_000
 PLACE_GAIN, SHAPE_GAIN, COUNT_GAIN = 1.5, 0.8, 0.5
 """Shares of a step that are taken. A part of each residual is absorbed by the pixels' offsets, so
 that places converge fastest when a step is exceeded (1.5 of 1, 1.5 and 2 tried)."""
+
+LEAST_GAIN = 0.5
+"""Full swings that add up to less than this are no swings of that marker."""
 
 LARGEST_MOVE_PX, LARGEST_GROWTH_PX = 1.0, 0.3
 """Bounds of one round's change of a place, and of a radius or an edge, px."""
@@ -165,9 +169,12 @@ def _stepped(at: Refined, found: Corrections, first_radius_px: NDArray[np.float6
 def _recounted(
     at: Refined, seen: Walk, cell: NDArray[np.int64], noise: NDArray[np.float64]
 ) -> Refined:
-    # Fewer events than expected: each stands for more.
+    # Fewer events than expected: each stands for more. Counts tell ON from OFF, swings the scale.
     real = (seen.events[:, :2] - noise).clip(0.0) + COUNT_PRIOR
-    factor = ((seen.events[:, 2:] + COUNT_PRIOR) / real) ** COUNT_GAIN
+    factor = (seen.events[:, 2:] + COUNT_PRIOR) / real
+    counted = np.sqrt(factor.prod(axis=1))
+    gain = swing_gain(seen, MEMORY, cell, 1.0 / counted).clip(LEAST_GAIN, 1.0 / LEAST_GAIN)
+    factor = (factor / (counted * gain)[:, np.newaxis]) ** COUNT_GAIN
     factor = factor.clip(0.8, 1.25)
     shape = at.pixel.on.shape
     pixel = PixelSteps(

@@ -7,6 +7,8 @@ and an OFF event stand for, the mean counts of such swings are
     1 = a (n_on + 1/2) + b / 2,    1 = b (n_off + 1/2) + a / 2,
 
 since the level at which the pixel fired last lies anywhere within a step before the swing begins.
+What falls back on the way up, and rises on the way down, is taken off: a marker that turns round
+over a pixel, or noise near a threshold, fires pairs of events that add up to nothing.
 """
 
 from __future__ import annotations
@@ -83,8 +85,8 @@ def learn_steps(
         start: The sensor's mean steps, kept where too few swings were seen.
     """
     markers = len(rest_px)
-    by_marker = np.zeros((markers, 4))
-    by_pixel = np.zeros((events.pixels, 4), np.float32)
+    by_marker = np.zeros((markers, 6))
+    by_pixel = np.zeros((events.pixels, 6), np.float32)
     count_swings_kernel(
         events.code,
         (course.index, course.center_px),
@@ -92,6 +94,10 @@ def learn_steps(
         np.zeros(events.shape, np.float32),
         (by_marker, by_pixel),
     )
+    on_per_off = np.divide(*_mean_counts(by_marker, start))
+    for swings in by_marker, by_pixel:
+        swings[:, 0] -= on_per_off * swings[:, 4]
+        swings[:, 2] -= swings[:, 5] / on_per_off
     counts = _smooth_counts(by_marker, rest_px, start)
     on, off = steps_of_counts(counts[0], counts[1])
     cell = nearest_marker(rest_px, events.size).ravel()
@@ -174,9 +180,10 @@ def count_swings_kernel(
     drawn: NDArray[np.float32],
     out: tuple[NDArray[np.float64], NDArray[np.float32]],
 ) -> None:
-    """Sum ON events and number of rises, OFF events and number of falls.
+    """Sum ON events and number of rises, OFF events and number of falls, and events against them.
 
-    ``out`` is ``(m, 4)`` by marker and ``(pixels, 4)`` by pixel; ``drawn`` is an empty image. Only
+    ``out`` is ``(m, 6)`` by marker and ``(pixels, 6)`` by pixel: the sums named above, OFF events
+    of rises and ON events of falls. ``drawn`` is an empty image. Only
     pixels in which something happens are visited: those that a disc touches, and those that have
     not settled on the ground since.
     """
@@ -265,11 +272,9 @@ def visit_kernel(
         visits[q, 2] = waited + 1
         if waited + 1 >= SETTLE_SAMPLES or now != last:
             column = 0 if ended == 2 else 2
-            events = counts[q, 1] if ended == 2 else counts[q, 0]
-            by_marker[marker, column] += events
-            by_marker[marker, column + 1] += 1
-            by_pixel[q, column] += events
-            by_pixel[q, column + 1] += 1
+            way = 1 if ended == 2 else 0
+            add_swing_kernel(by_marker[marker], column, counts[q, way], counts[q, 1 - way])
+            add_swing_kernel(by_pixel[q], column, counts[q, way], counts[q, 1 - way])
             visits[q, 1] = 0
             counts[q] = 0
     if now == 0:
@@ -282,3 +287,11 @@ def visit_kernel(
     elif visits[q, 1] == 0:
         counts[q] = 0
     visits[q, 0] = now
+
+
+@njit(cache=True)
+def add_swing_kernel(sums: NDArray[np.floating], column: int, along: Any, against: Any) -> None:
+    """Add one swing to its ``(6,)`` sums; column 0 for a rise, 2 for a fall."""
+    sums[column] += along
+    sums[column + 1] += 1
+    sums[4 + column // 2] += against

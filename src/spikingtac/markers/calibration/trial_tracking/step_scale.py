@@ -38,9 +38,8 @@ GROWTH = 1.25
 MOST_POWER = 8
 """Times that they grow or shrink at most: six-fold."""
 
-GAIN_ALIKE, LEAST_GAIN = 0.02, 0.005
-"""Shares by which the distance must shrink in a move, with the same ratio of the steps and with
-another one: less is chance."""
+LEAST_GAIN = 0.02
+"""Share by which the distance must shrink in a move: less is chance."""
 
 TRUSTED_PX = 0.25
 """Nearer than this the steps are kept: the course itself is not known better. (On slides of the
@@ -122,22 +121,20 @@ def fit_step_scale(
 
     if apart_at((0, 0)) < TRUSTED_PX:
         return 1.0, 1.0
-    alike = _least(apart_at, ALIKE, GAIN_ALIKE)
-    apart = _least(apart_at, (*ALIKE, *APART), LEAST_GAIN)
+    alike = _least(apart_at, ALIKE)
+    apart = _least(apart_at, (*ALIKE, *APART))
     chosen = apart if apart_at(apart) < (1.0 - GAIN_APART) * apart_at(alike) else alike
     return GROWTH ** chosen[0], GROWTH ** chosen[1]
 
 
-def _least(
-    apart_at: Callable[[Powers], float], moves: Iterable[Powers], least_gain: float
-) -> Powers:
+def _least(apart_at: Callable[[Powers], float], moves: Iterable[Powers]) -> Powers:
     """Walk from (0, 0) to the neighbour with the least distance, until no gain is worth a move."""
     best = (0, 0)
     while True:
         around = [(best[0] + on, best[1] + off) for on, off in moves]
         within = [powers for powers in around if max(map(abs, powers)) <= MOST_POWER]
         least = min(within, key=apart_at)
-        if apart_at(least) > (1.0 - least_gain) * apart_at(best):
+        if apart_at(least) > (1.0 - LEAST_GAIN) * apart_at(best):
             return best
         best = least
 
