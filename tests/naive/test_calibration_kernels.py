@@ -7,12 +7,11 @@ import pytest
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_corrections import (
-    PLACE_PRIOR,
     RESIDUAL_LEVEL,
     common_sums_kernel,
     corrections,
     slopes_kernel,
-    state_moves_kernel,
+    state_sums_kernel,
 )
 from spikingtac.markers.calibration.disc_fits import fit_kernel, read_kernel, sums_kernel
 from spikingtac.markers.calibration.disc_levels import (
@@ -25,6 +24,7 @@ from spikingtac.markers.calibration.expected_levels import (
     OffsetMemory,
     Walk,
     remove_offsets_kernel,
+    stretch_kernel,
     walk,
 )
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
@@ -68,16 +68,22 @@ def random_steps(seed: int) -> PixelSteps:
     return PixelSteps(on, off)
 
 
-def level(discs: Discs, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+UNSTRETCHED = np.zeros((2, 3))
+STRETCH = np.array([[0.3, -0.4, 0.2], [0.0, 0.0, 0.5]])
+
+
+def level(
+    discs: Discs, places: np.ndarray, stretch: np.ndarray = UNSTRETCHED
+) -> tuple[np.ndarray, np.ndarray]:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
-    levels = np.array(
-        [
-            DiscProfile(float(discs.contrast[m]), float(discs.edge_px[m])).level(
-                np.hypot(x - cx, y - cy) - discs.radius_px[m]
-            )
-            for m, (cx, cy) in enumerate(places)
-        ]
-    )
+    levels = []
+    for m, (cx, cy) in enumerate(places):
+        angle = np.arctan2(y - cy, x - cx)
+        grown, cosine, sine = stretch[m]
+        rim = discs.radius_px[m] + grown + cosine * np.cos(2 * angle) + sine * np.sin(2 * angle)
+        profile = DiscProfile(float(discs.contrast[m]), float(discs.edge_px[m]))
+        levels.append(profile.level(np.hypot(x - cx, y - cy) - rim))
+    levels = np.array(levels)
     return levels.max(axis=0), levels.argmax(axis=0)
 
 
@@ -117,11 +123,14 @@ def test_swings_are_what_lies_between_two_turns() -> None:
     assert {int(i): int(histogram[i]) for i in np.flatnonzero(histogram)} == {24: 1, 16: 1, 28: 1}
 
 
-def test_discs_are_drawn_as_the_profile_says() -> None:
+@pytest.mark.parametrize("stretch", [UNSTRETCHED, STRETCH])
+def test_discs_are_drawn_as_the_profile_says(stretch: np.ndarray) -> None:
+    shape = DISCS.shape
+    stretch_kernel(DISCS.shape, stretch, shape)
     image, owner = np.zeros(SHAPE, np.float32), np.full(SHAPE, -1, np.int32)
     touched = np.empty(image.size, np.int64)
-    count = draw_kernel(PLACES, (DISCS.shape, DISCS.tables), (image, owner), touched)
-    expected, whose = level(DISCS, PLACES)
+    count = draw_kernel(PLACES, (shape, DISCS.tables), (image, owner), touched)
+    expected, whose = level(DISCS, PLACES, stretch)
     np.testing.assert_allclose(image, expected, atol=0.012)  # the table ends at 6 edge widths
     assert count == np.count_nonzero(owner >= 0)
     assert sorted(touched[:count].tolist()) == np.flatnonzero(owner.ravel() >= 0).tolist()
@@ -197,12 +206,14 @@ def twin_walk(
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Mean levels of ideal pixels at each sample, and all events that they fire."""
     on, off = steps.on.astype(float), steps.off.astype(float)
-    now = level(DISCS, course.center_px[0])[0]
+    stretches = course.stretch_px
+    assert stretches is not None
+    now = level(DISCS, course.center_px[0], stretches[0])[0]
     shares = (np.arange(phases) + 0.5) / phases
     last = now[..., None] + off[..., None] - (on + off)[..., None] * shares
     means, fired = [], np.zeros(2)
-    for center_px in course.center_px:
-        now = level(DISCS, center_px)[0][..., None]
+    for center_px, stretch in zip(course.center_px, stretches, strict=True):
+        now = level(DISCS, center_px, stretch)[0][..., None]
         for _ in range(20):
             rises, falls = now > last + on[..., None], now < last - off[..., None]
             last = last + rises * on[..., None] - falls * off[..., None]
@@ -214,7 +225,9 @@ def twin_walk(
 def test_ideal_pixels_fire_as_the_twins_do() -> None:
     path = np.array([[0.0, 0.0], [1.5, 0.5], [4.0, 1.0], [2.0, 0.0], [0.0, 0.0]])
     events, steps = random_events(200, 9), random_steps(10)
-    course = Course(np.array([0, 50, 90, 150, 200]), PLACES + path[:, np.newaxis], np.ones((5, 2)))
+    stretches = np.array([0.0, 1.0, 0.5, -1.0, 0.0])[:, None, None] * STRETCH
+    index = np.array([0, 50, 90, 150, 200])
+    course = Course(index, PLACES + path[:, np.newaxis], np.ones((5, 2)), stretches)
     states = np.arange(5)
     seen = walk(events, course, states, DISCS, steps)
     means, fired = twin_walk(course, steps, PHASES)
@@ -242,21 +255,26 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
     np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
-def test_slopes_of_a_disc_equal_numbers_from_differences() -> None:
+# A place that moves turns the ellipse a little, which the kernel leaves to the next round.
+@pytest.mark.parametrize(("stretch", "rows"), [(UNSTRETCHED, range(6)), (STRETCH, range(2, 6))])
+def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, rows: range) -> None:
     corner, small = (8, 4), 1e-4
-    slopes = np.zeros((4, 1, 14, 16), np.float32)
-    scene = (PLACES[np.newaxis], nearest_markers(PLACES), DISCS.shape)
+    slopes = np.zeros((6, 1, 14, 16), np.float32)
+    shape = DISCS.shape
+    stretch_kernel(DISCS.shape, stretch, shape)
+    scene = (PLACES[np.newaxis], nearest_markers(PLACES), shape[np.newaxis])
     slopes_kernel(scene, 0, corner, slopes)
-    y, x = np.mgrid[8:22, 4:20]
 
-    def seen(dx: float, dy: float, growth: float, wider: float) -> np.ndarray:
-        q = np.hypot(x - PLACES[0, 0] - dx, y - PLACES[0, 1] - dy) - 5.0 - growth
-        return DiscProfile(4.0, 0.7 + wider).level(q)
+    def seen(dx: float, dy: float, *change: float) -> np.ndarray:
+        growth, wider, cosine, sine = change
+        disc = Discs(np.array([5.0 + growth]), np.array([0.7 + wider]), np.array([4.0]))
+        stretched = np.add(stretch[:1], [0.0, cosine, sine])
+        return level(disc, np.add(PLACES[:1], [dx, dy]), stretched)[0][8:22, 4:20]
 
     near = slopes[2, 0] != 0.0
-    distance = np.hypot(x - PLACES[0, 0], y - PLACES[0, 1])
-    np.testing.assert_array_equal(near, (distance >= 0.5) & (distance - 5.0 <= 3.5 * 0.7 + 1.0))
-    for row, step in enumerate(small * np.eye(4)):
+    assert near.sum() > 100
+    for row in rows:
+        step = small * np.eye(6)[row]
         expected = (seen(*step) - seen(*-step)) / (2 * small)
         np.testing.assert_allclose(slopes[row, 0][near], expected[near], atol=2e-4)
 
@@ -264,21 +282,28 @@ def test_slopes_of_a_disc_equal_numbers_from_differences() -> None:
 def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     path = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0], [-2.0, -2.0], [0.0, 0.0]])
     places = PLACES + path[:, np.newaxis]
-    # All places of the first disc are off by the same way, one of the second by another.
+    # All places of the first disc are off by the same way, one of the second by another, and it is
+    # stretched there.
     shift, move = np.array([0.06, -0.04]), np.array([0.05, 0.03])
-    true = places.copy()
+    true, stretches = places.copy(), np.zeros((5, 2, 3))
     true[:, 0] += shift
     true[3, 1] += move
-    shown, drawn = (np.array([level(DISCS, at)[0] for at in way]) for way in (true, places))
+    stretches[3, 1] = [0.0, 0.06, -0.05]
+    shown = np.array([level(DISCS, at, by)[0] for at, by in zip(true, stretches, strict=True)])
+    drawn = np.array([level(DISCS, at)[0] for at in places])
     offset = np.random.default_rng(4).normal(0, 0.5, SHAPE)
     even = np.full(SHAPE, 0.1, np.float32)
     expected = drawn.astype(np.float32)
     seen = Walk((shown + offset).astype(np.float32), expected, expected, np.zeros((2, 4)))
-    found = corrections(seen, places, DISCS, PixelSteps(even, even), OffsetMemory(4.0, 0.1))
+    steps, memory = PixelSteps(even, even), OffsetMemory(4.0, 0.1)
+    found = corrections(seen, (places, None), DISCS, steps, memory)
     np.testing.assert_allclose(found.common_px[0], [*shift, 0.0, 0.0], atol=0.02)
     np.testing.assert_allclose(found.common_px[1], 0.0, atol=0.04)
     total = found.move_px + found.common_px[:, :2]
     assert np.abs(total[3, 1] - move).max() < 0.03
+    assert np.abs(found.stretch_px[3, 1] - stretches[3, 1]).max() < 0.03
+    assert np.abs(found.stretch_px[:, 0]).max() < 0.02
+    np.testing.assert_allclose(found.stretch_px[:, :, 0].mean(axis=0), 0.0, atol=1e-12)
 
 
 def test_full_swings_are_counted_pixel_by_pixel() -> None:
@@ -359,14 +384,15 @@ def test_sums_and_moves_of_corrections_equal_plain_arrays() -> None:
     )
     np.testing.assert_allclose(pull, rows @ (plain * error).ravel(), rtol=1e-5)
 
-    step, moves = np.array([0.1, -0.2, 0.05, 0.02]), np.zeros((states, 2))
-    state_moves_kernel(error, weight, slopes[:2], (shared, step), moves)
+    step, own = np.array([0.1, -0.2, 0.05, 0.02]), slopes[[0, 1, 3]]
+    curvatures, pulls = np.tile(np.eye(3), (states, 1, 1)), np.zeros((states, 3))
+    state_sums_kernel(error, weight, own, (shared, step), (curvatures, pulls))
     left = error - np.tensordot(step, shared.astype(float), 1)
     for state in range(states):
-        rows = slopes[:2, state].astype(float)
-        normal = (rows * weight[state]) @ rows.T + PLACE_PRIOR * np.eye(2)
-        expected = np.linalg.solve(normal, rows @ (weight[state] * left[state]))
-        np.testing.assert_allclose(moves[state], expected, rtol=1e-6)
+        rows = own[:, state].astype(float)
+        normal = (rows * weight[state]) @ rows.T + np.eye(3)
+        np.testing.assert_allclose(curvatures[state], normal, rtol=1e-6)
+        np.testing.assert_allclose(pulls[state], rows @ (weight[state] * left[state]), rtol=1e-5)
 
 
 def test_tables_read_as_the_profile_says() -> None:

@@ -1,4 +1,7 @@
-"""What the levels left over say about each disc: its places, and its shape.
+"""What the levels left over say about each disc: its places, its stretch, and its shape.
+
+Discs stretch with the skin, by 0.2 px on the twin: an edge that is common to all states would take
+that for blur. So each state has its own growth of the radius and its own ellipse.
 
 A pixel's offset is not known, so that only changes of its level between states count. The mean that
 is taken off the levels left over is therefore taken off their derivatives too. Without that, a
@@ -23,6 +26,7 @@ from spikingtac.markers.calibration.disc_levels import (
     nearer_kernel,
     nearest_markers,
     profile_kernel,
+    rim_px_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk
 from spikingtac.markers.calibration.following import PixelSteps
@@ -30,10 +34,14 @@ from spikingtac.markers.calibration.following import PixelSteps
 RESIDUAL_LEVEL = 0.35
 """Residuals beyond this level count less (Cauchy weights)."""
 
-PLACE_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR = 1.0, 30.0, 100.0, 300.0
-"""Added to the curvature of a place at one state, of a shift of all places, of a radius and of an
-edge (1 / px^2), so that what the events hardly tell stays where it is. A marker that moves has
-1,000 and more."""
+PLACE_PRIOR, STRETCH_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR = 1.0, 100.0, 30.0, 100.0, 300.0
+"""Added to the curvature of a place and of a stretch at one state, of a shift of all places, of a
+radius and of an edge (1 / px^2), so that what the events hardly tell stays where it is. A marker
+that moves has 1,000 and more."""
+
+COMMON, OWN = (0, 1, 2, 3), (0, 1, 2, 4, 5)
+"""Rows of the derivatives that all states share, and those of one state: x, y, radius, edge, and
+the second harmonic of the radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +51,8 @@ class Corrections:
     Attributes:
         move_px: ``(states, m, 2)`` how far each place is off at each state once the common shift
             is taken, px.
+        stretch_px: ``(states, m, 3)`` how much each radius grows beside the others of its disc, and
+            its second harmonic, px.
         common_px: ``(m, 4)`` shift of all places of a disc along x and y, and growth of its radius
             and of its edge, px.
         squares: ``(m,)`` weighted squares of the levels left over around each disc.
@@ -50,6 +60,7 @@ class Corrections:
     """
 
     move_px: NDArray[np.float64]
+    stretch_px: NDArray[np.float64]
     common_px: NDArray[np.float64]
     squares: NDArray[np.float64]
     weights: NDArray[np.float64]
@@ -57,7 +68,7 @@ class Corrections:
 
 def corrections(
     seen: Walk,
-    places: NDArray[np.float64],
+    course: tuple[NDArray[np.float64], NDArray[np.float64] | None],
     discs: Discs,
     steps: PixelSteps,
     memory: OffsetMemory,
@@ -66,24 +77,33 @@ def corrections(
 
     Args:
         seen: Real and ideal pixels at the states.
-        places: ``(states, m, 2)`` places at them, px.
+        course: ``(states, m, 2)`` places at them and ``(states, m, 3)`` stretches, px; None for
+            discs that keep their shape.
         discs: How the markers look.
         steps: What one event of each pixel stands for.
         memory: Which states tell a pixel's offset.
     """
+    places, stretches = course
     states, markers = places.shape[:2]
     out = Corrections(
-        np.zeros((states, markers, 2)), np.zeros((markers, 4)), *np.zeros((2, markers))
+        np.zeros((states, markers, 2)),
+        np.zeros((states, markers, 3)),
+        np.zeros((markers, 4)),
+        *np.zeros((2, markers)),
     )
-    scene = (places, nearest_markers(places[0]), discs.shape)
+    shapes = np.repeat(discs.shape[np.newaxis], states, axis=0)
+    if stretches is not None:
+        shapes[:, :, 0] += stretches[:, :, 0]
+        shapes[:, :, 3:] = stretches[:, :, 1:]
+    scene = (places, nearest_markers(places[0]), shapes)
     reach_px = discs.radius_px + OUTSIDE_EDGES * discs.edge_px + MARGIN_PX
     for marker in range(markers):
         window = _window(places[:, marker], float(reach_px[marker]), steps.on.shape)
-        slopes = np.zeros((4, states, *steps.on[window].shape), np.float32)
+        slopes = np.zeros((6, states, *steps.on[window].shape), np.float32)
         if not slopes.size:
             continue
         slopes_kernel(scene, marker, (window[0].start, window[1].start), slopes)
-        flat = slopes.reshape(4, states, -1)
+        flat = slopes.reshape(6, states, -1)
         left_over = _cut(seen.measured, window) - _cut(seen.expected, window)
         variance = LEVEL_VARIANCE + (steps.on[window] ** 2 + steps.off[window] ** 2).ravel() / 12.0
         _solve(left_over, flat, (_cut(seen.drawn, window), memory), variance, (marker, out))
@@ -115,7 +135,7 @@ def _solve(
     drawn, memory = offsets
     marker, found = out
     error = memory.changes(left_over, drawn)
-    shared = np.array([memory.changes(slope, drawn) for slope in slopes])
+    shared = np.array([memory.changes(slopes[row], drawn) for row in COMMON])
     weight = np.empty_like(error)
     curvature, pull = np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR]), np.zeros(4)
     found.squares[marker], found.weights[marker] = common_sums_kernel(
@@ -124,7 +144,13 @@ def _solve(
     curvature += np.tril(curvature, -1).T
     common = np.asarray(np.linalg.solve(curvature, pull), np.float64)
     found.common_px[marker] = common
-    state_moves_kernel(error, weight, slopes[:2], (shared, common), found.move_px[:, marker])
+    prior = np.array([PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3])
+    curvatures, pulls = np.tile(np.diag(prior), (len(error), 1, 1)), np.zeros((len(error), 5))
+    state_sums_kernel(error, weight, slopes[list(OWN)], (shared, common), (curvatures, pulls))
+    own = np.linalg.solve(curvatures, pulls[..., np.newaxis])[..., 0]
+    found.move_px[:, marker] = own[:, :2]
+    # What all states grow by is the radius'.
+    found.stretch_px[:, marker] = own[:, 2:] - [own[:, 2].mean(), 0.0, 0.0]
 
 
 @njit(cache=True)
@@ -167,26 +193,27 @@ def common_sums_kernel(
 
 
 @njit(cache=True)
-def state_moves_kernel(
+def state_sums_kernel(
     error: NDArray[np.float32],
     weight: NDArray[np.float32],
     slopes: NDArray[np.float32],
     common: tuple[NDArray[np.float32], NDArray[np.float64]],
-    out: NDArray[np.float64],
+    out: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> None:
-    """Solve each state's move ``(states, 2)``, px, from what the common step leaves.
+    """Add up each state's own normal equations, from what the common step leaves.
 
     Args:
         error: ``(states, pixels)`` levels left over.
         weight: Their weights.
-        slopes: ``(2, states, pixels)`` derivatives along x and y.
+        slopes: ``(k, states, pixels)`` derivatives.
         common: The derivatives ``(4, states, pixels)`` of the common step, and that step ``(4,)``.
-        out: Moves to fill.
+        out: Curvatures ``(states, k, k)`` and right-hand sides ``(states, k)`` to add to.
     """
     shared, step = common
+    curvatures, pulls = out
+    own = len(slopes)
+    row = np.empty(own)
     for state in range(error.shape[0]):
-        xx = yy = PLACE_PRIOR
-        xy = x = y = 0.0
         for q in range(error.shape[1]):
             w = np.float64(weight[state, q])
             if w == 0.0:
@@ -194,15 +221,14 @@ def state_moves_kernel(
             left = np.float64(error[state, q])
             for i in range(4):
                 left -= step[i] * shared[i, state, q]
-            gx, gy = slopes[0, state, q], slopes[1, state, q]
-            xx += w * gx * gx
-            yy += w * gy * gy
-            xy += w * gx * gy
-            x += w * gx * left
-            y += w * gy * left
-        det = xx * yy - xy * xy
-        out[state, 0] = (yy * x - xy * y) / det
-        out[state, 1] = (xx * y - xy * x) / det
+            for i in range(own):
+                row[i] = slopes[i, state, q]
+                pulls[state, i] += w * row[i] * left
+                for j in range(i + 1):
+                    curvatures[state, i, j] += w * row[i] * row[j]
+        for i in range(own):
+            for j in range(i):
+                curvatures[state, j, i] = curvatures[state, i, j]
 
 
 @njit(cache=True)
@@ -212,19 +238,20 @@ def slopes_kernel(
     corner: tuple[int, int],
     out: NDArray[np.float32],
 ) -> None:
-    """Fill in by how much each pixel's level rises per px of a disc's x, y, radius and edge.
+    """Fill in by how much each pixel's level rises per px of a disc's x, y, radius, edge, stretch.
 
     Args:
-        scene: Places ``(states, m, 2)``, nearest others ``(m, k)`` and shapes ``(m, 3)``.
+        scene: Places ``(states, m, 2)``, nearest others ``(m, k)`` and shapes ``(states, m, 5)``.
         m: The disc.
         corner: First row and first column of the window.
-        out: ``(4, states, rows, columns)`` zeros; pixels away from the rim, and those nearer to
+        out: ``(6, states, rows, columns)`` zeros; pixels away from the rim, and those nearer to
             another rim, keep them.
     """
-    places, nearest, shape = scene
-    radius, edge, k = shape[m]
-    outer = OUTSIDE_EDGES * edge + MARGIN_PX
+    places, nearest, shapes = scene
     for state in range(len(places)):
+        shape = shapes[state]
+        radius, edge, k = shape[m, 0], shape[m, 1], shape[m, 2]
+        outer = OUTSIDE_EDGES * edge + MARGIN_PX
         cx, cy = places[state, m, 0], places[state, m, 1]
         at_state = (places[state], nearest, shape)
         crowded = crowded_kernel(m, places[state, m], radius + outer, at_state)
@@ -233,7 +260,7 @@ def slopes_kernel(
                 x, y = corner[1] + column, corner[0] + row
                 dx, dy = x - cx, y - cy
                 rho = np.sqrt(dx * dx + dy * dy)
-                q = rho - radius
+                q = rho - rim_px_kernel(shape, m, dx, dy)
                 if q > outer or rho < 0.5:
                     continue
                 if crowded and nearer_kernel(x, y, q, m, at_state):
@@ -243,3 +270,5 @@ def slopes_kernel(
                 out[1, state, row, column] = slope * dy / rho
                 out[2, state, row, column] = slope
                 out[3, state, row, column] = slope * q / edge
+                out[4, state, row, column] = slope * (dx * dx - dy * dy) / (rho * rho)
+                out[5, state, row, column] = slope * 2.0 * dx * dy / (rho * rho)

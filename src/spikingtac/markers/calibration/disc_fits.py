@@ -94,7 +94,7 @@ def sums_kernel(
     """Sum the normal equations of a disc's centre: xx, xy, yy, x, y, edge in all, edge agreeing.
 
     ``state`` is the level at which each pixel last fired and the polarity of that event; ``scene``
-    is places ``(m, 2)``, nearest others ``(m, k)``, shapes ``(m, 3)`` and ``fit_tables``.
+    is places ``(m, 2)``, nearest others ``(m, k)``, shapes ``(m, 5)`` and ``fit_tables``.
     """
     level, side = state
     height, width = level.shape

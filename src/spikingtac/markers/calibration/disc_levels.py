@@ -52,8 +52,9 @@ class Discs:
 
     @property
     def shape(self) -> NDArray[np.float64]:
-        """``(m, 3)`` radius, edge (px) and contrast minus 1, as kernels read them."""
-        return np.column_stack([self.radius_px, self.edge_px, self.contrast - 1.0])
+        """``(m, 5)`` as kernels read it: radius and edge, px, contrast minus 1, and no stretch."""
+        none = np.zeros_like(self.radius_px)
+        return np.column_stack([self.radius_px, self.edge_px, self.contrast - 1.0, none, none])
 
     @property
     def tables(self) -> NDArray[np.float32]:
@@ -100,6 +101,22 @@ def level_kernel(q_px: float, edge_px: float, table: NDArray[np.float32]) -> np.
 
 
 @njit(cache=True)
+def rim_px_kernel(shape: NDArray[np.float64], m: int, dx: Any, dy: Any) -> float:
+    """Return the radius of a stretched disc in the direction of ``(dx, dy)``, px.
+
+    Columns 3 and 4 of ``shape`` are the second harmonic of the radius: how much longer it is along
+    x than along y, and along one diagonal than along the other, half of each, px.
+    """
+    radius, cosine, sine = shape[m, 0], shape[m, 3], shape[m, 4]
+    if cosine == 0.0 and sine == 0.0:
+        return radius
+    square = dx * dx + dy * dy
+    if square == 0.0:
+        return radius
+    return radius + (cosine * (dx * dx - dy * dy) + sine * 2.0 * dx * dy) / square
+
+
+@njit(cache=True)
 def draw_kernel(
     center: NDArray[np.float64],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
@@ -110,7 +127,7 @@ def draw_kernel(
 
     Args:
         center: ``(m, 2)`` places, px.
-        discs: Shape ``(m, 3)`` and tables ``(m, TABLE_STEPS)``.
+        discs: Shape ``(m, 5)`` and tables ``(m, TABLE_STEPS)``.
         image: ``(height, width)`` level and owner; the owner must be -1 everywhere before.
         touched: Room for the indices of the touched pixels.
     """
@@ -119,16 +136,17 @@ def draw_kernel(
     height, width = level.shape
     count = 0
     for m in range(len(shape)):
-        radius, edge = shape[m, 0], shape[m, 1]
-        reach = radius + REACH_EDGES * edge
+        edge = shape[m, 1]
+        reach = shape[m, 0] + np.hypot(shape[m, 3], shape[m, 4]) + REACH_EDGES * edge
         top, bottom = bounds_kernel(center[m, 1], reach, height)
         left, right = bounds_kernel(center[m, 0], reach, width)
         for y in range(top, bottom):
             for x in range(left, right):
-                rho = np.sqrt((x - center[m, 0]) ** 2 + (y - center[m, 1]) ** 2)
+                dx, dy = x - center[m, 0], y - center[m, 1]
+                rho = np.sqrt(dx**2 + dy**2)
                 if rho > reach:
                     continue
-                value = level_kernel(rho - radius, edge, tables[m])
+                value = level_kernel(rho - rim_px_kernel(shape, m, dx, dy), edge, tables[m])
                 if owner[y, x] < 0:
                     touched[count] = y * width + x
                     count += 1

@@ -92,10 +92,13 @@ def walk(
     """
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
+    stretch_px = course.stretch_px
+    if stretch_px is None:
+        stretch_px = np.zeros((*course.center_px.shape[:2], 3))
     out = Walk(measured, expected, drawn, np.zeros((len(discs.radius_px), 4)))
     walk_kernel(
         events.code,
-        (course.index, course.center_px, states),
+        (course.index, course.center_px, stretch_px, states),
         (discs.shape, discs.tables),
         (steps.on.ravel(), steps.off.ravel()),
         np.empty((events.pixels, PHASES), np.float32),
@@ -170,14 +173,16 @@ def sum_events_kernel(
 @njit(cache=True)
 def walk_kernel(
     code: NDArray[np.uint32],
-    course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]],
+    course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     phases: NDArray[np.float32],
     out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]],
 ) -> None:
     """Walk along the samples; fill a :class:`Walk`."""
-    index, places, states = course
+    index, places, stretches, states = course
+    unstretched, tables = discs
+    shape = unstretched.copy()
     measured, expected, drawn, events = out
     image = np.zeros(measured.shape[1:], np.float32)
     owner = np.full(image.shape, -1, np.int32)
@@ -190,7 +195,8 @@ def walk_kernel(
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
-        count = draw_kernel(places[sample], discs, (image, owner), touched)
+        stretch_kernel(unstretched, stretches[sample], shape)
+        count = draw_kernel(places[sample], (shape, tables), (image, owner), touched)
         if sample == 0:
             spread_kernel(phases, now, steps)
             before[:] = now
@@ -209,6 +215,16 @@ def walk_kernel(
         for q in former[:count]:
             now[q], whose[q] = 0.0, -1
     events[:, 2:] /= phases.shape[1]
+
+
+@njit(cache=True)
+def stretch_kernel(
+    unstretched: NDArray[np.float64], stretch: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Write shapes ``(m, 5)`` that are stretched by ``(m, 3)`` px."""
+    for m in range(len(out)):
+        out[m, 0] = unstretched[m, 0] + stretch[m, 0]
+        out[m, 3], out[m, 4] = stretch[m, 1], stretch[m, 2]
 
 
 @njit(cache=True)

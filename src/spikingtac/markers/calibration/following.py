@@ -61,11 +61,21 @@ class Course:
         index: ``(n,)`` how many events came before each sample.
         center_px: ``(n, m, 2)`` places, px.
         agreement: ``(n, m)`` share of each marker's edge that agreed with the fit.
+        stretch_px: ``(n, m, 3)`` growth of each radius, and its second harmonic, px; None where
+            discs keep their shape.
     """
 
     index: NDArray[np.int64]
     center_px: NDArray[np.float64]
     agreement: NDArray[np.float64]
+    stretch_px: NDArray[np.float64] | None = None
+
+    def shown(
+        self, samples: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Return the places ``(k, m, 2)`` and the stretches ``(k, m, 3)`` at some samples, px."""
+        stretch_px = self.stretch_px
+        return self.center_px[samples], None if stretch_px is None else stretch_px[samples]
 
 
 def led_by_neighbours(course: Course, sample: int, stuck: NDArray[np.bool_]) -> Course:

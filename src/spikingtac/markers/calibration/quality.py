@@ -77,10 +77,10 @@ def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
     The first is what the model leaves over, the second all changes from each pixel's mean.
     """
     seen = walk(events, at.course, at.states, at.discs, at.pixel)
-    places = at.course.center_px[at.states]
+    shown = at.course.shown(at.states)
     alone = replace(seen, expected=np.zeros_like(seen.expected))
     squares = [
-        corrections(levels, places, at.discs, at.pixel, MEMORY).squares for levels in (seen, alone)
+        corrections(levels, shown, at.discs, at.pixel, MEMORY).squares for levels in (seen, alone)
     ]
     return np.column_stack(squares)
 

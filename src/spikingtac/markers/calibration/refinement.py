@@ -40,6 +40,9 @@ LEAST_GAIN = 0.5
 LARGEST_MOVE_PX, LARGEST_GROWTH_PX = 1.0, 0.3
 """Bounds of one round's change of a place, and of a radius or an edge, px."""
 
+LARGEST_STRETCH_PX = 1.0
+"""Bound of a stretch: the twin's discs, of 6.8 px, are stretched by 0.2 px under slides."""
+
 EDGE_BOUNDS_PX = (0.3, 3.0)
 """Least and largest edge width that is believed, px. The recorded sensor has 1.3 to 2.3."""
 
@@ -100,8 +103,7 @@ def refine(
     for _ in range(MOST_ROUNDS):
         at = replace(at, course=_frozen(at.course, still))
         seen = walk(events, at.course, at.states, at.discs, at.pixel)
-        places = at.course.center_px[at.states]
-        found = corrections(seen, places, at.discs, at.pixel, MEMORY)
+        found = corrections(seen, at.course.shown(at.states), at.discs, at.pixel, MEMORY)
         at = _stepped(at, found, first_radius_px)
         at = _recounted(at, seen, cell, noise)
         if _settled(found):
@@ -144,12 +146,30 @@ def moved_course(course: Course, states: NDArray[np.int64], found: Corrections) 
     change += found.common_px[:, :2].clip(-LARGEST_MOVE_PX, LARGEST_MOVE_PX)
     length = np.linalg.norm(change, axis=2, keepdims=True)
     change *= np.minimum(1.0, LARGEST_MOVE_PX / np.maximum(length, 1e-9))
-    center_px = course.center_px.copy()
-    samples = np.arange(len(center_px))
-    for marker in range(center_px.shape[1]):
-        for axis in (0, 1):
-            center_px[:, marker, axis] += np.interp(samples, states, change[:, marker, axis])
-    return replace(course, center_px=center_px)
+    return replace(
+        course,
+        center_px=course.center_px + _between(states, change, len(course.index)),
+        stretch_px=_stretched(course, states, found.stretch_px),
+    )
+
+
+def _stretched(
+    course: Course, states: NDArray[np.int64], grown_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    stretch_px = _between(states, PLACE_GAIN * grown_px, len(course.index))
+    if course.stretch_px is not None:
+        stretch_px += course.stretch_px
+    return stretch_px.clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
+
+
+def _between(
+    states: NDArray[np.int64], change: NDArray[np.float64], samples: int
+) -> NDArray[np.float64]:
+    # Straight lines from state to state, for every marker and every column.
+    flat = change.reshape(len(states), -1)
+    at = np.arange(samples)
+    between = np.column_stack([np.interp(at, states, column) for column in flat.T])
+    return between.reshape(samples, *change.shape[1:])
 
 
 def _stepped(at: Refined, found: Corrections, first_radius_px: NDArray[np.float64]) -> Refined:
