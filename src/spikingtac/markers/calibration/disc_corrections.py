@@ -34,10 +34,15 @@ from spikingtac.markers.calibration.following import PixelSteps
 RESIDUAL_LEVEL = 0.35
 """Residuals beyond this level count less (Cauchy weights)."""
 
-PLACE_PRIOR, STRETCH_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR = 1.0, 100.0, 30.0, 100.0, 300.0
-"""Added to the curvature of a place and of a stretch at one state, of a shift of all places, of a
-radius and of an edge (1 / px^2), so that what the events hardly tell stays where it is. A marker
-that moves has 1,000 and more."""
+PLACE_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR = 1.0, 30.0, 100.0, 300.0
+"""Added to the curvature of a place at one state, of a shift of all places, of a radius and of an
+edge (1 / px^2), so that what the events hardly tell stays where it is. A marker that moves has
+1,000 and more."""
+
+STRETCH_PRIOR = 200.0
+"""The same for a stretch, but that draws it to none, since wide edges hardly tell it from a motion
+(1 / px^2, ours: not drawn, rests of a sensor like the recorded one err by half as much again; 1,000
+is no better)."""
 
 COMMON, OWN = (0, 1, 2, 3), (0, 1, 2, 4, 5)
 """Rows of the derivatives that all states share, and those of one state: x, y, radius, edge, and
@@ -91,10 +96,10 @@ def corrections(
         np.zeros((markers, 4)),
         *np.zeros((2, markers)),
     )
+    stretch_px = np.zeros((states, markers, 3)) if stretches is None else stretches
     shapes = np.repeat(discs.shape[np.newaxis], states, axis=0)
-    if stretches is not None:
-        shapes[:, :, 0] += stretches[:, :, 0]
-        shapes[:, :, 3:] = stretches[:, :, 1:]
+    shapes[:, :, 0] += stretch_px[:, :, 0]
+    shapes[:, :, 3:] = stretch_px[:, :, 1:]
     scene = (places, nearest_markers(places[0]), shapes)
     reach_px = discs.radius_px + OUTSIDE_EDGES * discs.edge_px + MARGIN_PX
     for marker in range(markers):
@@ -106,7 +111,8 @@ def corrections(
         flat = slopes.reshape(6, states, -1)
         left_over = _cut(seen.measured, window) - _cut(seen.expected, window)
         variance = LEVEL_VARIANCE + (steps.on[window] ** 2 + steps.off[window] ** 2).ravel() / 12.0
-        _solve(left_over, flat, (_cut(seen.drawn, window), memory), variance, (marker, out))
+        offsets = _cut(seen.drawn, window), memory
+        _solve(left_over, flat, offsets, (variance, stretch_px[:, marker]), (marker, out))
     return out
 
 
@@ -128,11 +134,11 @@ def _solve(
     left_over: NDArray[np.float32],
     slopes: NDArray[np.float32],
     offsets: tuple[NDArray[np.float32], OffsetMemory],
-    variance: NDArray[np.float32],
+    known: tuple[NDArray[np.float32], NDArray[np.float64]],
     out: tuple[int, Corrections],
 ) -> None:
     # First what all states share, with offsets taken off; then each state from what is left.
-    drawn, memory = offsets
+    (drawn, memory), (variance, stretch_px) = offsets, known
     marker, found = out
     error = memory.changes(left_over, drawn)
     shared = np.array([memory.changes(slopes[row], drawn) for row in COMMON])
@@ -146,6 +152,7 @@ def _solve(
     found.common_px[marker] = common
     prior = np.array([PLACE_PRIOR, PLACE_PRIOR, *[STRETCH_PRIOR] * 3])
     curvatures, pulls = np.tile(np.diag(prior), (len(error), 1, 1)), np.zeros((len(error), 5))
+    pulls[:, 2:] = -STRETCH_PRIOR * stretch_px
     state_sums_kernel(error, weight, slopes[list(OWN)], (shared, common), (curvatures, pulls))
     own = np.linalg.solve(curvatures, pulls[..., np.newaxis])[..., 0]
     found.move_px[:, marker] = own[:, :2]
