@@ -114,8 +114,9 @@ def refuse_without_grid(quality: Quality) -> None:
     if median < GRID_EXPLAINED:
         raise CalibrationError(
             f"no grid of markers: discs in rows and columns explain {max(median, 0.0):.0%} of "
-            f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more; the "
-            "recording seems to show something else"
+            f"what the pixels saw, where a marker sensor gives {GRID_EXPLAINED:.0%} and more. If "
+            "this is one, its markers hardly moved: press or slide until they move by more than "
+            "their diameter; otherwise the recording shows something else"
         )
 
 
