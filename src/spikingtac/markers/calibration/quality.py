@@ -76,8 +76,10 @@ def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
 
     The first is what the model leaves over, the second all changes from each pixel's mean.
     """
-    seen = walk(events, at.course, at.states, at.discs, at.pixel)
-    shown = at.course.shown(at.states)
+    # Discs that keep their shape: a stretch would explain a part of whatever is there.
+    course = replace(at.course, stretch_px=None)
+    seen = walk(events, course, at.states, at.discs, at.pixel)
+    shown = course.shown(at.states)
     alone = replace(seen, expected=np.zeros_like(seen.expected))
     squares = [
         corrections(levels, shown, at.discs, at.pixel, MEMORY).squares for levels in (seen, alone)
