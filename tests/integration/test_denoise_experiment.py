@@ -8,6 +8,7 @@ from spikingtac.experiments.denoise.cases import (
     score_all,
 )
 from spikingtac.experiments.denoise.experiment import findings
+from spikingtac.experiments.denoise.figures import before_and_after
 from spikingtac.experiments.denoise.recordings import noise_free, render
 from spikingtac.experiments.denoise.scoring import ACTIVITY
 from spikingtac.sim.scene import catalog
@@ -48,6 +49,12 @@ def test_the_findings_name_both_sides(rows):
     assert "best classical" in said[0]
     assert "simulated" in said[0]
     assert any(text.startswith("Held-out motion (torsion), binary map") for text in said)
+
+
+def test_the_picture_shows_every_method():
+    caption, svg = before_and_after(DenoiseConfig())
+    assert "simulated" in caption
+    assert svg.count("<image") == len(METHODS) + 1  # and the clean map
 
 
 def test_the_noise_free_camera_is_the_typical_one_but_for_its_noise():

@@ -108,13 +108,14 @@ class Sample:
     source: str
 
 
-def _denoiser(method: str) -> Denoiser:
+def denoiser_of(method: str) -> Denoiser:
+    """Return the denoiser behind a method of the report."""
     return NetworkDenoiser(SUPERVISED) if method == "supervised" else make_denoiser(method)
 
 
 def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
     """Score every method in every case on one recording."""
-    denoisers = {name: _denoiser(name) for name in METHODS}
+    denoisers = {name: denoiser_of(name) for name in METHODS}
     samples: Samples = {}
     for kind in config.maps:
         reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.denoise.registry import make_denoiser
-from spikingtac.experiments.denoise.cases import METHODS, DenoiseConfig
+from spikingtac.experiments.denoise.cases import METHODS, DenoiseConfig, denoiser_of
 from spikingtac.experiments.denoise.recordings import render
 from spikingtac.experiments.denoise.scoring import Degradation, state_maps
 from spikingtac.experiments.harness.svg import pyplot, svg_text
@@ -28,7 +27,7 @@ def before_and_after(config: DenoiseConfig) -> tuple[str, str]:
     pictures = {"clean": next(state_maps(recording, recording.events, "binary", at_us))}
     noisy = next(state_maps(recording, events, "binary", at_us))
     for name in METHODS:
-        pictures[name] = make_denoiser(name).clean(noisy).copy()
+        pictures[name] = denoiser_of(name).clean(noisy).copy()
     figure, axes = pyplot().subplots(1, len(pictures), figsize=(2.0 * len(pictures), 2.3))
     for axis, (name, picture) in zip(axes, pictures.items(), strict=True):
         axis.imshow(picture[:CORNER_PX, :CORNER_PX], cmap="gray", vmin=0, vmax=1)
