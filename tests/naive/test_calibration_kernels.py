@@ -24,7 +24,7 @@ from spikingtac.markers.calibration.expected_levels import (
     OffsetMemory,
     Walk,
     remove_offsets_kernel,
-    stretch_kernel,
+    stretched_kernel,
     walk,
 )
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
@@ -125,8 +125,7 @@ def test_swings_are_what_lies_between_two_turns() -> None:
 
 @pytest.mark.parametrize("stretch", [UNSTRETCHED, STRETCH])
 def test_discs_are_drawn_as_the_profile_says(stretch: np.ndarray) -> None:
-    shape = DISCS.shape
-    stretch_kernel(DISCS.shape, stretch, shape)
+    shape = stretched_kernel(DISCS.shape, stretch)
     image, owner = np.zeros(SHAPE, np.float32), np.full(SHAPE, -1, np.int32)
     touched = np.empty(image.size, np.int64)
     count = draw_kernel(PLACES, (shape, DISCS.tables), (image, owner), touched)
@@ -260,8 +259,7 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
 def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, rows: range) -> None:
     corner, small = (8, 4), 1e-4
     slopes = np.zeros((6, 1, 14, 16), np.float32)
-    shape = DISCS.shape
-    stretch_kernel(DISCS.shape, stretch, shape)
+    shape = stretched_kernel(DISCS.shape, stretch)
     scene = (PLACES[np.newaxis], nearest_markers(PLACES), shape[np.newaxis])
     slopes_kernel(scene, 0, corner, slopes)
 

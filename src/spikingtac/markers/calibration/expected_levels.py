@@ -181,8 +181,6 @@ def walk_kernel(
 ) -> None:
     """Walk along the samples; fill a :class:`Walk`."""
     index, places, stretches, states = course
-    unstretched, tables = discs
-    shape = unstretched.copy()
     measured, expected, drawn, events = out
     image = np.zeros(measured.shape[1:], np.float32)
     owner = np.full(image.shape, -1, np.int32)
@@ -190,13 +188,12 @@ def walk_kernel(
     before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
     touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
     last_owner = np.full(len(now), -1, np.int32)
-    at = index[0]
-    formers = kept = 0
+    at, formers, kept = index[0], 0, 0
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
         at = index[sample]
-        stretch_kernel(unstretched, stretches[sample], shape)
-        count = draw_kernel(places[sample], (shape, tables), (image, owner), touched)
+        stretched = (stretched_kernel(discs[0], stretches[sample]), discs[1])
+        count = draw_kernel(places[sample], stretched, (image, owner), touched)
         if sample == 0:
             spread_kernel(phases, now, steps)
             before[:] = now
@@ -218,13 +215,15 @@ def walk_kernel(
 
 
 @njit(cache=True)
-def stretch_kernel(
-    unstretched: NDArray[np.float64], stretch: NDArray[np.float64], out: NDArray[np.float64]
-) -> None:
-    """Write shapes ``(m, 5)`` that are stretched by ``(m, 3)`` px."""
+def stretched_kernel(
+    shape: NDArray[np.float64], stretch: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return shapes ``(m, 5)`` that are stretched by ``(m, 3)`` px."""
+    out = shape.copy()
     for m in range(len(out)):
-        out[m, 0] = unstretched[m, 0] + stretch[m, 0]
+        out[m, 0] += stretch[m, 0]
         out[m, 3], out[m, 4] = stretch[m, 1], stretch[m, 2]
+    return out
 
 
 @njit(cache=True)

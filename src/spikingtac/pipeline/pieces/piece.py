@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +93,21 @@ def mend_piece(
     packets = time_slice(source, piece.cut_us, piece.to_us)
     tracker = _placed(make_tracker(how.config, how.calibration), start_px)
     frames = follow(packets, tracker, how.config.rate_hz, source.losses, how.origin_us)
-    agreement = Agreement(Tracks.load(begun))
-    written = _write(output, piece, how.calibration, agreement.until(frames))
+    first = Tracks.load(begun)
+    agreement = Agreement(first)
+    written = _write(output, piece, how.calibration, agreement.until(_with_rates(frames, first)))
     return {"estimates": written, "number": piece.number, "agreed_us": agreement.agreed_us}
+
+
+def _with_rates(frames: Iterable[MarkerFrame], first: Tracks) -> Iterator[MarkerFrame]:
+    """Yield frames with the rates of events of the first tracks, which knew what came before."""
+    for frame in frames:
+        row = int(first.t_us.searchsorted(frame.t_us))
+        if first.rate_ev_s is None or row == len(first.t_us) or first.t_us[row] != frame.t_us:
+            yield frame
+            continue
+        rate_ev_s = float(first.rate_ev_s[row])
+        yield frame.with_health(replace(frame.health, rate_ev_s=rate_ev_s))
 
 
 def ends_of(output: Path) -> Path:
