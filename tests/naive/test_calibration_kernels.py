@@ -18,13 +18,13 @@ from spikingtac.markers.calibration.disc_levels import (
     Discs,
     draw_kernel,
     nearest_markers,
+    stretched_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import (
     PHASES,
     OffsetMemory,
     Walk,
     remove_offsets_kernel,
-    stretched_kernel,
     walk,
 )
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
@@ -294,7 +294,7 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     expected = drawn.astype(np.float32)
     seen = Walk((shown + offset).astype(np.float32), expected, expected, np.zeros((2, 4)))
     steps, memory = PixelSteps(even, even), OffsetMemory(4.0, 0.1)
-    found = corrections(seen, (places, None), DISCS, steps, memory)
+    found = corrections(seen, (places, np.zeros((5, 2, 3))), DISCS, steps, memory)
     np.testing.assert_allclose(found.common_px[0], [*shift, 0.0, 0.0], atol=0.02)
     np.testing.assert_allclose(found.common_px[1], 0.0, atol=0.04)
     total = found.move_px + found.common_px[:, :2]

@@ -27,6 +27,7 @@ from spikingtac.markers.calibration.disc_levels import (
     nearest_markers,
     profile_kernel,
     rim_px_kernel,
+    stretched_kernel,
 )
 from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk
 from spikingtac.markers.calibration.following import PixelSteps
@@ -73,7 +74,7 @@ class Corrections:
 
 def corrections(
     seen: Walk,
-    course: tuple[NDArray[np.float64], NDArray[np.float64] | None],
+    shown: tuple[NDArray[np.float64], NDArray[np.float64]],
     discs: Discs,
     steps: PixelSteps,
     memory: OffsetMemory,
@@ -82,13 +83,12 @@ def corrections(
 
     Args:
         seen: Real and ideal pixels at the states.
-        course: ``(states, m, 2)`` places at them and ``(states, m, 3)`` stretches, px; None for
-            discs that keep their shape.
+        shown: ``(states, m, 2)`` places at them and ``(states, m, 3)`` stretches, px.
         discs: How the markers look.
         steps: What one event of each pixel stands for.
         memory: Which states tell a pixel's offset.
     """
-    places, stretches = course
+    places, stretch_px = shown
     states, markers = places.shape[:2]
     out = Corrections(
         np.zeros((states, markers, 2)),
@@ -96,10 +96,7 @@ def corrections(
         np.zeros((markers, 4)),
         *np.zeros((2, markers)),
     )
-    stretch_px = np.zeros((states, markers, 3)) if stretches is None else stretches
-    shapes = np.repeat(discs.shape[np.newaxis], states, axis=0)
-    shapes[:, :, 0] += stretch_px[:, :, 0]
-    shapes[:, :, 3:] = stretch_px[:, :, 1:]
+    shapes = np.array([stretched_kernel(discs.shape, stretch) for stretch in stretch_px])
     scene = (places, nearest_markers(places[0]), shapes)
     reach_px = discs.radius_px + OUTSIDE_EDGES * discs.edge_px + MARGIN_PX
     for marker in range(markers):

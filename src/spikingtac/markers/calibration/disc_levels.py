@@ -101,6 +101,18 @@ def level_kernel(q_px: float, edge_px: float, table: NDArray[np.float32]) -> np.
 
 
 @njit(cache=True)
+def stretched_kernel(
+    shape: NDArray[np.float64], stretch: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return shapes ``(m, 5)`` that are stretched by ``(m, 3)`` px."""
+    out = shape.copy()
+    for m in range(len(out)):
+        out[m, 0] += stretch[m, 0]
+        out[m, 3], out[m, 4] = stretch[m, 1], stretch[m, 2]
+    return out
+
+
+@njit(cache=True)
 def rim_px_kernel(shape: NDArray[np.float64], m: int, dx: Any, dy: Any) -> float:
     """Return the radius of a stretched disc in the direction of ``(dx, dy)``, px.
 

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, stretched_kernel
 from spikingtac.markers.calibration.following import Course, PixelSteps
 
 PHASES = 4
@@ -92,13 +92,10 @@ def walk(
     """
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
-    stretch_px = course.stretch_px
-    if stretch_px is None:
-        stretch_px = np.zeros((*course.center_px.shape[:2], 3))
     out = Walk(measured, expected, drawn, np.zeros((len(discs.radius_px), 4)))
     walk_kernel(
         events.code,
-        (course.index, course.center_px, stretch_px, states),
+        (course.index, course.center_px, course.stretches, states),
         (discs.shape, discs.tables),
         (steps.on.ravel(), steps.off.ravel()),
         np.empty((events.pixels, PHASES), np.float32),
@@ -212,18 +209,6 @@ def walk_kernel(
         for q in former[:count]:
             now[q], whose[q] = 0.0, -1
     events[:, 2:] /= phases.shape[1]
-
-
-@njit(cache=True)
-def stretched_kernel(
-    shape: NDArray[np.float64], stretch: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return shapes ``(m, 5)`` that are stretched by ``(m, 3)`` px."""
-    out = shape.copy()
-    for m in range(len(out)):
-        out[m, 0] += stretch[m, 0]
-        out[m, 3], out[m, 4] = stretch[m, 1], stretch[m, 2]
-    return out
 
 
 @njit(cache=True)

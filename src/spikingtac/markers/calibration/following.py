@@ -70,12 +70,16 @@ class Course:
     agreement: NDArray[np.float64]
     stretch_px: NDArray[np.float64] | None = None
 
-    def shown(
-        self, samples: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    @property
+    def stretches(self) -> NDArray[np.float64]:
+        """``(n, m, 3)`` stretches, zeros where discs keep their shape, px."""
+        if self.stretch_px is None:
+            return np.zeros((*self.center_px.shape[:2], 3))
+        return self.stretch_px
+
+    def shown(self, samples: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the places ``(k, m, 2)`` and the stretches ``(k, m, 3)`` at some samples, px."""
-        stretch_px = self.stretch_px
-        return self.center_px[samples], None if stretch_px is None else stretch_px[samples]
+        return self.center_px[samples], self.stretches[samples]
 
 
 def led_by_neighbours(course: Course, sample: int, stuck: NDArray[np.bool_]) -> Course:

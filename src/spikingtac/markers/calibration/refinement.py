@@ -156,10 +156,8 @@ def moved_course(course: Course, states: NDArray[np.int64], found: Corrections) 
 def _stretched(
     course: Course, states: NDArray[np.int64], grown_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    stretch_px = _between(states, PLACE_GAIN * grown_px, len(course.index))
-    if course.stretch_px is not None:
-        stretch_px += course.stretch_px
-    return stretch_px.clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
+    grown = _between(states, PLACE_GAIN * grown_px, len(course.index))
+    return (course.stretches + grown).clip(-LARGEST_STRETCH_PX, LARGEST_STRETCH_PX)
 
 
 def _between(

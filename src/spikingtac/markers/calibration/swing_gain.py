@@ -11,10 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.markers.calibration.disc_corrections import RESIDUAL_LEVEL
 from spikingtac.markers.calibration.expected_levels import RIM_LEVELS, OffsetMemory, Walk
-
-OUTLIER_LEVEL = 0.35
-"""Sums of events that differ by more than this from what is expected count less (Cauchy)."""
 
 SENSOR_PRIOR, MARKER_PRIOR = 300.0, 50.0
 """Full swings by which counts of events are believed beforehand, for the sensor as a whole and for
@@ -38,7 +36,7 @@ def swing_gain(
     real, ideal = (
         memory.changes(level.reshape(states, -1), drawn) for level in (seen.measured, seen.expected)
     )
-    weight = 1.0 / (1.0 + ((real - ideal) / OUTLIER_LEVEL) ** 2)
+    weight = 1.0 / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
     weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
     weight *= ideal
     markers = len(counted)
