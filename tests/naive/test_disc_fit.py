@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
@@ -9,12 +11,13 @@ from scipy.optimize import least_squares
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import disc_fit
-from spikingtac.markers.graded.centroid_locator import (
+from spikingtac.markers.graded.centroid.centroid_locator import (
     BLOCK_PX,
     CentroidLocator,
     CentroidLocatorConfig,
     round_window,
 )
+from spikingtac.markers.graded.centroid.cut_discs import SEEN_STEP_PX, cut_discs, uncut_kernel
 from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.fit_window import (
@@ -292,7 +295,7 @@ def test_window_holds_the_pixels_within_the_radius(radius_px: float) -> None:
 
 
 @pytest.mark.parametrize("at_px", [(0.0, 0.0), (79.0, 59.0), (79.0, 0.0)])
-def test_centroids_of_large_discs_in_corners_stay_in_the_map(at_px: tuple[float, float]) -> None:
+def test_large_discs_are_found_in_corners(at_px: tuple[float, float]) -> None:
     reference_px = np.array([at_px])
     calibration = Calibration(
         reference_px=reference_px, radius_px=np.array([19.5]), grid=(1, 1), size=SIZE
@@ -301,7 +304,26 @@ def test_centroids_of_large_discs_in_corners_stay_in_the_map(at_px: tuple[float,
     level = (np.hypot(x - at_px[0], y - at_px[1]) <= 19.5).astype(np.float32)
     locator = CentroidLocator(CentroidLocatorConfig(), calibration)
     found_px, _ = locator.locate(GradedStateMap(level), reference_px, None, 0.0)
-    np.testing.assert_allclose(found_px[0], [x[level > 0].mean(), y[level > 0].mean()], atol=1e-3)
+    centroid_px = x[level > 0].mean(), y[level > 0].mean()
+    assert np.linalg.norm(centroid_px - reference_px[0]) > 10.0
+    np.testing.assert_allclose(found_px[0], at_px, atol=1.0)
+
+
+def test_uncut_centres_are_those_of_the_tables() -> None:
+    cut = cut_discs(RADIUS_PX, [PROFILE] * 3, 10.0, 0.25)
+    last_px = 59.0
+    for marker, place_px in product(range(3), np.linspace(-1.0, 60.0, 245)):
+        center_px, whole = cut.center_px[marker], cut.whole[marker]
+        depth_px = min(place_px, last_px - place_px)
+        seen_px = SEEN_STEP_PX * np.arange(len(center_px))
+        expected_px, expected_whole = depth_px, 1.0
+        if depth_px < seen_px[-1]:
+            expected_px = np.interp(depth_px, seen_px, center_px)
+            expected_whole = np.interp(depth_px, seen_px, whole)
+        if place_px > 0.5 * last_px:
+            expected_px = last_px - expected_px
+        found = uncut_kernel(place_px, last_px, center_px, whole)
+        np.testing.assert_allclose(found, (expected_px, expected_whole), atol=1e-9)
 
 
 def test_profiles_of_many_discs_are_fitted_as_each_alone() -> None:

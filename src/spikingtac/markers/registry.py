@@ -10,7 +10,7 @@ from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import named
 from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.markers.graded.bands.band_locator import BandLocator, band_maintenance, banded
-from spikingtac.markers.graded.centroid_locator import CentroidLocator
+from spikingtac.markers.graded.centroid.centroid_locator import CentroidLocator
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw

@@ -8,7 +8,7 @@ from typing import Any, get_args
 from spikingtac.denoise.registry import DENOISERS
 from spikingtac.markers.anchored_law import AnchoredLawConfig
 from spikingtac.markers.graded.bands.band_locator import BandLocatorConfig
-from spikingtac.markers.graded.centroid_locator import CentroidLocatorConfig
+from spikingtac.markers.graded.centroid.centroid_locator import CentroidLocatorConfig
 from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
 from spikingtac.markers.graded.tracker import MaintenanceConfig
 from spikingtac.markers.hysteresis import PaperLawConfig

@@ -31,7 +31,7 @@ _BLOBS = (
 )
 OWN_CODE: dict[str, tuple[str, ...]] = {
     "disc": ("markers/graded/disc_locator.py", *_GRADED),
-    "centroid": ("markers/graded/centroid_locator.py", *_GRADED),
+    "centroid": ("markers/graded/centroid/centroid_locator.py", *_GRADED),
     "blobs": _BLOBS,
 }
 """``tracking.method`` -> the modules that its tracker is assembled from."""

@@ -20,6 +20,9 @@ from spikingtac.experiments.trials.shortened_scenes import shortened
 from spikingtac.sim.scene import catalog
 from spikingtac.types import EventPacket
 
+BOOTSTRAP_SEED = 1_000_000
+"""Seed of all slides: no sequence of an experiment has it."""
+
 V2E = "v2e"
 """Camera name of the recordings that were made with v2e; they are no part of the package."""
 
@@ -65,12 +68,16 @@ class Trial:
         return tuple(int(marker) for marker in drawn[: self.damaged])
 
     def bootstrap(self) -> Trial:
-        """Return the trial of the slides that calibrate this sensor, without extra loss."""
+        """Return the trial of the slides that calibrate this sensor, without extra loss.
+
+        Their noise is another than that of any sequence: from equal seeds it would be the same
+        events, and a calibration would know them.
+        """
         return replace(
             self,
             case="bootstrap",
             scene="bootstrap",
-            seed=0,
+            seed=BOOTSTRAP_SEED,
             loss=0.0,
             damaged=0,
             groups=(),

@@ -10,6 +10,11 @@ follows the outline, and discs swell or shrink together with their outlines (mea
 average and 1.2 px at worst over fifty contacts). At rest, therefore, discs are eased towards the
 outline that they were calibrated with. This moves the edge along its normal and leaves alone what
 single pixels know, and so the centre.
+
+Nor does anything leak where the agreement with the map has just fallen: a marker that snaps back
+faster than its fit goes leaves the fit on the map of the old disc, and one turn of the leak would
+paint that disc anew and erase the marker (measured: a snap of 14 px at 10 px/ms; the marker was
+given 8 px off, with a confidence of 0.99).
 """
 
 from __future__ import annotations
@@ -21,6 +26,45 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.state_map.graded import PAD_PX
+
+FALLEN = 0.05
+"""Agreement below its usual value by more than this has fallen (ours)."""
+
+USUAL_S = 0.2
+"""Time in which a marker's agreement becomes usual, s (ours: a fit that may still follow its
+marker does so within 0.1 s)."""
+
+ALL_LEVELS = 2.0
+"""A tolerance that no disagreement exceeds: levels lie between 0 and 1."""
+
+
+class LeakTolerances:
+    """How much disagreement around each marker is left alone."""
+
+    def __init__(self, tolerance: NDArray[np.float64], wary_tolerance: NDArray[np.float64]) -> None:
+        """Begin without a usual agreement.
+
+        Args:
+            tolerance: ``(m,)`` levels that are left alone in a stream that is known to be whole.
+            wary_tolerance: The same in one that may not be.
+        """
+        self._tolerance, self._wary_tolerance = tolerance, wary_tolerance
+        self._usual: NDArray[np.float64] | None = None
+
+    def update(
+        self, agreement: NDArray[np.float64], dt_s: float, *, whole: bool
+    ) -> NDArray[np.float64]:
+        """Take in ``(m,)`` agreements; return ``(m,)`` levels.
+
+        Args:
+            agreement: Agreement of the fits with the map, 0 to 1.
+            dt_s: Time since the last call, s.
+            whole: Whether all events are known to arrive.
+        """
+        usual = agreement if self._usual is None else self._usual
+        fallen = agreement < usual - FALLEN
+        self._usual = usual + (1.0 - np.exp(-dt_s / USUAL_S)) * (agreement - usual)
+        return np.where(fallen, ALL_LEVELS, self._tolerance if whole else self._wary_tolerance)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)

@@ -11,7 +11,6 @@ the fitted discs.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,12 @@ from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.backlash import BacklashCompensation, play_px
 from spikingtac.markers.graded.event_loss import EventLoss
 from spikingtac.markers.graded.initial_map import LAG_DEFAULT_US, painted_levels
-from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
+from spikingtac.markers.graded.locator import Locator
+from spikingtac.markers.graded.map_leak import (
+    LeakTolerances,
+    ease_outlines_kernel,
+    leak_to_discs_kernel,
+)
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.track_management import TrackManagementConfig, TrackManager
@@ -40,47 +44,6 @@ MOST_LEAKING = 32
 
 MOST_PARTS = 4
 """Turns that a period of the leak is divided into, for many markers (ours)."""
-
-
-class Locator(Protocol):
-    """Finds each marker in the graded map, near where it is expected.
-
-    Attributes:
-        outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
-    """
-
-    outline_px: NDArray[np.float64]
-
-    def locate(
-        self,
-        state_map: GradedStateMap,
-        predicted_px: NDArray[np.float64],
-        expected_px: NDArray[np.float64] | None,
-        dt_s: float,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return ``(m, 2)`` centres, px, and ``(m,)`` agreement with the map, 0 to 1.
-
-        Args:
-            state_map: The map.
-            predicted_px: ``(m, 2)`` where the motion leads, px.
-            expected_px: ``(m, 2)`` where the neighbours expect each marker, px, if
-                :attr:`needs_expectation`.
-            dt_s: Time since the last call, s.
-        """
-        ...
-
-    def initial_map(self, calibration: Calibration) -> GradedStateMap:
-        """Return the map of the sensor at rest, of the kind that this locator reads."""
-        ...
-
-    def reset(self) -> None:
-        """Forget everything but the calibration."""
-        ...
-
-    @property
-    def needs_expectation(self) -> bool:
-        """True where the neighbours' prediction takes part in the estimate."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -157,7 +120,9 @@ class GradedTracker:
         appearance = appearance_of(calibration)
         self._appearance = appearance
         self._map = locator.initial_map(calibration)
-        self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
+        mean_step = 0.5 * (appearance.step_on + appearance.step_off)
+        tolerances = maintenance.leak_tolerance, maintenance.wary_tolerance
+        self._tolerance = tuple(share * mean_step for share in tolerances)
         self._tables = profile_tables(appearance.profiles)
         self._play_px = play_px(appearance, maintenance.backlash)
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
@@ -220,6 +185,7 @@ class GradedTracker:
         parts = min(max(-(-count // (groups * MOST_LEAKING)), 1), MOST_PARTS)
         self._leaking, self._groups = PeriodicTask(period_us // parts, 3 / 4), groups * parts
         self._turn = 0
+        self._leak_tolerances = LeakTolerances(*self._tolerance)
         self._filter = MotionFilter(self._calibration.reference_px)
         self._backlash = BacklashCompensation(self._play_px, self._calibration.reference_px)
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
@@ -244,7 +210,7 @@ class GradedTracker:
                 moved = self._manager.moved
                 self._filter.place(moved, self._manager.position_px[moved])
         if (since_s := self._leaking.turn_s(t_us)) is not None:
-            self._leak(since_s)
+            self._leak(since_s, agreement)
 
     def _count_events(self, dt_s: float) -> None:
         """Compare the events with those that the motion asks for."""
@@ -255,9 +221,10 @@ class GradedTracker:
             if share is not None:
                 self._map.set_events_kept(share)
 
-    def _leak(self, dt_s: float) -> None:
+    def _leak(self, dt_s: float, agreement: NDArray[np.float64]) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
         settings, time_s = self._maintenance_config, dt_s * self._groups
+        tolerance = self._leak_tolerances.update(agreement, dt_s, whole=self._whole)
         if time_s <= 0.0 or not (settings.leak_per_s or settings.ease_per_s):
             return
         self._turn = (self._turn + 1) % self._groups
@@ -271,8 +238,7 @@ class GradedTracker:
             outline_px,
             tables,
             settings.leak_reach_px,
-            self._mean_step[some]
-            * (settings.leak_tolerance if self._whole else settings.wary_tolerance),
+            tolerance[some],
             1.0 - np.exp(-settings.leak_per_s * time_s),
         )
         ease_outlines_kernel(

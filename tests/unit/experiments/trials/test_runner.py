@@ -11,6 +11,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.events.open import open_events
 from spikingtac.experiments.point_tracking.cases import (
     DAMAGES,
     LOOPS,
@@ -169,6 +170,24 @@ def test_bootstrap_is_of_the_same_sensor_and_camera_without_loss_and_damage() ->
     slides = trial.bootstrap()
     assert (slides.scene, slides.serial, slides.camera) == ("bootstrap", 5, "noisy")
     assert (slides.loss, slides.damaged) == (0.0, 0)
+
+
+def test_the_slides_have_noise_of_their_own(tmp_path: Path) -> None:
+    # Of equal seeds, 3 of 4 events of a noisy second are the same in any two scenes.
+    trial = Trial(case="x", scene="quiet", seed=0, camera="noisy", duration_s=0.3)
+    folders = [
+        part.record(tmp_path) for part in (trial, replace(trial.bootstrap(), duration_s=0.3))
+    ]
+    quiet, slides = (
+        {
+            event
+            for packet in open_events(folder)
+            for event in zip(packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), strict=True)
+        }
+        for folder in folders
+    )
+    assert len(quiet) > 10_000
+    assert len(quiet & slides) < 0.01 * len(quiet)
 
 
 def test_quick_keeps_every_case_of_the_contract_but_fifty_contacts() -> None:

@@ -1,0 +1,1 @@
+"""Markers by centroids of the graded map: preset ``fast``."""
