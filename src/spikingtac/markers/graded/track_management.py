@@ -25,6 +25,10 @@ SMALLEST_BLOB_SHARE = 0.4
 LARGEST_BLOB_SHARE = 2.5
 """Area of a blob that may be a lost marker, over that of its disc (ours)."""
 
+STRAIN_PITCH_PX = 36.0
+"""Spacing of the markers for which ``strain_px`` is meant: eight of them over 320 px. Where they lie
+farther apart, one press moves one marker and leaves its neighbours."""
+
 BLOB_LEVEL = 0.5
 """Level at which the full-frame detection binarises the map: half-way."""
 
@@ -35,7 +39,8 @@ class TrackManagementConfig:
 
     Attributes:
         agreement: Share of the edge that must agree with the fitted disc (ours).
-        strain_px: Distance from the neighbours' prediction that is still believed, at rest, px.
+        strain_px: Distance from the neighbours' prediction that is still believed, at rest, px; of
+            markers farther apart than :data:`STRAIN_PITCH_PX` in proportion more.
         strain_share: The same, as a share of how far the farthest neighbour moved (ours: in torsion
             the neighbours of a marker move in opposite directions, so that their prediction says
             nothing; but no marker moves much farther than all of them).
@@ -87,7 +92,9 @@ class TrackManager:
                 max_area_px=LARGEST_BLOB_SHARE * float(disc_px.max()),
             ),
         )
-        self._capture_px = config.capture_share * smallest_spacing_px(calibration.reference_px)
+        spacing_px = smallest_spacing_px(calibration.reference_px)
+        self._capture_px = config.capture_share * spacing_px
+        self._strain_px = config.strain_px * max(spacing_px / STRAIN_PITCH_PX, 1.0)
         self._doubted_since_us = np.full(count, -1, np.int64)
         self._search_at_us = 0
         self._doubted = np.zeros(count, np.bool_)
@@ -131,7 +138,7 @@ class TrackManager:
             self._neighbours.weight,
             agreement,
             silent,
-            (config.agreement, config.strain_px, config.strain_share),
+            (config.agreement, self._strain_px, config.strain_share),
             self._doubted,
         )
         if clear and not self._watching:

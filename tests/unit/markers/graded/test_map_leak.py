@@ -58,7 +58,8 @@ class Still(DiscLocator):
 def test_the_tracker_leaves_what_lies_beside_a_fallen_marker() -> None:
     locator = Still(DiscLocatorConfig(), CALIBRATION)
     tracker = GradedTracker(locator, MaintenanceConfig(), CALIBRATION)
-    beside = tuple(np.rint(CENTERS + [RADIUS_PX + 3.0, 0.0]).astype(int).T)[::-1]
+    beside_px = np.rint(CENTERS + np.array([RADIUS_PX + 3.0, 0.0])).astype(int)
+    beside = beside_px[:, 1], beside_px[:, 0]
     for t_us in range(0, 50_000, 1_000):
         tracker.estimate(t_us)
     tracker.state_map.memory[beside] += 0.9

@@ -159,3 +159,23 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
             assert clear == (not expected.any() and not silent.any())
             seen.add(clear)
     assert seen == {True, False}
+
+
+@pytest.mark.parametrize(("pitch_px", "doubted"), [(30.0, True), (64.0, False)])
+def test_strain_is_believed_in_proportion_to_the_pitch(pitch_px: float, doubted: bool) -> None:
+    rest_px = np.stack(np.meshgrid(*2 * [np.arange(3) * pitch_px + 15.0]), -1).reshape(-1, 2)
+    calibration = Calibration(
+        reference_px=rest_px, radius_px=np.full(9, 6.0), grid=(3, 3), size=SIZE
+    )
+    manager = TrackManager(TrackManagementConfig(), calibration)
+    pressed_px = rest_px.copy()
+    pressed_px[4] += [10.0, 0.0]
+    for t_us in (0, LATER_US):
+        manager.judge(
+            t_us,
+            pressed_px,
+            np.ones(9),
+            paint_discs(SIZE, pressed_px, calibration.radius_px),
+            np.zeros(9, np.bool_),
+        )
+    assert manager.coasted[4] == doubted
