@@ -50,3 +50,8 @@ class Locator(Protocol):
     def needs_expectation(self) -> bool:
         """True where the neighbours' prediction takes part in the estimate."""
         ...
+
+    @property
+    def largest_fall(self) -> float:
+        """By how much the agreement of a fit that follows its marker falls at most; inf: any."""
+        ...

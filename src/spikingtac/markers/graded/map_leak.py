@@ -27,9 +27,6 @@ from numpy.typing import NDArray
 
 from spikingtac.state_map.graded import PAD_PX
 
-FALLEN = 0.05
-"""Agreement below its usual value by more than this has fallen (ours)."""
-
 USUAL_S = 0.2
 """Time in which a marker's agreement becomes usual, s (ours: a fit that may still follow its
 marker does so within 0.1 s)."""
@@ -41,14 +38,21 @@ ALL_LEVELS = 2.0
 class LeakTolerances:
     """How much disagreement around each marker is left alone."""
 
-    def __init__(self, tolerance: NDArray[np.float64], wary_tolerance: NDArray[np.float64]) -> None:
+    def __init__(
+        self,
+        tolerance: NDArray[np.float64],
+        wary_tolerance: NDArray[np.float64],
+        largest_fall: float,
+    ) -> None:
         """Begin without a usual agreement.
 
         Args:
             tolerance: ``(m,)`` levels that are left alone in a stream that is known to be whole.
             wary_tolerance: The same in one that may not be.
+            largest_fall: Agreement below its usual value by more than this has fallen.
         """
         self._tolerance, self._wary_tolerance = tolerance, wary_tolerance
+        self._largest_fall = largest_fall
         self._usual: NDArray[np.float64] | None = None
 
     def update(
@@ -62,7 +66,7 @@ class LeakTolerances:
             whole: Whether all events are known to arrive.
         """
         usual = agreement if self._usual is None else self._usual
-        fallen = agreement < usual - FALLEN
+        fallen = agreement < usual - self._largest_fall
         self._usual = usual + (1.0 - np.exp(-dt_s / USUAL_S)) * (agreement - usual)
         return np.where(fallen, ALL_LEVELS, self._tolerance if whole else self._wary_tolerance)
 

@@ -26,7 +26,7 @@ LARGEST_BLOB_SHARE = 2.5
 """Area of a blob that may be a lost marker, over that of its disc (ours)."""
 
 STRAIN_PITCH_PX = 36.0
-"""Spacing of the markers for which ``strain_px`` is meant: eight of them over 320 px. Where they lie
+"""Spacing of markers for which ``strain_px`` is meant: eight over 320 px. Where they are
 farther apart, one press moves one marker and leaves its neighbours."""
 
 BLOB_LEVEL = 0.5

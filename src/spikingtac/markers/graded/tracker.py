@@ -120,9 +120,7 @@ class GradedTracker:
         appearance = appearance_of(calibration)
         self._appearance = appearance
         self._map = locator.initial_map(calibration)
-        mean_step = 0.5 * (appearance.step_on + appearance.step_off)
-        tolerances = maintenance.leak_tolerance, maintenance.wary_tolerance
-        self._tolerance = tuple(share * mean_step for share in tolerances)
+        self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
         self._play_px = play_px(appearance, maintenance.backlash)
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
@@ -185,7 +183,11 @@ class GradedTracker:
         parts = min(max(-(-count // (groups * MOST_LEAKING)), 1), MOST_PARTS)
         self._leaking, self._groups = PeriodicTask(period_us // parts, 3 / 4), groups * parts
         self._turn = 0
-        self._leak_tolerances = LeakTolerances(*self._tolerance)
+        self._leak_tolerances = LeakTolerances(
+            self._maintenance_config.leak_tolerance * self._mean_step,
+            self._maintenance_config.wary_tolerance * self._mean_step,
+            self._locator.largest_fall,
+        )
         self._filter = MotionFilter(self._calibration.reference_px)
         self._backlash = BacklashCompensation(self._play_px, self._calibration.reference_px)
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.map_leak import ALL_LEVELS, FALLEN, USUAL_S, LeakTolerances
+from spikingtac.markers.graded.disc_locator import LARGEST_FALL, DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.map_leak import ALL_LEVELS, USUAL_S, LeakTolerances
 from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
 from spikingtac.state_map.graded import GradedStateMap
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
@@ -20,19 +20,19 @@ CALIBRATION = Calibration(
 
 
 def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None:
-    tolerances = LeakTolerances(KNOWN, WARY)
+    tolerances = LeakTolerances(KNOWN, WARY, LARGEST_FALL)
     usual = np.array([0.98, 0.70])
     np.testing.assert_array_equal(tolerances.update(usual, STEP_S, whole=True), KNOWN)
     np.testing.assert_array_equal(tolerances.update(usual, STEP_S, whole=False), WARY)
-    fallen = usual - [2.0 * FALLEN, 0.5 * FALLEN]
+    fallen = usual - [2.0 * LARGEST_FALL, 0.5 * LARGEST_FALL]
     found = tolerances.update(fallen, STEP_S, whole=True)
     np.testing.assert_array_equal(found, [ALL_LEVELS, KNOWN[1]])
 
 
 def test_an_agreement_that_stays_low_becomes_usual() -> None:
-    tolerances = LeakTolerances(KNOWN, WARY)
+    tolerances = LeakTolerances(KNOWN, WARY, LARGEST_FALL)
     tolerances.update(np.ones(2), STEP_S, whole=True)
-    fallen = np.full(2, 1.0 - 2.0 * FALLEN)
+    fallen = np.full(2, 1.0 - 2.0 * LARGEST_FALL)
     waited_s = 0.0
     while (tolerances.update(fallen, STEP_S, whole=True) == ALL_LEVELS).all():
         waited_s += STEP_S

@@ -73,6 +73,11 @@ class BandLocator:
         """False: the motion's own prediction is the prior."""
         return False
 
+    @property
+    def largest_fall(self) -> float:
+        """Any: a band map does not leak."""
+        return float("inf")
+
     def locate(
         self,
         state_map: GradedStateMap,

@@ -69,6 +69,11 @@ class CentroidLocator:
         """False: a centroid has no use for the neighbours' prediction."""
         return False
 
+    @property
+    def largest_fall(self) -> float:
+        """Any: the mass above the floor falls in each fast motion, without a loss."""
+        return float("inf")
+
     def locate(
         self,
         state_map: GradedStateMap,
