@@ -226,9 +226,9 @@ class GradedTracker:
     def _leak(self, dt_s: float, agreement: NDArray[np.float64]) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
         settings, time_s = self._maintenance_config, dt_s * self._groups
-        tolerance = self._leak_tolerances.update(agreement, dt_s, whole=self._whole)
         if time_s <= 0.0 or not (settings.leak_per_s or settings.ease_per_s):
             return
+        tolerance = self._leak_tolerances.update(agreement, dt_s, whole=self._whole)
         self._turn = (self._turn + 1) % self._groups
         some = slice(self._turn, None, self._groups)
         position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
