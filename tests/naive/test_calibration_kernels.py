@@ -6,26 +6,12 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_corrections import (
-    RESIDUAL_LEVEL,
-    common_sums_kernel,
-    corrections,
-    slopes_kernel,
-    state_sums_kernel,
-)
 from spikingtac.markers.calibration.disc_fits import fit_kernel, read_kernel, sums_kernel
 from spikingtac.markers.calibration.disc_levels import (
     Discs,
     draw_kernel,
     nearest_markers,
     stretched_kernel,
-)
-from spikingtac.markers.calibration.expected_levels import (
-    PHASES,
-    OffsetMemory,
-    Walk,
-    remove_offsets_kernel,
-    walk,
 )
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
 from spikingtac.markers.calibration.following import (
@@ -36,7 +22,24 @@ from spikingtac.markers.calibration.following import (
     note_polarity_kernel,
     pull_kernel,
 )
-from spikingtac.markers.calibration.swings import count_swings_kernel, steps_of_counts
+from spikingtac.markers.calibration.refinement.disc_corrections import (
+    RESIDUAL_LEVEL,
+    common_sums_kernel,
+    corrections,
+    slopes_kernel,
+    state_sums_kernel,
+)
+from spikingtac.markers.calibration.refinement.expected_levels import (
+    PHASES,
+    Walk,
+    walk,
+)
+from spikingtac.markers.calibration.refinement.offset_memory import (
+    OffsetMemory,
+    remove_offsets_kernel,
+)
+from spikingtac.markers.calibration.swing_counts import count_swings_kernel
+from spikingtac.markers.calibration.swings import steps_of_counts
 from spikingtac.markers.calibration_check import (
     NEIGHBOUR_US,
     NEIGHBOURS,
@@ -247,7 +250,7 @@ def test_offsets_are_weighted_means_over_the_states_around() -> None:
     error = rng.normal(size=(7, 5)).astype(np.float32)
     drawn = rng.choice([0.0, 0.5, 1.0], (7, 5)).astype(np.float32)
     got = error.copy()
-    remove_offsets_kernel(got, drawn, 4.0, 0.1)
+    remove_offsets_kernel(got[np.newaxis], drawn, 4.0, 0.1)
     apart = np.abs(np.arange(7)[:, None] - np.arange(7))
     weight = np.exp(-apart / 4.0)[:, :, None] * np.where(drawn == 0.5, 0.1, 1.0)
     expected = error - (weight * error).sum(axis=1) / weight.sum(axis=1)

@@ -46,7 +46,7 @@ from spikingtac.markers.calibration.reference import (
     mean_pitch_px,
     reference,
 )
-from spikingtac.markers.calibration.refinement import Refined, choose_states, refine
+from spikingtac.markers.calibration.refinement.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.calibration.trial_tracking.step_scale import with_step_scale
 from spikingtac.markers.calibration.trial_tracking.tracked_reference import with_tracked_reference

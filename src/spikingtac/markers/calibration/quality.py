@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_corrections import corrections
-from spikingtac.markers.calibration.expected_levels import OffsetMemory, walk
-from spikingtac.markers.calibration.refinement import Refined
+from spikingtac.markers.calibration.refinement.disc_corrections import corrections
+from spikingtac.markers.calibration.refinement.expected_levels import walk
+from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.refinement.refine import Refined
 from spikingtac.markers.calibration_check import CalibrationCheck
 
 FEWEST_EXPLAINED_SHARE = 0.5

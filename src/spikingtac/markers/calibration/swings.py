@@ -14,23 +14,16 @@ over a pixel, or noise near a threshold, fires pairs of events that add up to no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps
 from spikingtac.markers.calibration.following import Course, PixelSteps
+from spikingtac.markers.calibration.swing_counts import count_swings
 from spikingtac.markers.graded.appearance import nearest_marker
-
-GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
-"""A pixel is ground below the first level and marker above the second."""
-
-SETTLE_SAMPLES = 3
-"""Events that come so many samples late still count for a swing."""
 
 NEIGHBOUR_SWINGS = 10.0
 """Swings at its neighbours' counts that each marker is given beforehand: light and lens change
@@ -84,16 +77,7 @@ def learn_steps(
         rest_px: ``(m, 2)`` where they rest, px.
         start: The sensor's mean steps, kept where too few swings were seen.
     """
-    markers = len(rest_px)
-    by_marker = np.zeros((markers, 6))
-    by_pixel = np.zeros((events.pixels, 6), np.float32)
-    count_swings_kernel(
-        events.code,
-        (course.index, course.center_px),
-        (discs.shape, discs.tables),
-        np.zeros(events.shape, np.float32),
-        (by_marker, by_pixel),
-    )
+    by_marker, by_pixel = count_swings(events, course, discs)
     on_per_off = np.divide(*_mean_counts(by_marker, start))
     for swings in by_marker, by_pixel:
         swings[:, 0] -= on_per_off * swings[:, 4]
@@ -170,128 +154,3 @@ def _nearby_sums(
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
     return np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
-
-
-@njit(cache=True)
-def count_swings_kernel(
-    code: NDArray[np.uint32],
-    course: tuple[NDArray[np.int64], NDArray[np.float64]],
-    discs: tuple[NDArray[np.float64], NDArray[np.float32]],
-    drawn: NDArray[np.float32],
-    out: tuple[NDArray[np.float64], NDArray[np.float32]],
-) -> None:
-    """Sum ON events and number of rises, OFF events and number of falls, and events against them.
-
-    ``out`` is ``(m, 6)`` by marker and ``(pixels, 6)`` by pixel: the sums named above, OFF events
-    of rises and ON events of falls. ``drawn`` is an empty image. Only
-    pixels in which something happens are visited: those that a disc touches, and those that have
-    not settled on the ground since.
-    """
-    index, places = course
-    pixels = drawn.size
-    flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
-    whose = owner.ravel()
-    touched = np.empty(pixels, np.int64)
-    counts, visits = np.zeros((pixels, 2), np.int32), np.zeros((pixels, 4), np.int32)
-    active, is_active, many = np.arange(pixels), np.ones(pixels, np.bool_), pixels
-    counted_at = np.full(pixels, -1, np.int64)
-    at = index[0]
-    for sample in range(len(index)):
-        for i in range(at, index[sample]):
-            _renew_kernel(code[i] >> 1, sample, is_active, counted_at, counts)
-            counts[code[i] >> 1, code[i] & 1] += 1
-        at = index[sample]
-        drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
-        for i in range(drawn_pixels):
-            q = touched[i]
-            if not is_active[q]:
-                _renew_kernel(q, sample, is_active, counted_at, counts)
-                is_active[q] = True
-                active[many] = q
-                many += 1
-        many = _visit_active_kernel(active[:many], is_active, (flat, whose), (counts, visits), out)
-        for i in range(drawn_pixels):
-            flat[touched[i]] = 0.0
-            whose[touched[i]] = -1
-
-
-@njit(cache=True)
-def _renew_kernel(
-    q: int,
-    sample: int,
-    is_active: NDArray[np.bool_],
-    counted_at: NDArray[np.int64],
-    counts: NDArray[np.int32],
-) -> None:
-    """Begin to count a pixel on the ground anew at each sample: such events are noise."""
-    if not is_active[q] and counted_at[q] != sample:
-        counts[q] = 0
-        counted_at[q] = sample
-
-
-@njit(cache=True)
-def _visit_active_kernel(
-    active: NDArray[np.int64],
-    is_active: NDArray[np.bool_],
-    image: tuple[NDArray[np.float32], NDArray[np.int32]],
-    state: tuple[NDArray[np.int32], NDArray[np.int32]],
-    out: tuple[NDArray[np.float64], NDArray[np.float32]],
-) -> int:
-    """Visit the active pixels, drop those that rest on the ground, and return how many are left."""
-    flat, whose = image
-    left = 0
-    for i in range(len(active)):
-        q = active[i]
-        now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
-        visit_kernel(q, now, whose[q], state, out)
-        if now == 1 and state[1][q, 1] == 0:
-            is_active[q] = False
-        else:
-            active[left] = q
-            left += 1
-    return left
-
-
-@njit(cache=True)
-def visit_kernel(
-    q: int,
-    now: int,
-    owner: Any,
-    state: tuple[NDArray[np.int32], NDArray[np.int32]],
-    out: tuple[NDArray[np.float64], NDArray[np.float32]],
-) -> None:
-    """Note that pixel ``q`` is ground (1), marker (2) or in between (0); sum a swing that ended.
-
-    ``state`` holds for each pixel its OFF and ON events since it was at one end, and the end that
-    it was at last, the end of a swing that has just come to it, samples since then, its marker.
-    """
-    counts, visits = state
-    by_marker, by_pixel = out
-    last, ended, waited, marker = visits[q]
-    if ended != 0:
-        visits[q, 2] = waited + 1
-        if waited + 1 >= SETTLE_SAMPLES or now != last:
-            column = 0 if ended == 2 else 2
-            way = 1 if ended == 2 else 0
-            add_swing_kernel(by_marker[marker], column, counts[q, way], counts[q, 1 - way])
-            add_swing_kernel(by_pixel[q], column, counts[q, way], counts[q, 1 - way])
-            visits[q, 1] = 0
-            counts[q] = 0
-    if now == 0:
-        return
-    if now == 2:
-        visits[q, 3] = owner
-    if now != last and last != 0:
-        visits[q, 1] = now
-        visits[q, 2] = 0
-    elif visits[q, 1] == 0:
-        counts[q] = 0
-    visits[q, 0] = now
-
-
-@njit(cache=True)
-def add_swing_kernel(sums: NDArray[np.floating], column: int, along: Any, against: Any) -> None:
-    """Add one swing to its ``(6,)`` sums; column 0 for a rise, 2 for a fall."""
-    sums[column] += along
-    sums[column + 1] += 1
-    sums[4 + column // 2] += against

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.refinement import Refined
+from spikingtac.markers.calibration.refinement.refine import Refined
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
 from spikingtac.types import EventPacket

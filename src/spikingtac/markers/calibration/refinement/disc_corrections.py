@@ -29,8 +29,10 @@ from spikingtac.markers.calibration.disc_levels import (
     rim_px_kernel,
     stretched_kernel,
 )
-from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk
 from spikingtac.markers.calibration.following import PixelSteps
+from spikingtac.markers.calibration.refinement.expected_levels import Walk
+from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
+from spikingtac.state_map.two_threads import divide
 
 RESIDUAL_LEVEL = 0.35
 """Residuals beyond this level count less (Cauchy weights)."""
@@ -99,17 +101,21 @@ def corrections(
     shapes = np.array([stretched_kernel(discs.shape, stretch) for stretch in stretch_px])
     scene = (places, nearest_markers(places[0]), shapes)
     reach_px = discs.radius_px + OUTSIDE_EDGES * discs.edge_px + MARGIN_PX
-    for marker in range(markers):
-        window = _window(places[:, marker], float(reach_px[marker]), steps.on.shape)
-        slopes = np.zeros((6, states, *steps.on[window].shape), np.float32)
-        if not slopes.size:
-            continue
-        slopes_kernel(scene, marker, (window[0].start, window[1].start), slopes)
-        flat = slopes.reshape(6, states, -1)
-        left_over = _cut(seen.measured, window) - _cut(seen.expected, window)
-        variance = LEVEL_VARIANCE + (steps.on[window] ** 2 + steps.off[window] ** 2).ravel() / 12.0
-        offsets = _cut(seen.drawn, window), memory
-        _solve(left_over, flat, offsets, (variance, stretch_px[:, marker]), (marker, out))
+
+    def correct(chosen: slice) -> None:
+        for marker in range(*chosen.indices(markers)):
+            window = _window(places[:, marker], float(reach_px[marker]), steps.on.shape)
+            slopes = np.zeros((6, states, *steps.on[window].shape), np.float32)
+            if not slopes.size:
+                continue
+            slopes_kernel(scene, marker, (window[0].start, window[1].start), slopes)
+            flat = slopes.reshape(6, states, -1)
+            left_over = _cut(seen.measured, window) - _cut(seen.expected, window)
+            spread = (steps.on[window] ** 2 + steps.off[window] ** 2).ravel() / 12.0
+            known = LEVEL_VARIANCE + spread, stretch_px[:, marker]
+            _solve(left_over, flat, (_cut(seen.drawn, window), memory), known, (marker, out))
+
+    divide(markers, correct)
     return out
 
 
@@ -137,8 +143,8 @@ def _solve(
     # First what all states share, with offsets taken off; then each state from what is left.
     (drawn, memory), (variance, stretch_px) = offsets, known
     marker, found = out
-    error = memory.changes(left_over, drawn)
-    shared = np.array([memory.changes(slopes[row], drawn) for row in COMMON])
+    changes = memory.changes(np.concatenate([left_over[np.newaxis], slopes[: len(COMMON)]]), drawn)
+    error, shared = changes[0], changes[1:]
     weight = np.empty_like(error)
     curvature, pull = np.diag([SHIFT_PRIOR, SHIFT_PRIOR, RADIUS_PRIOR, EDGE_PRIOR]), np.zeros(4)
     found.squares[marker], found.weights[marker] = common_sums_kernel(
@@ -157,7 +163,7 @@ def _solve(
     found.stretch_px[:, marker] = own[:, 2:] - [own[:, 2].mean(), 0.0, 0.0]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def common_sums_kernel(
     error: NDArray[np.float32],
     near: NDArray[np.float32],
@@ -196,7 +202,7 @@ def common_sums_kernel(
     return squares, weights
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def state_sums_kernel(
     error: NDArray[np.float32],
     weight: NDArray[np.float32],
@@ -235,7 +241,7 @@ def state_sums_kernel(
                 curvatures[state, j, i] = curvatures[state, i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def slopes_kernel(
     scene: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
     m: int,

@@ -1,9 +1,8 @@
 """Explain all events at once: places, radii, edges and steps, refined in turn.
 
 The levels that the real pixels reached are compared with those that ideal ones reach along the same
-course (:mod:`spikingtac.markers.calibration.expected_levels`). What is left over moves each disc
-and changes its shape by one Gauss-Newton step
-(:mod:`spikingtac.markers.calibration.disc_corrections`); then the ideal pixels walk again.
+course (:mod:`.expected_levels`). What is left over moves each disc and changes its shape by one
+Gauss-Newton step (:mod:`.disc_corrections`); then the ideal pixels walk again.
 """
 
 from __future__ import annotations
@@ -14,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.disc_corrections import Corrections, corrections
 from spikingtac.markers.calibration.disc_levels import Discs
-from spikingtac.markers.calibration.expected_levels import OffsetMemory, Walk, walk
 from spikingtac.markers.calibration.following import Course, PixelSteps
-from spikingtac.markers.calibration.swing_gain import swing_gain
+from spikingtac.markers.calibration.refinement.disc_corrections import Corrections, corrections
+from spikingtac.markers.calibration.refinement.expected_levels import Walk, walk
+from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.refinement.swing_gain import swing_gain
 
 MOST_ROUNDS = 10
 """Times that the ideal pixels walk at most. Wide edges take many rounds: they grow by 0.1 px in

@@ -19,42 +19,13 @@ from numpy.typing import NDArray
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, stretched_kernel
 from spikingtac.markers.calibration.following import Course, PixelSteps
+from spikingtac.state_map.two_threads import divide
 
 PHASES = 4
 """Ideal pixels for each real one: their mean is within an eighth of a step of the true mean."""
 
 STILL_LEVEL = 1e-4
 """Smaller changes of the level are no motion."""
-
-RIM_LEVELS = (0.03, 0.97)
-"""Between these levels a pixel lies on a rim."""
-
-
-@dataclass(frozen=True, slots=True)
-class OffsetMemory:
-    """Which states tell the offset of a pixel's level, which noise and wrong steps let drift.
-
-    Attributes:
-        states: The offset is a mean over so many states around (exponential weights).
-        rim_weight: What a state counts while the pixel lies on a rim, where the offset cannot be
-            told from the place.
-    """
-
-    states: float
-    rim_weight: float
-
-    def changes(
-        self, level: NDArray[np.float32], drawn: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Return ``(states, pixels)`` levels less each pixel's mean over the states around.
-
-        Args:
-            level: ``(states, pixels)`` levels.
-            drawn: ``(states, pixels)`` levels that the discs show.
-        """
-        out = level.copy()
-        remove_offsets_kernel(out, drawn, self.states, self.rim_weight)
-        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +63,24 @@ def walk(
     """
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
-    out = Walk(measured, expected, drawn, np.zeros((len(discs.radius_px), 4)))
-    walk_kernel(
-        events.code,
-        (course.index, course.center_px, course.stretches, states),
-        (discs.shape, discs.tables),
-        (steps.on.ravel(), steps.off.ravel()),
-        np.empty((events.pixels, PHASES), np.float32),
-        (out.measured, out.expected, out.drawn, out.events),
-    )
-    return out
+    looks = discs.shape, discs.tables
+    counts: list[NDArray[np.float64]] = []
+
+    def walk_rows(rows: slice) -> None:
+        part, index = events.in_rows(rows, course.index)
+        near = np.zeros((len(discs.radius_px), 4))
+        walk_kernel(
+            part.code,
+            (index, course.center_px - [0.0, rows.start], course.stretches, states),
+            looks,
+            (steps.on[rows].ravel(), steps.off[rows].ravel()),
+            np.empty((part.pixels, PHASES), np.float32),
+            (measured[:, rows], expected[:, rows], drawn[:, rows], near),
+        )
+        counts.append(near)
+
+    divide(events.size[1], walk_rows)
+    return Walk(measured, expected, drawn, np.sum(counts, axis=0))
 
 
 @njit(cache=True)
@@ -167,7 +146,7 @@ def sum_events_kernel(
             events[owner[q], 0 if code[i] & 1 else 1] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def walk_kernel(
     code: NDArray[np.uint32],
     course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
@@ -219,48 +198,14 @@ def keep_kernel(
     out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
 ) -> None:
     """Keep one state: sums of events, mean of the copies, drawn level."""
-    measured, expected, drawn = out[0].ravel(), out[1].ravel(), out[2].ravel()
-    for q in range(len(now)):
-        mean = np.float32(0.0)
-        for phase in range(phases.shape[1]):
-            mean += phases[q, phase]
-        expected[q] = mean / phases.shape[1]
-        measured[q] = total[q]
-        drawn[q] = now[q]
-
-
-@njit(cache=True)
-def remove_offsets_kernel(
-    error: NDArray[np.float32],
-    drawn: NDArray[np.float32],
-    offset_states: float,
-    rim_weight: float,
-) -> None:
-    """Take each pixel's mean over the states around off its error.
-
-    Both are ``(states, pixels)``. The mean has exponential weights to both sides, which fall to
-    1 / e over ``offset_states``; states at which the pixel lies on a rim weigh ``rim_weight``.
-    """
-    states, pixels = error.shape
-    keep = np.exp(-1.0 / offset_states)
-    # State by state, so that neighbouring pixels lie beside each other in memory.
-    total, known = np.zeros((states, pixels)), np.zeros((states, pixels))
-    sums, weights = np.zeros(pixels), np.zeros(pixels)
-    for state in range(states):
-        for q in range(pixels):
-            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
-            weight = rim_weight if on_rim else 1.0
-            sums[q] = keep * sums[q] + weight * error[state, q]
-            weights[q] = keep * weights[q] + weight
-            total[state, q], known[state, q] = sums[q], weights[q]
-    sums[:], weights[:] = 0.0, 0.0
-    for back in range(states):
-        state = states - 1 - back
-        for q in range(pixels):
-            on_rim = RIM_LEVELS[0] < drawn[state, q] < RIM_LEVELS[1]
-            weight = rim_weight if on_rim else 1.0
-            value = error[state, q]
-            mean = (total[state, q] + keep * sums[q]) / (known[state, q] + keep * weights[q])
-            sums[q] = keep * sums[q] + weight * value
-            weights[q] = keep * weights[q] + weight
-            error[state, q] = value - np.float32(mean)
+    measured, expected, drawn = out
+    rows, columns = measured.shape
+    for y in range(rows):
+        for x in range(columns):
+            q = y * columns + x
+            mean = np.float32(0.0)
+            for phase in range(phases.shape[1]):
+                mean += phases[q, phase]
+            expected[y, x] = mean / phases.shape[1]
+            measured[y, x] = total[q]
+            drawn[y, x] = now[q]

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.disc_corrections import RESIDUAL_LEVEL
-from spikingtac.markers.calibration.expected_levels import RIM_LEVELS, OffsetMemory, Walk
+from spikingtac.markers.calibration.refinement.disc_corrections import RESIDUAL_LEVEL
+from spikingtac.markers.calibration.refinement.expected_levels import Walk
+from spikingtac.markers.calibration.refinement.offset_memory import RIM_LEVELS, OffsetMemory
 
 SENSOR_PRIOR, MARKER_PRIOR = 300.0, 50.0
 """Full swings by which counts of events are believed beforehand, for the sensor as a whole and for
@@ -33,9 +34,8 @@ def swing_gain(
     """
     states = len(seen.drawn)
     drawn = seen.drawn.reshape(states, -1)
-    real, ideal = (
-        memory.changes(level.reshape(states, -1), drawn) for level in (seen.measured, seen.expected)
-    )
+    both = np.array([seen.measured, seen.expected]).reshape(2, states, -1)
+    real, ideal = memory.changes(both, drawn)
     weight = 1.0 / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
     weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
     weight *= ideal

@@ -1,0 +1,181 @@
+"""Count the events of full swings.
+
+A pixel swings when a marker covers it after it was ground, or leaves it after it was covered.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel
+from spikingtac.markers.calibration.following import Course
+from spikingtac.state_map.two_threads import divide
+
+GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
+"""A pixel is ground below the first level and marker above the second."""
+
+SETTLE_SAMPLES = 3
+"""Events that come so many samples late still count for a swing."""
+
+
+def count_swings(
+    events: BufferedEvents, course: Course, discs: Discs
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Return sums over the full swings of each marker ``(m, 6)`` and of each pixel ``(pixels, 6)``.
+
+    The columns are ON events and number of rises, OFF events and number of falls, and events
+    against them: OFF events of rises and ON events of falls.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        course: Where the markers went.
+        discs: How they look.
+    """
+    by_pixel = np.zeros((*events.shape, 6), np.float32)
+    looks = discs.shape, discs.tables
+    by_marker: list[NDArray[np.float64]] = []
+
+    def count_rows(rows: slice) -> None:
+        part, index = events.in_rows(rows, course.index)
+        sums = np.zeros((len(discs.radius_px), 6))
+        count_swings_kernel(
+            part.code,
+            (index, course.center_px - [0.0, rows.start]),
+            looks,
+            np.zeros(part.shape, np.float32),
+            (sums, by_pixel[rows].reshape(-1, 6)),
+        )
+        by_marker.append(sums)
+
+    divide(events.size[1], count_rows)
+    return np.sum(by_marker, axis=0), by_pixel.reshape(-1, 6)
+
+
+@njit(cache=True, nogil=True)
+def count_swings_kernel(
+    code: NDArray[np.uint32],
+    course: tuple[NDArray[np.int64], NDArray[np.float64]],
+    discs: tuple[NDArray[np.float64], NDArray[np.float32]],
+    drawn: NDArray[np.float32],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> None:
+    """Sum ON events and number of rises, OFF events and number of falls, and events against them.
+
+    ``out`` is ``(m, 6)`` by marker and ``(pixels, 6)`` by pixel: the sums named above, OFF events
+    of rises and ON events of falls. ``drawn`` is an empty image. Only
+    pixels in which something happens are visited: those that a disc touches, and those that have
+    not settled on the ground since.
+    """
+    index, places = course
+    pixels = drawn.size
+    flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
+    whose = owner.ravel()
+    touched = np.empty(pixels, np.int64)
+    counts, visits = np.zeros((pixels, 2), np.int32), np.zeros((pixels, 4), np.int32)
+    active, is_active, many = np.arange(pixels), np.ones(pixels, np.bool_), pixels
+    counted_at = np.full(pixels, -1, np.int64)
+    at = index[0]
+    for sample in range(len(index)):
+        for i in range(at, index[sample]):
+            _renew_kernel(code[i] >> 1, sample, is_active, counted_at, counts)
+            counts[code[i] >> 1, code[i] & 1] += 1
+        at = index[sample]
+        drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
+        for i in range(drawn_pixels):
+            q = touched[i]
+            if not is_active[q]:
+                _renew_kernel(q, sample, is_active, counted_at, counts)
+                is_active[q] = True
+                active[many] = q
+                many += 1
+        many = _visit_active_kernel(active[:many], is_active, (flat, whose), (counts, visits), out)
+        for i in range(drawn_pixels):
+            flat[touched[i]] = 0.0
+            whose[touched[i]] = -1
+
+
+@njit(cache=True)
+def _renew_kernel(
+    q: int,
+    sample: int,
+    is_active: NDArray[np.bool_],
+    counted_at: NDArray[np.int64],
+    counts: NDArray[np.int32],
+) -> None:
+    """Begin to count a pixel on the ground anew at each sample: such events are noise."""
+    if not is_active[q] and counted_at[q] != sample:
+        counts[q] = 0
+        counted_at[q] = sample
+
+
+@njit(cache=True)
+def _visit_active_kernel(
+    active: NDArray[np.int64],
+    is_active: NDArray[np.bool_],
+    image: tuple[NDArray[np.float32], NDArray[np.int32]],
+    state: tuple[NDArray[np.int32], NDArray[np.int32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> int:
+    """Visit the active pixels, drop those that rest on the ground, and return how many are left."""
+    flat, whose = image
+    left = 0
+    for i in range(len(active)):
+        q = active[i]
+        now = 2 if flat[q] > MARKER_LEVEL else 1 if flat[q] < GROUND_LEVEL else 0
+        visit_kernel(q, now, whose[q], state, out)
+        if now == 1 and state[1][q, 1] == 0:
+            is_active[q] = False
+        else:
+            active[left] = q
+            left += 1
+    return left
+
+
+@njit(cache=True)
+def visit_kernel(
+    q: int,
+    now: int,
+    owner: Any,
+    state: tuple[NDArray[np.int32], NDArray[np.int32]],
+    out: tuple[NDArray[np.float64], NDArray[np.float32]],
+) -> None:
+    """Note that pixel ``q`` is ground (1), marker (2) or in between (0); sum a swing that ended.
+
+    ``state`` holds for each pixel its OFF and ON events since it was at one end, and the end that
+    it was at last, the end of a swing that has just come to it, samples since then, its marker.
+    """
+    counts, visits = state
+    by_marker, by_pixel = out
+    last, ended, waited, marker = visits[q]
+    if ended != 0:
+        visits[q, 2] = waited + 1
+        if waited + 1 >= SETTLE_SAMPLES or now != last:
+            column = 0 if ended == 2 else 2
+            way = 1 if ended == 2 else 0
+            add_swing_kernel(by_marker[marker], column, counts[q, way], counts[q, 1 - way])
+            add_swing_kernel(by_pixel[q], column, counts[q, way], counts[q, 1 - way])
+            visits[q, 1] = 0
+            counts[q] = 0
+    if now == 0:
+        return
+    if now == 2:
+        visits[q, 3] = owner
+    if now != last and last != 0:
+        visits[q, 1] = now
+        visits[q, 2] = 0
+    elif visits[q, 1] == 0:
+        counts[q] = 0
+    visits[q, 0] = now
+
+
+@njit(cache=True)
+def add_swing_kernel(sums: NDArray[np.floating], column: int, along: Any, against: Any) -> None:
+    """Add one swing to its ``(6,)`` sums; column 0 for a rise, 2 for a fall."""
+    sums[column] += along
+    sums[column + 1] += 1
+    sums[4 + column // 2] += against
