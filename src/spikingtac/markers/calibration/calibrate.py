@@ -20,6 +20,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.buffered_events import BufferedSource, buffer_events
+from spikingtac.markers.calibration.course import Course
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
 from spikingtac.markers.calibration.finding.grid import expected_places
 from spikingtac.markers.calibration.finding.rest import RestConfig
@@ -30,7 +31,6 @@ from spikingtac.markers.calibration.finding.sighting import (
     refuse_gaps,
 )
 from spikingtac.markers.calibration.first_course import first_course
-from spikingtac.markers.calibration.following import Course
 from spikingtac.markers.calibration.quality import (
     Quality,
     judge,
@@ -40,13 +40,13 @@ from spikingtac.markers.calibration.quality import (
     refuse_without_grid,
 )
 from spikingtac.markers.calibration.reference import (
-    CREPT_SHARE,
     Method,
     displaced_before,
     mean_pitch_px,
     reference,
 )
 from spikingtac.markers.calibration.refinement.refine import Refined, choose_states, refine
+from spikingtac.markers.calibration.samples import choose_samples
 from spikingtac.markers.calibration.swings import LearnedSteps
 from spikingtac.markers.calibration.trial_tracking.step_scale import with_step_scale
 from spikingtac.markers.calibration.trial_tracking.tracked_reference import with_tracked_reference
@@ -66,21 +66,10 @@ FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
 FIRST_RADIUS_SHARE = 0.95
 """Radius from which it begins, as a share of that of the blobs, which the blur makes larger."""
 
-SAMPLE_PX = 0.5
-"""Samples are so far apart that the markers move by this much between two, on the average. (Ours:
-0.2 px is no better on simulated presses, and takes half as long again.)"""
-
 PIXEL_SHARE = 0.3
 """Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
 pixels differ by where the rim stops as well as by their thresholds (simulated: with all of it the
 twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less)."""
-
-FEWEST_SAMPLES, MOST_SAMPLES = 400, 6_000
-"""Bounds of the samples: short recordings are sampled more finely, long ones more coarsely."""
-
-REST_SHARES = (CREPT_SHARE, 0.8, 0.95)
-"""Where in a rest it is sampled. The skin creeps in its first part; the middle one stands for the
-rest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -174,7 +163,7 @@ def calibrate(
 
 def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedSteps]:
     events, markers = look.events, len(look.sighting.center_px)
-    index, still = _samples(look)
+    index, still = choose_samples(look)
     discs = Discs(
         np.full(markers, FIRST_RADIUS_SHARE * look.sighting.radius_px),
         np.full(markers, FIRST_EDGE_PX),
@@ -204,22 +193,6 @@ def _reach_px(discs: Discs) -> float:
     return float(np.median(discs.radius_px + REACH_EDGES * discs.edge_px))
 
 
-def _samples(look: Look) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    # Events before each sample; first, typical and last sample of each rest.
-    events = look.events
-    # Both rims of a disc that moves by a pixel sweep its diameter, one up and one down a swing.
-    diameter_px = 2.0 * look.sighting.radius_px * len(look.sighting.center_px)
-    events_per_px = diameter_px * (1.0 / look.steps.on + 1.0 / look.steps.off)
-    apart = min(int(SAMPLE_PX * events_per_px), len(events) // FEWEST_SAMPLES)
-    apart = max(apart, len(events) // MOST_SAMPLES, 1)
-    begin_us, length_us = look.rests_us[:, :1], np.diff(look.rests_us, axis=1)
-    rest = events.index_at((begin_us + length_us * np.array(REST_SHARES)).astype(np.int64))
-    index = np.unique(
-        np.concatenate([np.arange(0, len(events), apart), rest.ravel(), [len(events)]])
-    )
-    return index, np.searchsorted(index, rest)
-
-
 def _assembled(
     look: Look,
     found: tuple[Refined, LearnedSteps],
@@ -228,7 +201,7 @@ def _assembled(
 ) -> Calibration:
     refined, learned = found
     measured = quality.measured
-    rest_px = refined.course.center_px[_samples(look)[1][look.unloaded, 1]]
+    rest_px = refined.course.center_px[choose_samples(look)[1][look.unloaded, 1]]
     reference_px = _reference_px(look, refined.course, rest_px, config.method)
     reference_px[~measured] = expected_places(reference_px, measured, look.sighting.grid.shape)[
         ~measured

@@ -66,11 +66,11 @@ class Discs:
 
     @property
     def fit_tables(self) -> NDArray[np.float32]:
-        """``(m, TABLE_STEPS, 2)`` level and its fall per edge width, placed as ``tables``."""
+        """``(m, 2, TABLE_STEPS)`` level and its fall per edge width, placed as ``tables``."""
         z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)
         profiles = [DiscProfile(float(contrast), 1.0) for contrast in self.contrast]
-        both = [np.column_stack([profile.level(z), -profile.slope(z)]) for profile in profiles]
-        return np.array(both, np.float32).reshape(-1, TABLE_STEPS, 2)
+        both = [(profile.level(z), -profile.slope(z)) for profile in profiles]
+        return np.array(both, np.float32).reshape(-1, 2, TABLE_STEPS)
 
 
 def nearest_markers(center_px: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -148,17 +148,22 @@ def draw_kernel(
     height, width = level.shape
     count = 0
     for m in range(len(shape)):
-        edge = shape[m, 1]
-        reach = shape[m, 0] + np.hypot(shape[m, 3], shape[m, 4]) + REACH_EDGES * edge
+        edge, table = shape[m, 1], tables[m]
+        stretch = np.hypot(shape[m, 3], shape[m, 4])
+        reach = shape[m, 0] + stretch + REACH_EDGES * edge
+        inside = max(shape[m, 0] - stretch - REACH_EDGES * edge, 0.0)
         top, bottom = bounds_kernel(center[m, 1], reach, height)
         left, right = bounds_kernel(center[m, 0], reach, width)
         for y in range(top, bottom):
             for x in range(left, right):
                 dx, dy = x - center[m, 0], y - center[m, 1]
-                rho = np.sqrt(dx**2 + dy**2)
-                if rho > reach:
+                square = dx * dx + dy * dy
+                if square > reach * reach:
                     continue
-                value = level_kernel(rho - rim_px_kernel(shape, m, dx, dy), edge, tables[m])
+                value = np.float32(1.0)
+                if square > inside * inside:
+                    q = np.sqrt(square) - rim_px_kernel(shape, m, dx, dy)
+                    value = level_kernel(q, edge, table)
                 if owner[y, x] < 0:
                     touched[count] = y * width + x
                     count += 1

@@ -10,15 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.markers.calibration.course import Course, PixelSteps, led_by_neighbours
 from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.finding.rest import moving_events
 from spikingtac.markers.calibration.finding.sighting import Look
-from spikingtac.markers.calibration.following import (
-    Course,
-    Follower,
-    PixelSteps,
-    led_by_neighbours,
-)
+from spikingtac.markers.calibration.following import Follower
 from spikingtac.markers.calibration.swings import LearnedSteps, learn_steps
 from spikingtac.markers.graded.appearance import nearest_marker
 

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_levels import Discs
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps
-from spikingtac.markers.calibration.following import Course, PixelSteps
 from spikingtac.markers.calibration.swing_counts import count_swings
 from spikingtac.markers.graded.appearance import nearest_marker
 

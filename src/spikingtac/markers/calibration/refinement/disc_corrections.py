@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.markers.calibration.course import PixelSteps
 from spikingtac.markers.calibration.disc_levels import (
     LEVEL_VARIANCE,
     MARGIN_PX,
@@ -29,7 +30,6 @@ from spikingtac.markers.calibration.disc_levels import (
     rim_px_kernel,
     stretched_kernel,
 )
-from spikingtac.markers.calibration.following import PixelSteps
 from spikingtac.markers.calibration.refinement.expected_levels import Walk
 from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
 from spikingtac.state_map.two_threads import divide

@@ -17,8 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, stretched_kernel
-from spikingtac.markers.calibration.following import Course, PixelSteps
 from spikingtac.state_map.two_threads import divide
 
 PHASES = 4

@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 RIM_LEVELS = (0.03, 0.97)
 """Between these levels a pixel lies on a rim."""
 
-BLOCK_PIXELS = 64
-"""Pixels whose offsets are removed together: 80 states of them take 120 kB."""
-
 
 @dataclass(frozen=True, slots=True)
 class OffsetMemory:
@@ -46,7 +43,7 @@ class OffsetMemory:
         return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def remove_offsets_kernel(
     fields: NDArray[np.float32],
     drawn: NDArray[np.float32],
@@ -59,57 +56,52 @@ def remove_offsets_kernel(
     exponential weights to both sides, which fall to 1 / e over ``offset_states``; states at which
     the pixel lies on a rim weigh ``rim_weight``. The weights are those of all fields.
     """
-    states, pixels = drawn.shape
-    keep = np.exp(-1.0 / offset_states)
-    # Few pixels at a time, so that all of their states stay in the processor's cache.
-    weight, known = np.empty((2, states, BLOCK_PIXELS))
-    total, sums = np.empty((states, BLOCK_PIXELS)), np.empty(BLOCK_PIXELS)
-    for first in range(0, pixels, BLOCK_PIXELS):
-        count = min(BLOCK_PIXELS, pixels - first)
-        weights_kernel(drawn, (first, count), (keep, rim_weight), (weight, known, sums))
-        for field in range(len(fields)):
-            sums[:] = 0.0
-            for state in range(states):
-                for q in range(count):
-                    value = fields[field, state, first + q]
-                    sums[q] = keep * sums[q] + weight[state, q] * value
-                    total[state, q] = sums[q]
-            sums[:] = 0.0
-            for back in range(states):
-                state = states - 1 - back
-                for q in range(count):
-                    value = fields[field, state, first + q]
-                    mean = (total[state, q] + keep * sums[q]) / known[state, q]
-                    sums[q] = keep * sums[q] + weight[state, q] * value
-                    fields[field, state, first + q] = value - np.float32(mean)
+    keep, on_rim = np.float32(np.exp(-1.0 / offset_states)), np.float32(rim_weight)
+    low, high, one = np.float32(RIM_LEVELS[0]), np.float32(RIM_LEVELS[1]), np.float32(1.0)
+    room = np.empty((3, *drawn.shape), np.float32)
+    weights, before, around = room[0], room[1], room[2]
+    for state in range(len(drawn)):
+        weight, level = weights[state], drawn[state]
+        for q in range(len(level)):
+            weight[q] = on_rim if level[q] > low and level[q] < high else one
+    sums_around_kernel(np.ones(drawn.shape, np.float32), weights, keep, around)
+    for state in range(len(drawn)):
+        share = around[state]
+        for q in range(len(share)):
+            share[q] = one / share[q]
+    for field in range(len(fields)):
+        sums_around_kernel(fields[field], weights, keep, before)
+        for state in range(len(drawn)):
+            value, total, share = fields[field, state], before[state], around[state]
+            for q in range(len(value)):
+                value[q] -= total[q] * share[q]
 
 
+# Rows as arrays of their own: several pixels are computed at once.
 @njit(cache=True, nogil=True)
-def weights_kernel(
-    drawn: NDArray[np.float32],
-    block: tuple[int, int],
-    memory: tuple[float, float],
-    out: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+def sums_around_kernel(
+    values: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    keep: np.float32,
+    out: NDArray[np.float32],
 ) -> None:
-    """Fill in what each state of some pixels counts, and the sum of the weights around it.
+    """Fill in weighted sums over the states around, of which a share is kept from one to the next.
 
-    ``block`` is their first one and how many there are, ``memory`` what is kept from state to state
-    and the weight on a rim. The third array of ``out`` is room for sums.
+    All arrays are ``(states, pixels)``.
     """
-    first, count = block
-    keep, rim_weight = memory
-    weight, known, sums = out
-    states = len(drawn)
-    sums[:] = 0.0
+    states, pixels = values.shape
+    sums = np.zeros(pixels, np.float32)
     for state in range(states):
-        for q in range(count):
-            on_rim = RIM_LEVELS[0] < drawn[state, first + q] < RIM_LEVELS[1]
-            weight[state, q] = rim_weight if on_rim else 1.0
-            sums[q] = keep * sums[q] + weight[state, q]
-            known[state, q] = sums[q]
+        value, weight, total = values[state], weights[state], out[state]
+        for q in range(pixels):
+            now = keep * sums[q] + weight[q] * value[q]
+            sums[q] = now
+            total[q] = now
     sums[:] = 0.0
     for back in range(states):
         state = states - 1 - back
-        for q in range(count):
-            known[state, q] += keep * sums[q]
-            sums[q] = keep * sums[q] + weight[state, q]
+        value, weight, total = values[state], weights[state], out[state]
+        for q in range(pixels):
+            after = keep * sums[q]
+            total[q] += after
+            sums[q] = after + weight[q] * value[q]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
+from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_levels import Discs
-from spikingtac.markers.calibration.following import Course, PixelSteps
 from spikingtac.markers.calibration.refinement.disc_corrections import Corrections, corrections
 from spikingtac.markers.calibration.refinement.expected_levels import Walk, walk
 from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spikingtac.markers.calibration.refinement.disc_corrections import RESIDUAL_LEVEL
 from spikingtac.markers.calibration.refinement.expected_levels import Walk
 from spikingtac.markers.calibration.refinement.offset_memory import RIM_LEVELS, OffsetMemory
+from spikingtac.state_map.two_threads import divide
 
 SENSOR_PRIOR, MARKER_PRIOR = 300.0, 50.0
 """Full swings by which counts of events are believed beforehand, for the sensor as a whole and for
@@ -32,18 +33,32 @@ def swing_gain(
         cell: Nearest marker of each pixel, row by row.
         counted: ``(m,)`` the same gain as the counts of events tell it: real over expected events.
     """
-    states = len(seen.drawn)
-    drawn = seen.drawn.reshape(states, -1)
-    both = np.array([seen.measured, seen.expected]).reshape(2, states, -1)
-    real, ideal = memory.changes(both, drawn)
-    weight = 1.0 / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
-    weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
-    weight *= ideal
-    markers = len(counted)
-    product = np.bincount(cell, (weight * real).sum(axis=0), markers)
-    square = np.bincount(cell, (weight * ideal).sum(axis=0), markers)
+    product, square = _sums(seen, memory, cell, len(counted))
     usual = float(np.median(counted))
     known = square / (square + MARKER_PRIOR)
     sensor = (known @ product + SENSOR_PRIOR * usual) / (known @ square + SENSOR_PRIOR)
     beforehand = counted * (sensor / usual)
     return (product + MARKER_PRIOR * beforehand) / (square + MARKER_PRIOR)
+
+
+def _sums(
+    seen: Walk, memory: OffsetMemory, cell: NDArray[np.int64], markers: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    # Of each marker's full swings: real times ideal changes, and the squares of the ideal ones.
+    states = len(seen.drawn)
+    images = [image.reshape(states, -1) for image in (seen.drawn, seen.measured, seen.expected)]
+    moving = np.flatnonzero((images[0] != images[0][0]).any(axis=0))
+    parts: list[NDArray[np.float64]] = []
+
+    def add_up(chosen: slice) -> None:
+        pixels = moving[chosen]
+        drawn, *both = (image[:, pixels] for image in images)
+        real, ideal = memory.changes(np.array(both), drawn)
+        weight = ideal / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
+        weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
+        sums = [(weight * change).sum(axis=0) for change in (real, ideal)]
+        parts.append(np.array([np.bincount(cell[pixels], one, markers) for one in sums], float))
+
+    divide(len(moving), add_up)
+    product, square = np.sum(parts, axis=0)
+    return product, square
