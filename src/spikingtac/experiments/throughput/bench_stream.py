@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.experiments.harness.fingerprint import SIMULATOR, code_digest, modules_behind
 from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.trials import Trial
 from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.truth import image_radius_px
 from spikingtac.types import EventPacket
@@ -149,16 +150,34 @@ def circling(
         turns_hz: Circles per second.
         duration_us: Length of the stream, us.
     """
-    optics, camera = sensor
-
-    def image(t_us: int) -> MarkerImage:
-        angle = 2.0 * np.pi * turns_hz * t_us * 1e-6
-        # Leaves the rest smoothly: the circle passes through it.
-        shift_mm = CIRCLE_MM * np.array([np.sin(angle), 1.0 - np.cos(angle), 0.0])
-        return optics.project(replace(rest, t_us=t_us, marker_mm=rest.marker_mm + shift_mm))
-
     times_us = np.arange(0, duration_us + 1, IMAGE_US)
-    images = [image(int(t_us)) for t_us in times_us]
+    angle = 2.0 * np.pi * turns_hz * 1e-6 * times_us
+    # Leaves the rest smoothly: the circle passes through it.
+    shift_mm = CIRCLE_MM * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    return shifted(sensor, references, rest, shift_mm)
+
+
+def shifted(
+    sensor: tuple[Optics, EventCamera],
+    references: ReferenceHistory,
+    rest: SkinState,
+    shift_mm: NDArray[np.float64],
+) -> tuple[EventPacket, GroundTruth]:
+    """Return the events and the truth of a skin that moves as a whole.
+
+    Args:
+        sensor: Lens and camera.
+        references: How the camera's pixels begin.
+        rest: The skin at rest.
+        shift_mm: ``(n, 2)`` how far it is moved along x and y every :data:`IMAGE_US`, mm.
+    """
+    optics, camera = sensor
+    times_us = IMAGE_US * np.arange(len(shift_mm))
+    way_mm = np.pad(shift_mm, ((0, 0), (0, 1)))
+    images = [
+        optics.project(replace(rest, t_us=t_us, marker_mm=rest.marker_mm + way))
+        for t_us, way in zip(times_us.tolist(), way_mm, strict=True)
+    ]
     camera.settle(images[0], references)
     events = EventPacket.concatenate([camera.advance([one]) for one in images[1:]])
     truth = GroundTruth(

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.experiments.throughput.bench_stream import BenchStream, circling
+from spikingtac.experiments.throughput.bench_stream import (
+    IMAGE_US,
+    BenchStream,
+    circling,
+    shifted,
+)
+from spikingtac.experiments.trials.ground_truth import GroundTruth
 from spikingtac.experiments.trials.trials import Trial
-from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics.projection import Optics
+from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.scene import catalog
+from spikingtac.types import EventPacket
 
 FAR_MM = 200.0
 """Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
@@ -20,6 +30,12 @@ TRY_US = 50_000
 
 TRIES = 2
 """The rate grows less than the speed; after two trials it is within some per cent."""
+
+SLIDE_PX, SLIDE_US, REST_US = 8.0, 600_000, 400_000
+"""Length of a slide to and fro, its duration, and the rests between slides (ours)."""
+
+SLIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (0.7, 0.7), (-0.7, -0.7))
+"""Directions of the slides."""
 
 FIRST_TURNS_HZ = 2.0
 """Circles per second of the first trial, for 64 markers and 1 Mev/s."""
@@ -81,7 +97,39 @@ def calibration_at_rest(skin: Skin, stream: BenchStream) -> Calibration:
     )
 
 
+def slides(skin: Skin, seed: int) -> BenchStream:
+    """Simulate slides to and fro in six directions, from which a skin can be calibrated.
+
+    Args:
+        skin: Which one.
+        seed: Of the camera's noise.
+    """
+    length_mm = SLIDE_PX / skin.px_per_mm
+    share = np.sin(np.linspace(0.0, np.pi, SLIDE_US // IMAGE_US, endpoint=False)) ** 2
+    rest = np.zeros((REST_US // IMAGE_US, 2))
+    parts = [rest]
+    for way in SLIDES:
+        parts += [length_mm * share[:, np.newaxis] * np.array(way), rest]
+    shift_mm = np.concatenate(parts)
+    sensor, references, still = _sensor(skin, seed)
+    return _stream(*shifted(sensor, references, still, shift_mm), seed)
+
+
 def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStream:
+    sensor, references, rest = _sensor(skin, seed)
+    return _stream(*circling(sensor, references, rest, turns_hz, duration_us), seed)
+
+
+def _stream(events: EventPacket, truth: GroundTruth, seed: int) -> BenchStream:
+    trial = Trial(case="skin", scene="quiet", seed=seed, camera="typical")
+    return BenchStream(
+        events, truth, len(events) / ((events.t_end_us - events.t_start_us) * 1e-6), trial
+    )
+
+
+def _sensor(
+    skin: Skin, seed: int
+) -> tuple[tuple[Optics, EventCamera], ReferenceHistory, SkinState]:
     scene = catalog.load("quiet")
     discs = replace(scene.optics.discs, radius_mm=skin.radius_mm)
     optics = Optics(
@@ -99,8 +147,4 @@ def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStr
     settings = replace(settings, readout=replace(settings.readout, cap_mev_s=None))
     camera = EventCamera(settings, seed, serial=scene.skin.serial)
     rest = replace(scene.skin, grid=skin.grid).at_rest()
-    events, truth = circling(
-        (optics, camera), scene.history.references, rest, turns_hz, duration_us
-    )
-    trial = Trial(case="skin", scene="quiet", seed=seed, camera="typical")
-    return BenchStream(events, truth, len(events) / (duration_us * 1e-6), trial)
+    return (optics, camera), scene.history.references, rest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -148,3 +149,13 @@ def _later(window: EventPacket, shift_us: int) -> EventPacket:
         t_start_us=window.t_start_us + shift_us,
         t_end_us=window.t_end_us + shift_us,
     )
+
+
+def largest_memory_mb() -> float:
+    """Return the largest memory of this process so far, MB; NaN where the system does not tell."""
+    if sys.platform == "win32":
+        return float("nan")
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, kilobytes elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

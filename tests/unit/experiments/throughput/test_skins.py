@@ -49,11 +49,14 @@ def test_the_report_has_every_case_and_figure(
     monkeypatch.setattr(skins, "QUICK_DURATION_US", 40_000)
     told = skins.run(RunOptions(output=tmp_path / "bench", quick=True))
     rows = json.loads((tmp_path / "bench" / "report.json").read_text())["rows"]
-    assert {row["case"] for row in rows} == {"6@0.3"}
-    assert {(row["method"], row["metric"]) for row in rows} == {
-        (method, metric) for method in skins.METHODS for metric in skins.DEFINITIONS
-    }
+    assert {row["case"] for row in rows} == {"6@0.3", "6 slides"}
+    steps = {(method, metric) for method in skins.METHODS for metric in skins.DEFINITIONS}
+    slides = {(skins.CALIBRATION, metric) for metric in skins.CALIBRATION_DEFINITIONS}
+    assert {(row["method"], row["metric"]) for row in rows} == steps | slides
     assert all(row["value"] > 0.0 for row in rows)
     errors = [row["value"] for row in rows if row["metric"] == "error_mean_px"]
     assert max(errors) < 0.5, "the markers are followed"
+    rests = [row["value"] for row in rows if row["metric"] == "rest_error_px"]
+    assert max(rests) < 0.1, "the calibration is right"
     assert told["findings"][0].startswith("default, 6 markers: ")
+    assert told["findings"][-1].startswith("calibration of 6 markers from ")

@@ -257,3 +257,23 @@ def test_a_recording_is_tracked_and_its_lag_found() -> None:
     estimate = recording_lag(source, late, known)
     assert estimate.lag_us == pytest.approx(lag_us, rel=0.2)
     assert estimate.samples > 0
+
+
+def test_a_part_of_the_markers_tells_the_lag_of_a_large_skin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    packet, path, radius = filmed("typical", 500.0, slides())
+    known = Calibration(
+        reference_px=path[0],
+        radius_px=radius,
+        grid=(4, 4),
+        size=packet.size,
+        contrast=6.0,
+        edge_px=0.577 / 1.702,
+    )
+    source = PacketSource([packet], packet.size)
+    every = recording_lag(source, Late(path, 1_147.0), known)
+    monkeypatch.setattr("spikingtac.markers.lag.recording_lag.MOST_MARKERS", 8)
+    some = recording_lag(source, Late(path, 1_147.0), known)
+    assert some.lag_us == pytest.approx(every.lag_us, rel=0.2)
+    assert 0.2 * every.samples < some.samples < 0.7 * every.samples
