@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 ON_COLOR, OFF_COLOR = "#6fb3e0", "#d98a5b"
 ARROW_COLOR, TRUTH_COLOR, CONTACT_COLOR = "#e9b44c", "#6cc28a", "#ffd479"
 GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
+RING_COLOR = "#4b545b"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
 PICTURE_ENDINGS = (".png", ".svg", ".pdf")
 CREATOR = "spikingtac summary"
@@ -80,43 +81,67 @@ def save_summary(
         figure.add_subplot(grid[0, 1]),
         figure.add_subplot(grid[1, 1]),
     )
-    draw_sensor(sensor, picture, arrow_scale)
+    SensorDrawing(sensor, picture, arrow_scale)
     _draw_course(above, below, course, picture.t_s)
     figure.suptitle(title, color=TEXT, fontsize=11)
     with replacing(path) as partial:
         figure.savefig(partial, facecolor=PANEL, metadata={"Creator": CREATOR})
 
 
-def draw_sensor(axes: Axes, picture: Picture, arrow_scale: float = 2.0) -> None:
-    """Draw events, resting discs and displacement arrows as the page does."""
-    from matplotlib.colors import ListedColormap
+class SensorDrawing:
+    """Events, resting discs and displacement arrows, drawn as the page does, moment by moment.
 
-    height, width = picture.image.shape
-    colors = ListedColormap([GROUND, ON_COLOR, OFF_COLOR])
-    axes.imshow(picture.image, cmap=colors, vmin=0, vmax=2, interpolation="nearest")
-    for (x, y), radius in zip(picture.reference_px, picture.radius_px, strict=True):
-        ring: Any = _circle(x, y, radius)
-        axes.add_patch(ring)
-    moved = (picture.position_px - picture.reference_px) * arrow_scale
-    axes.quiver(
-        *picture.reference_px.T,
-        *moved.T,
-        color=ARROW_COLOR,
-        angles="xy",
-        scale_units="xy",
-        scale=1,
-        width=0.004,
-        headwidth=4.5,
-    )
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
-    label = f"t = {picture.t_s:.3f} s, arrows × {arrow_scale:g}"
-    axes.set_xlabel(label, color=SOFT, fontsize=8)
+    Args:
+        axes: Where to draw.
+        picture: The first moment.
+        arrow_scale: Length of the arrows per displacement.
+    """
 
+    def __init__(self, axes: Axes, picture: Picture, arrow_scale: float = 2.0) -> None:
+        from matplotlib.collections import EllipseCollection
+        from matplotlib.colors import ListedColormap
 
-def _circle(x: float, y: float, radius: float) -> Any:
-    from matplotlib.patches import Circle
+        self._axes, self._scale = axes, arrow_scale
+        colors = ListedColormap([GROUND, ON_COLOR, OFF_COLOR])
+        height, width = picture.image.shape
+        self._events = axes.imshow(
+            picture.image, cmap=colors, vmin=0, vmax=2, interpolation="nearest"
+        )
+        across_px = 2.0 * np.asarray(picture.radius_px)
+        rings = EllipseCollection(
+            across_px,
+            across_px,
+            np.zeros(len(across_px)),
+            units="xy",
+            offsets=picture.reference_px,
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=RING_COLOR,
+            linewidths=0.7,
+        )
+        axes.add_collection(rings)
+        self._arrows = axes.quiver(
+            *picture.reference_px.T,
+            *self._moved(picture).T,
+            color=ARROW_COLOR,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.004,
+            headwidth=4.5,
+        )
+        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+        self.show(picture)
 
-    return Circle((x, y), radius, fill=False, edgecolor="#4b545b", linewidth=0.7)
+    def show(self, picture: Picture) -> None:
+        """Draw another moment of the same sensor."""
+        self._events.set_data(picture.image)
+        self._arrows.set_UVC(*self._moved(picture).T)
+        label = f"t = {picture.t_s:.3f} s, arrows × {self._scale:g}"
+        self._axes.set_xlabel(label, color=SOFT, fontsize=8)
+
+    def _moved(self, picture: Picture) -> NDArray[np.floating]:
+        return (picture.position_px - picture.reference_px) * self._scale
 
 
 def _draw_course(above: Axes, below: Axes, course: Course, now_s: float) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.summary import DPI, PANEL, Picture, draw_sensor
+from spikingtac.plots.summary import DPI, PANEL, Picture, SensorDrawing
 from spikingtac.viewer.export.stretch import Stretch, open_stretch
 from spikingtac.viewer.session.layers import OFF_CODE, activity, unpack, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
@@ -48,33 +48,36 @@ def draw_stretch(
 
 
 def _pictures(stretch: Stretch, frame_ms: int, seconds: float | None) -> Iterator[Image]:
-    for _ in range(int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)):
-        if not stretch.advance(frame_ms * 1000) or stretch.playback.frame is None:
-            return
-        yield _picture(stretch)
-
-
-def _picture(stretch: Stretch) -> Image:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image
 
+    figure = Figure(figsize=(SIDE_IN, SIDE_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
+    canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
+    drawing: SensorDrawing | None = None
+    for _ in range(int(min(seconds or LONGEST_S, LONGEST_S) * 1000 / frame_ms)):
+        if not stretch.advance(frame_ms * 1000) or stretch.playback.frame is None:
+            return
+        if drawing is None:
+            drawing = SensorDrawing(axes, _picture(stretch))
+            canvas.draw()
+            figure.set_layout_engine("none")  # what was laid out once stays
+        else:
+            drawing.show(_picture(stretch))
+        canvas.draw()
+        yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+
+
+def _picture(stretch: Stretch) -> Picture:
     frame, store = stretch.playback.frame, stretch.playback.store
     calibration = stretch.view.calibration
     assert frame is not None
     size, step = view_size(store.size), view_step(store.size)
     codes = unpack(activity(stretch.exposed()), size)
-    figure = Figure(figsize=(SIDE_IN, SIDE_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    draw_sensor(
-        figure.add_subplot(),
-        Picture(
-            image=np.where(codes == 0, 0, np.where(codes < OFF_CODE, 1, 2)).astype(np.uint8),
-            reference_px=calibration.reference_px / step,
-            position_px=frame.position_px / step,
-            radius_px=calibration.radius_px / step,
-            t_s=(frame.t_us - store.t_start_us) / 1e6,
-        ),
+    return Picture(
+        image=np.where(codes == 0, 0, np.where(codes < OFF_CODE, 1, 2)).astype(np.uint8),
+        reference_px=calibration.reference_px / step,
+        position_px=frame.position_px / step,
+        radius_px=calibration.radius_px / step,
+        t_s=(frame.t_us - store.t_start_us) / 1e6,
     )
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
