@@ -158,12 +158,12 @@ def track(
 def _windows(events: BufferedEvents, markers: int) -> Iterator[EventPacket]:
     """Cut the recording at every period in motion, and more rarely at rest."""
     edges_us = np.arange(0, events.duration_us + PERIOD_US, PERIOD_US)
-    index = events.index_at(edges_us)
-    start = 0
-    for end in range(1, len(edges_us)):
-        longest = edges_us[end] - edges_us[start] >= LONGEST_PERIOD_US
-        if longest or index[end] - index[start] >= EVENTS_PER_MARKER * markers:
-            yield events.packet((index[start], index[end]), (edges_us[start], edges_us[end]))
+    index = events.index_at(edges_us).tolist()
+    longest = LONGEST_PERIOD_US // PERIOD_US
+    start, last = 0, len(edges_us) - 1
+    for end in range(1, last + 1):
+        enough = index[end] - index[start] >= EVENTS_PER_MARKER * markers
+        if enough or end - start >= longest or end == last:
+            span_us = start * PERIOD_US, end * PERIOD_US
+            yield events.packet((index[start], index[end]), span_us)
             start = end
-    if start < len(edges_us) - 1:
-        yield events.packet((index[start], index[-1]), (edges_us[start], edges_us[-1]))
