@@ -3,11 +3,13 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.touch.force import fit
 from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.files.model_file import load_force, save_force
 from spikingtac.touch.force.fit import CHOICES, NORMAL, fit_force
@@ -64,7 +66,7 @@ def test_a_zero_that_moved_is_learned_at_rest(model: ForceModel) -> None:
     assert (gain > 1.5).all()
 
 
-def test_the_normal_law_is_the_better_one_between_the_series(
+def test_of_two_normal_laws_that_are_alike_the_first_is_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     taught, between = [series(41), series(42)], {}
@@ -72,7 +74,9 @@ def test_the_normal_law_is_the_better_one_between_the_series(
         monkeypatch.setitem(CHOICES, "fz", choices)
         model = fit_force(taught)
         between[choices] = model.about["r2_between_series"]["fz"], model.laws[2].name
-    assert between[NORMAL] == max(between[NORMAL[:1]], between[NORMAL[1:]])
+    (first, name), (other, _) = between[NORMAL[:1]], between[NORMAL[1:]]
+    assert other == pytest.approx(first, abs=0.002)
+    assert between[NORMAL] == (first, name)
 
 
 def test_rest_is_quiet(model: ForceModel) -> None:
@@ -166,3 +170,15 @@ def test_a_broken_series_is_refused() -> None:
     broken[3, 2, 1] = np.nan
     with pytest.raises(RecordingError, match="not finite"):
         WrenchSeries(one.t_us, REFERENCE, broken, one.wrench, "mm")
+
+
+@pytest.mark.parametrize(("error", "taken"), [(0.48, 0), (0.40, 1)])  # 0.5 is the first one's
+def test_another_law_of_the_normal_force_must_be_clearly_better(
+    error: float, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(3)
+    truth, noise = rng.normal(size=500), rng.normal(size=500)
+    errors = dict(zip(NORMAL, (0.5, error), strict=True))
+    monkeypatch.setattr(fit, "_between", lambda _, __, law: truth + errors[law] * noise)
+    left_out = SimpleNamespace(truth=np.column_stack([truth] * 3))
+    assert fit._choose([left_out], 2).law == NORMAL[taken]  # type: ignore[list-item]
