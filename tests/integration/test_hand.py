@@ -105,7 +105,8 @@ def test_a_recording_is_played_at_its_own_speed(finger: st.Finger) -> None:
     assert first is not None
     assert last is not None
     data_s, wall_s = (last.t_us - first.t_us) * 1e-6, (last.told_ns - first.told_ns) * 1e-9
-    assert wall_s > 0.9 * data_s
+    # A finger that begins late, since its core was busy, catches up; unpaced it takes a tenth.
+    assert wall_s > 0.6 * data_s
 
 
 def test_a_hand_without_fingers_and_without_calibration_is_refused(tmp_path: Path) -> None:

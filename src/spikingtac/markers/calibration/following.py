@@ -18,12 +18,8 @@ from numpy.typing import NDArray
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_fits import Scene, fit_room, fit_some_kernel
-from spikingtac.markers.calibration.disc_levels import (
-    Discs,
-    draw_kernel,
-    nearest_markers,
-)
-from spikingtac.state_map.two_threads import divide, worth_dividing
+from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, nearest_markers
+from spikingtac.state_map.two_threads import divide
 
 PULL = 0.2
 """Share of a band's violation that is taken away at each sample."""
@@ -36,7 +32,6 @@ SPEED_KEPT = 0.8
 
 LED_SHARE = 0.3
 """Share by which a disc that is not believed is drawn to where its neighbours went."""
-
 
 MANY_DISCS = 48
 """Fewer discs are fitted in the time that dividing them takes, 0.1 ms (ours)."""
@@ -147,10 +142,11 @@ def _pull(
 
 
 def _share(discs: int, count: int, work: Callable[[slice], None]) -> None:
-    if worth_dividing(discs, MANY_DISCS):
-        divide(count, work)
-    else:
+    # The same parts on every machine: rows that are shifted round differently in the last digit.
+    if discs < MANY_DISCS:
         work(slice(0, count))
+    else:
+        divide(count, work)
 
 
 @njit(cache=True)
