@@ -363,7 +363,8 @@ def test_corrections_undo_small_errors_although_offsets_are_unknown() -> None:
     np.testing.assert_allclose(found.stretch_px[:, :, 0].mean(axis=0), 0.0, atol=1e-12)
 
 
-def test_full_swings_are_counted_pixel_by_pixel() -> None:
+@pytest.mark.parametrize("rows", [slice(0, SIZE[1]), slice(5, 25)])
+def test_full_swings_are_counted_pixel_by_pixel(rows: slice) -> None:
     # One disc comes over a pixel, rests, and leaves it: three ON events and one OFF event against
     # them, then two OFF events.
     discs = Discs(np.array([5.0]), np.array([0.5]), np.array([4.0]))
@@ -373,16 +374,17 @@ def test_full_swings_are_counted_pixel_by_pixel() -> None:
     away, over = [[4.0, 15.0]], [[20.0, 15.0]]
     center_px = np.array([away, away, over, over, over, over, away, away, away, away])
     index = np.array([0, 0, 4, 4, 4, 4, 6, 6, 6, 6])
-    by_marker = np.zeros((1, 6))
-    by_pixel = np.zeros((SIZE[0] * SIZE[1], 6), np.float32)
+    by_marker, shape = np.zeros((1, 6)), (rows.stop - rows.start, SIZE[0])
+    by_pixel = np.zeros((shape[0] * shape[1], 6), np.float32)
+    first = rows.start * SIZE[0]
     count_swings_kernel(
-        code,
-        (index, center_px),
+        (np.insert(code, 0, 0), first),  # the pixel in the corner may lie outside
+        (index + 1, center_px - [0.0, rows.start]),
         (discs.shape, discs.tables),
-        np.zeros(SHAPE, np.float32),
+        np.zeros(shape, np.float32),
         (by_marker, by_pixel),
     )
-    np.testing.assert_array_equal(by_pixel[pixel], [3, 1, 2, 1, 1, 0])
+    np.testing.assert_array_equal(by_pixel[pixel - first], [3, 1, 2, 1, 1, 0])
     assert by_marker[0, 1] > 1  # other pixels swung as well, without events
     assert by_marker[0, 0] == 3
 

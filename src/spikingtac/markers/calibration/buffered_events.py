@@ -78,28 +78,6 @@ class BufferedEvents:
             t_end_us=int(span_us[1]),
         )
 
-    def in_rows(
-        self, rows: slice, index: NDArray[np.int64]
-    ) -> tuple[BufferedEvents, NDArray[np.int64]]:
-        """Return the events of some rows, as those of a sensor that has no others.
-
-        Args:
-            rows: Which rows, with a start and a stop.
-            index: ``(n,)`` how many events came before each sample, increasing.
-
-        Returns:
-            The events, and how many of them came before each sample.
-        """
-        first, last = (2 * self.size[0] * row for row in (rows.start, rows.stop))
-        chosen = np.flatnonzero((self.code >= first) & (self.code < last))
-        part = replace(
-            self,
-            code=self.code[chosen] - np.uint32(first),
-            time_us=self.time_us[chosen],
-            size=(self.size[0], rows.stop - rows.start),
-        )
-        return part, np.searchsorted(chosen, index)
-
     def inverted(self) -> BufferedEvents:
         """Return the same events with swapped polarities (dark markers become bright ones)."""
         return replace(self, code=self.code ^ np.uint32(1))

@@ -41,13 +41,12 @@ def count_swings(
     by_marker: list[NDArray[np.float64]] = []
 
     def count_rows(rows: slice) -> None:
-        part, index = events.in_rows(rows, course.index)
         sums = np.zeros((len(discs.radius_px), 6))
         count_swings_kernel(
-            part.code,
-            (index, course.center_px - [0.0, rows.start]),
+            (events.code, rows.start * events.size[0]),
+            (course.index, course.center_px - [0.0, rows.start]),
             looks,
-            np.zeros(part.shape, np.float32),
+            np.zeros((rows.stop - rows.start, events.size[0]), np.float32),
             (sums, by_pixel[rows].reshape(-1, 6)),
         )
         by_marker.append(sums)
@@ -58,7 +57,7 @@ def count_swings(
 
 @njit(cache=True, nogil=True)
 def count_swings_kernel(
-    code: NDArray[np.uint32],
+    events: tuple[NDArray[np.uint32], int],
     course: tuple[NDArray[np.int64], NDArray[np.float64]],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
     drawn: NDArray[np.float32],
@@ -67,11 +66,12 @@ def count_swings_kernel(
     """Sum ON events and number of rises, OFF events and number of falls, and events against them.
 
     ``out`` is ``(m, 6)`` by marker and ``(pixels, 6)`` by pixel: the sums named above, OFF events
-    of rises and ON events of falls. ``drawn`` is an empty image. Only
-    pixels in which something happens are visited: those that a disc touches, and those that have
-    not settled on the ground since.
+    of rises and ON events of falls. ``drawn`` is an empty image of some rows, and ``events`` holds
+    all codes and the number of the first pixel of these rows. Only pixels in which something
+    happens are visited: those that a disc touches, and those that have not settled on the ground
+    since.
     """
-    index, places = course
+    (code, first), (index, places) = events, course
     pixels = drawn.size
     flat, owner = drawn.ravel(), np.full(drawn.shape, -1, np.int32)
     whose = owner.ravel()
@@ -82,8 +82,10 @@ def count_swings_kernel(
     at = index[0]
     for sample in range(len(index)):
         for i in range(at, index[sample]):
-            _renew_kernel(code[i] >> 1, sample, is_active, counted_at, counts)
-            counts[code[i] >> 1, code[i] & 1] += 1
+            q = np.int64(code[i] >> 1) - first
+            if q >= 0 and q < pixels:
+                _renew_kernel(q, sample, is_active, counted_at, counts)
+                counts[q, code[i] & 1] += 1
         at = index[sample]
         drawn_pixels = draw_kernel(places[sample], discs, (drawn, owner), touched)
         for i in range(drawn_pixels):
@@ -101,7 +103,7 @@ def count_swings_kernel(
 
 @njit(cache=True)
 def _renew_kernel(
-    q: int,
+    q: Any,
     sample: int,
     is_active: NDArray[np.bool_],
     counted_at: NDArray[np.int64],

@@ -27,19 +27,3 @@ def test_what_was_buffered_is_read_again() -> None:
         ends = [packet.t_end_us for packet in packets]
         assert [packet.t_start_us for packet in packets[1:]] == ends[:-1]
         assert source.size == SIZE
-
-
-def test_events_of_some_rows_are_those_of_a_smaller_sensor() -> None:
-    rng = np.random.default_rng(6)
-    t = np.sort(rng.integers(0, 95_000, 3_000))
-    x, y = (rng.integers(0, side, len(t)).astype(np.uint16) for side in SIZE)
-    whole = EventPacket(x, y, rng.random(len(t)) < 0.5, t, 0, 95_000, SIZE)
-    events = buffer_events(PacketSource([whole], SIZE), 10_000)
-    index = np.array([0, 700, 701, 2_999, 3_000])
-    part, within = events.in_rows(slice(5, 12), index)
-    assert part.size == (SIZE[0], 7)
-    inside = (y >= 5) & (y < 12)
-    np.testing.assert_array_equal(part.time_us, t[inside])
-    np.testing.assert_array_equal(part.code >> 1, (y[inside] - 5) * SIZE[0] + x[inside])
-    np.testing.assert_array_equal((part.code & 1).astype(bool), whole.p[inside])
-    assert within.tolist() == [int(inside[:before].sum()) for before in index]

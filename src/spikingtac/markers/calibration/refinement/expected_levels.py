@@ -67,14 +67,13 @@ def walk(
     counts: list[NDArray[np.float64]] = []
 
     def walk_rows(rows: slice) -> None:
-        part, index = events.in_rows(rows, course.index)
         near = np.zeros((len(discs.radius_px), 4))
         walk_kernel(
-            part.code,
-            (index, course.center_px - [0.0, rows.start], course.stretches, states),
+            (events.code, rows.start * events.size[0]),
+            (course.index, course.center_px - [0.0, rows.start], course.stretches, states),
             looks,
             (steps.on[rows].ravel(), steps.off[rows].ravel()),
-            np.empty((part.pixels, PHASES), np.float32),
+            np.empty((steps.on[rows].size, PHASES), np.float32),
             (measured[:, rows], expected[:, rows], drawn[:, rows], near),
         )
         counts.append(near)
@@ -132,15 +131,21 @@ def spread_kernel(
 @njit(cache=True)
 def sum_events_kernel(
     code: NDArray[np.uint32],
+    first: int,
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     total: NDArray[np.float32],
     owner: NDArray[np.int32],
     events: NDArray[np.float64],
 ) -> None:
-    """Add real events to their pixels' sums, and to the counts of the discs that cover them."""
+    """Add real events to their pixels' sums, and to the counts of the discs that cover them.
+
+    The pixels are those of some rows; ``first`` is the number of the first of them in ``code``.
+    """
     on, off = steps
     for i in range(len(code)):
-        q = code[i] >> 1
+        q = np.int64(code[i] >> 1) - first
+        if q < 0 or q >= len(total):
+            continue
         total[q] += on[q] if code[i] & 1 else -off[q]
         if owner[q] >= 0:
             events[owner[q], 0 if code[i] & 1 else 1] += 1
@@ -148,15 +153,18 @@ def sum_events_kernel(
 
 @njit(cache=True, nogil=True)
 def walk_kernel(
-    code: NDArray[np.uint32],
+    real: tuple[NDArray[np.uint32], int],
     course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     phases: NDArray[np.float32],
     out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]],
 ) -> None:
-    """Walk along the samples; fill a :class:`Walk`."""
-    index, places, stretches, states = course
+    """Walk along the samples; fill some rows of a :class:`Walk`.
+
+    ``real`` is the codes of all events, and the number of the first pixel of these rows.
+    """
+    (code, first), (index, places, stretches, states) = real, course
     measured, expected, drawn, events = out
     image = np.zeros(measured.shape[1:], np.float32)
     owner = np.full(image.shape, -1, np.int32)
@@ -166,7 +174,7 @@ def walk_kernel(
     last_owner = np.full(len(now), -1, np.int32)
     at, formers, kept = index[0], 0, 0
     for sample in range(len(index)):
-        sum_events_kernel(code[at : index[sample]], steps, total, last_owner, events)
+        sum_events_kernel(code[at : index[sample]], first, steps, total, last_owner, events)
         at = index[sample]
         stretched = (stretched_kernel(discs[0], stretches[sample]), discs[1])
         count = draw_kernel(places[sample], stretched, (image, owner), touched)
