@@ -10,6 +10,9 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import TypeVar
+
+Part = TypeVar("Part")
 
 MANY_MARKERS = 256
 """Fewer markers are fitted in the time in which a second thread wakes, 30 to 60 us (ours)."""
@@ -30,7 +33,7 @@ def worth_dividing(count: int, many: int) -> bool:
     return count >= many and _cores() > 1
 
 
-def divide(count: int, work: Callable[[slice], None]) -> None:
+def divide(count: int, work: Callable[[slice], Part]) -> list[Part]:
     """Do the first half of the work here and the rest beside it.
 
     What the second thread has not begun when this one is done is done here: on a busy machine it
@@ -39,18 +42,19 @@ def divide(count: int, work: Callable[[slice], None]) -> None:
     Args:
         count: Number of markers, events or rows.
         work: Is given those to work on; called several times, by both threads at the same time.
+
+    Returns:
+        What the work returned for each part, in the order of the parts: sums of them do not depend
+        on which thread was faster.
     """
     edges = [count * part // PARTS for part in range(PARTS + 1)]
     parts = [slice(*ends) for ends in pairwise(edges)]
     pool, rest = _second_thread(), parts[PARTS // 2 :]
     beside = [(part, pool.submit(work, part)) for part in reversed(rest)]
-    for part in parts[: PARTS // 2]:
-        work(part)
+    done = [work(part) for part in parts[: PARTS // 2]]
     for part, submitted in reversed(beside):  # the second thread begins with the others
-        if submitted.cancel():
-            work(part)
-        else:
-            submitted.result()
+        done.append(work(part) if submitted.cancel() else submitted.result())
+    return done
 
 
 def _second_thread() -> ThreadPoolExecutor:

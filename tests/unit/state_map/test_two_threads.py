@@ -48,6 +48,10 @@ def test_what_the_second_thread_cannot_begin_is_done_here() -> None:
     assert threads == {here}
 
 
+def test_results_come_in_the_order_of_the_parts() -> None:
+    assert divide(8, lambda some: (some.start, some.stop)) == [(0, 2), (2, 4), (4, 6), (6, 8)]
+
+
 def test_an_error_beside_is_raised_here() -> None:
     def work(some: slice) -> None:
         if some.start:

@@ -38,9 +38,8 @@ def count_swings(
     """
     by_pixel = np.zeros((*events.shape, 6), np.float32)
     looks = discs.shape, discs.tables
-    by_marker: list[NDArray[np.float64]] = []
 
-    def count_rows(rows: slice) -> None:
+    def count_rows(rows: slice) -> NDArray[np.float64]:
         sums = np.zeros((len(discs.radius_px), 6))
         count_swings_kernel(
             (events.code, rows.start * events.size[0]),
@@ -49,10 +48,10 @@ def count_swings(
             np.zeros((rows.stop - rows.start, events.size[0]), np.float32),
             (sums, by_pixel[rows].reshape(-1, 6)),
         )
-        by_marker.append(sums)
+        return sums
 
-    divide(events.size[1], count_rows)
-    return np.sum(by_marker, axis=0), by_pixel.reshape(-1, 6)
+    by_marker = np.sum(divide(events.size[1], count_rows), axis=0)
+    return by_marker, by_pixel.reshape(-1, 6)
 
 
 @njit(cache=True, nogil=True)

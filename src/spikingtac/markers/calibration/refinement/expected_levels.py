@@ -64,9 +64,8 @@ def walk(
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
     looks = discs.shape, discs.tables
-    counts: list[NDArray[np.float64]] = []
 
-    def walk_rows(rows: slice) -> None:
+    def walk_rows(rows: slice) -> NDArray[np.float64]:
         near = np.zeros((len(discs.radius_px), 4))
         walk_kernel(
             (events.code, rows.start * events.size[0]),
@@ -76,10 +75,10 @@ def walk(
             np.empty((steps.on[rows].size, PHASES), np.float32),
             (measured[:, rows], expected[:, rows], drawn[:, rows], near),
         )
-        counts.append(near)
+        return near
 
-    divide(events.size[1], walk_rows)
-    return Walk(measured, expected, drawn, np.sum(counts, axis=0))
+    counts = np.sum(divide(events.size[1], walk_rows), axis=0)
+    return Walk(measured, expected, drawn, counts)
 
 
 @njit(cache=True)

@@ -48,17 +48,15 @@ def _sums(
     states = len(seen.drawn)
     images = [image.reshape(states, -1) for image in (seen.drawn, seen.measured, seen.expected)]
     moving = np.flatnonzero((images[0] != images[0][0]).any(axis=0))
-    parts: list[NDArray[np.float64]] = []
 
-    def add_up(chosen: slice) -> None:
+    def add_up(chosen: slice) -> NDArray[np.float64]:
         pixels = moving[chosen]
         drawn, *both = (image[:, pixels] for image in images)
         real, ideal = memory.changes(np.array(both), drawn)
         weight = ideal / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
         weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
         sums = [(weight * change).sum(axis=0) for change in (real, ideal)]
-        parts.append(np.array([np.bincount(cell[pixels], one, markers) for one in sums], float))
+        return np.array([np.bincount(cell[pixels], one, markers) for one in sums], float)
 
-    divide(len(moving), add_up)
-    product, square = np.sum(parts, axis=0)
+    product, square = np.sum(divide(len(moving), add_up), axis=0)
     return product, square
