@@ -191,7 +191,7 @@ def fit_kernel(
     gathered, count = place.copy(), gather_kernel(state, steps, place, reach_px, room)
     for _ in range(ITERATIONS):
         if np.hypot(place[0] - gathered[0], place[1] - gathered[1]) > REACH_MARGIN_PX:
-            gathered[:] = place
+            gathered[0], gathered[1] = place[0], place[1]
             count = gather_kernel(state, steps, place, reach_px, room)
         claim_kernel(room, count, m, place, scene)
         xx, xy, yy, x, y, edges, agreeing = sums_kernel(room, count, look, place, table)

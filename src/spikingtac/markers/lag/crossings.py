@@ -10,7 +10,7 @@ polarities, for the event's number on the ladder and for the edge's speed over t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -216,6 +216,20 @@ def entry_kernel(track: _Track, row: int, marker: int, x: float, y: float, from_
     return -1
 
 
+# np.searchsorted does the same and takes 0.5 s to compile.
+@njit(cache=True)
+def last_row_kernel(increasing: NDArray[Any], value: Any) -> int:
+    """Return the index of the last element that is at most the value; -1 if none is."""
+    low, high = 0, len(increasing)
+    while low < high:
+        middle = (low + high) // 2
+        if increasing[middle] <= value:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def observe_kernel(
     x: NDArray[np.uint16], y: NDArray[np.uint16], p: NDArray[np.bool_], t: NDArray[np.int64],
@@ -232,7 +246,7 @@ def observe_kernel(
         if t[i] < t_us[0] or t[i] >= t_us[-1]:
             continue
         if t_us[row + 1] <= t[i] or t_us[row] > t[i]:
-            row = np.searchsorted(t_us, t[i], "right") - 1
+            row = last_row_kernel(t_us, t[i])
         share = (t[i] - t_us[row]) / (t_us[row + 1] - t_us[row])
         marker, q, rate = edge_kernel(track, row, share, float(x[i]), float(y[i]))
         # Only an edge that brings what the event reports: light moves out of q > 0 to q < 0.
@@ -246,7 +260,7 @@ def observe_kernel(
         for n in range(min(run + 1, _MEMORY)):
             order += pixels.recent_us[y[i], x[i], n] >= t_us[entry]
         if order < ORDERS:
-            side, speeds = 0 if p[i] else 1, np.searchsorted(edges, speed, "right") - 1
+            side, speeds = 0 if p[i] else 1, last_row_kernel(edges, speed)
             place = min(int((q + REACH_PX) / (2.0 * REACH_PX) * PLACE_BINS), PLACE_BINS - 1)
             count[side, order, speeds, place] += 1
             speed_sum[side, order, speeds] += speed

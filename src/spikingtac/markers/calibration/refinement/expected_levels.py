@@ -179,7 +179,8 @@ def walk_kernel(
         count = draw_kernel(places[sample], stretched, (image, owner), touched)
         if sample == 0:
             spread_kernel(phases, now, steps)
-            before[:] = now
+            for q in range(len(now)):
+                before[q] = now[q]
         # What was a disc and is ground now, then what is a disc.
         for q in former[:formers]:
             if whose[q] < 0 and before[q] > STILL_LEVEL:
@@ -191,10 +192,12 @@ def walk_kernel(
         if kept < len(states) and states[kept] == sample:
             keep_kernel(phases, total, now, (measured[kept], expected[kept], drawn[kept]))
             kept += 1
-        former[:count], formers = touched[:count], count
+        former, touched, formers = touched, former, count
         for q in former[:count]:
             now[q], whose[q] = 0.0, -1
-    events[:, 2:] /= phases.shape[1]
+    for m in range(len(events)):
+        events[m, 2] /= phases.shape[1]
+        events[m, 3] /= phases.shape[1]
 
 
 @njit(cache=True)

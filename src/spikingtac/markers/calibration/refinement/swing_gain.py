@@ -51,7 +51,7 @@ def _sums(
 
     def add_up(chosen: slice) -> NDArray[np.float64]:
         pixels = moving[chosen]
-        drawn, *both = (image[:, pixels] for image in images)
+        drawn, *both = (image.take(pixels, axis=1) for image in images)
         real, ideal = memory.changes(np.array(both), drawn)
         weight = ideal / (1.0 + ((real - ideal) / RESIDUAL_LEVEL) ** 2)
         weight[(drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])] = 0.0
