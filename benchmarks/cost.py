@@ -13,11 +13,12 @@ It was not run there.
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from spikingtac.calibration.sensor_calibration import Calibration
@@ -36,16 +37,47 @@ a fifth less for the rest (assumed)."""
 FALLBACK_GHZ = 3.0
 
 
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a command used: exit code, time, CPU time of all its processes, largest memory."""
+
+    code: int
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
+
+
 def main(folder: Path) -> None:
     """Print both tables."""
     with tempfile.TemporaryDirectory() as made:
         calibration = Path(made, "calibration.json")
-        verbs(folder, calibration, Path(made))
-        hours(folder / "mix.raw", Calibration.load(calibration))
+        print("verb        wall s    CPU s  peak MB")
+        for verb, run in verb_costs(folder, calibration, Path(made)):
+            failed = f"  exit {run.code}" if run.code else ""
+            print(
+                f"{verb:10}{run.wall_s:8.2f}{run.cpu_s:9.2f}{run.peak_mb:9.0f}{failed}", flush=True
+            )
+        clock_ghz = clock()
+        slower = clock_ghz / PI_CLOCK_GHZ / PI_WORK_PER_CYCLE
+        print(f"\nan hour of live running, CPU time at {clock_ghz:.1f} GHz (Pi: model, not run)")
+        print("preset    rate Hz  times real time  CPU s an hour  share of a core  share of a Pi's")
+        for preset, rate_hz, share in live_shares(
+            folder / "mix.raw", Calibration.load(calibration)
+        ):
+            print(
+                f"{preset:8}{rate_hz:9.0f}{1.0 / share:17.1f}{share * HOUR_S:15.0f}{share:16.1%}"
+                f"{share * slower:17.1%}"
+            )
 
 
-def verbs(folder: Path, calibration: Path, made: Path) -> None:
-    """Print peak memory and CPU time of each verb."""
+def verb_costs(folder: Path, calibration: Path, made: Path) -> Iterator[tuple[str, Run]]:
+    """Yield what each verb uses at its second run; the first one compiles.
+
+    Args:
+        folder: With the recordings.
+        calibration: File to write, which the other verbs use.
+        made: Folder for what they write.
+    """
     mix, known = str(folder / "mix.raw"), ["--calibration", str(calibration)]
     wanted = {
         "calibrate": [str(folder / "bootstrap.raw"), "-o", str(calibration), "--overwrite"],
@@ -55,31 +87,24 @@ def verbs(folder: Path, calibration: Path, made: Path) -> None:
         "contact": [mix, *known, "--quiet", str(folder / "quiet.raw")],
         "touch": [mix, *known],
     }
-    print("verb        wall s    CPU s  peak MB")
     for verb, options in wanted.items():
         command = [sys.executable, "-m", "spikingtac", verb, *options]
         measured(command)
-        code, used, wall_s = measured(command)
-        cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-        failed = f"  exit {os.waitstatus_to_exitcode(code)}" if code else ""
-        print(f"{verb:10}{wall_s:8.2f}{cpu_s:9.2f}{peak_mb:9.0f}{failed}", flush=True)
+        yield verb, measured(command)
 
 
-def measured(command: list[str]) -> tuple[int, resource.struct_rusage, float]:
-    """Run a command; return its status, what it used, and how long it took, s."""
+def measured(command: list[str]) -> Run:
+    """Run a command and return what it used."""
     begun_s = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, code, used = os.wait4(process.pid, 0)
-    process.returncode = code
-    return code, used, time.perf_counter() - begun_s
+    process.returncode = os.waitstatus_to_exitcode(code)
+    wall_s, cpu_s = time.perf_counter() - begun_s, used.ru_utime + used.ru_stime
+    return Run(process.returncode, wall_s, cpu_s, used.ru_maxrss / 1024)
 
 
-def hours(recording: Path, calibration: Calibration) -> None:
-    """Print the CPU time of an hour, here and by the model for a Raspberry Pi."""
-    clock_ghz = clock()
-    slower = clock_ghz / PI_CLOCK_GHZ / PI_WORK_PER_CYCLE
-    print(f"\nan hour of live running, from CPU time at {clock_ghz:.1f} GHz (Pi: model, not run)")
-    print("preset    rate Hz  times real time  CPU s an hour  share of a core  share of a Pi's")
+def live_shares(recording: Path, calibration: Calibration) -> Iterator[tuple[str, float, float]]:
+    """Yield preset, rate in Hz and the CPU time per time of the recording, decoding included."""
     for preset in PRESETS:
         for rate_hz in RATES_HZ:
             config = load_config(preset).tracking
@@ -90,11 +115,7 @@ def hours(recording: Path, calibration: Calibration) -> None:
                 frames = [frame.t_us for frame in follow(open_events(recording), tracker, rate_hz)]
                 cpu_s = time.process_time() - begun_s
                 duration_s = (frames[-1] - frames[0]) * 1e-6
-            share = cpu_s / duration_s
-            print(
-                f"{preset:8}{rate_hz:9.0f}{1.0 / share:17.1f}{share * HOUR_S:15.0f}{share:16.1%}"
-                f"{share * slower:17.1%}"
-            )
+            yield preset, rate_hz, cpu_s / duration_s
 
 
 def clock() -> float:

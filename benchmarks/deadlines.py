@@ -14,6 +14,7 @@ import argparse
 import multiprocessing
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,30 +45,49 @@ def main() -> int:
     saved = args.folder / "calibration.json"
     calibration = Calibration.load(saved) if saved.is_file() else None
     calibration = calibration or calibrate(open_events(args.folder / "bootstrap.raw"))
-    context = multiprocessing.get_context("spawn")
-    burner = context.Process(target=burn, daemon=True)
-    burner.start()
-    found: dict[tuple[str, str], list[np.ndarray]] = {}
-    for number in range(args.rounds):
-        ways = ("without", "with") if number % 2 == 0 else ("with", "without")
-        for method in args.methods:
-            for way in ways:
-                asked = (way == "with", not args.no_priority)
-                took_us = in_own_process(
-                    paced, method, calibration, args.folder, args.seconds, asked
-                )
-                found.setdefault((method, way), []).append(took_us)
-    burner.terminate()
+    found = latencies_us(
+        calibration, args.folder, args.methods, (args.rounds, args.seconds), not args.no_priority
+    )
     print(f"load {os.getloadavg()[0]:.1f}; {args.rounds} runs of {args.seconds:g} s each")
     print("method   realtime     p50 us    p99 us   p99.9 us     worst   missed")
-    for (method, way), runs in found.items():
-        every = np.concatenate(runs)
+    for (method, way), every in found.items():
         p50, p99, p999 = np.percentile(every, (50, 99, 99.9))
         missed = (every > PACE_US).mean()
         print(
             f"{method:8} {way:10}{p50:9.0f}{p99:10.0f}{p999:11.0f}{every.max():10.0f}{missed:9.3%}"
         )
     return 0
+
+
+def latencies_us(
+    calibration: Calibration,
+    folder: Path,
+    methods: Sequence[str],
+    runs: tuple[int, float],
+    priority: bool = True,
+) -> dict[tuple[str, str], np.ndarray]:
+    """Return all latencies by method, "with" and "without" real time, beside a loaded core.
+
+    Args:
+        calibration: Of the sensor.
+        folder: With mix.raw.
+        methods: Presets.
+        runs: How many, and seconds of each.
+        priority: Whether real time asks for priority.
+    """
+    rounds, seconds = runs
+    burner = multiprocessing.get_context("spawn").Process(target=burn, daemon=True)
+    burner.start()
+    found: dict[tuple[str, str], list[np.ndarray]] = {}
+    for number in range(rounds):
+        ways = ("without", "with") if number % 2 == 0 else ("with", "without")
+        for method in methods:
+            for way in ways:
+                asked = (way == "with", priority)
+                took_us = in_own_process(paced, method, calibration, folder, seconds, asked)
+                found.setdefault((method, way), []).append(took_us)
+    burner.terminate()
+    return {key: np.concatenate(parts) for key, parts in found.items()}
 
 
 def paced(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -80,11 +81,26 @@ def counts_and_map_mev_s(packets: list[EventPacket]) -> float:
     return sum(map(len, packets)) / float(np.median(times[1:])) / 1e6
 
 
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Time of each step, us, and mean error, px, of one method."""
+
+    times_us: np.ndarray
+    error_px: float
+
+
 def main(folder: Path) -> None:
     calibration = calibrate(open_events(folder / "bootstrap.raw"))
     packets = [packet for packet in open_events(folder / "mix.raw") if len(packet)]
     print_rates(rates_mev_s(packets, DECODE_ROUNDS))
     print(f"counts and map, validated: {counts_and_map_mev_s(packets):.0f} Mev/s")
+    report(steps_in_turns(folder, calibration, packets))
+
+
+def steps_in_turns(
+    folder: Path, calibration: Calibration, packets: list[EventPacket]
+) -> dict[str, Steps]:
+    """Let the presets and tuned OpenCV take turns on every window; return each one's steps."""
     steps = {name: preset_step(name, calibration) for name in ("default", "fast", "paper")}
     steps[PEER] = opencv_step(calibration)
     times_us: dict[str, list[float]] = {name: [] for name in steps}
@@ -96,32 +112,30 @@ def main(folder: Path) -> None:
             start = perf_counter()
             found_px[name].append(step(window))
             times_us[name].append(1e6 * (perf_counter() - start))
-    report(folder, np.array(t_us), times_us, found_px)
-
-
-def report(
-    folder: Path,
-    t_us: np.ndarray,
-    times_us: dict[str, list[float]],
-    found_px: dict[str, list[np.ndarray]],
-) -> None:
     truth = dict(np.load(folder / "mix.truth.npz"))
     at = np.clip(np.searchsorted(truth["marker_t_us"], t_us), 0, len(truth["marker_px"]) - 1)
     true_px = truth["marker_px"][at]
-    error_px = {
-        name: float(np.linalg.norm(np.array(found) - true_px, axis=2).mean())
+    return {
+        name: Steps(
+            np.array(times_us[name][WARM_UP_STEPS:]),
+            float(np.linalg.norm(np.array(found) - true_px, axis=2).mean()),
+        )
         for name, found in found_px.items()
     }
-    peer_us = float(np.median(times_us[PEER][WARM_UP_STEPS:]))
+
+
+def report(found: dict[str, Steps]) -> None:
+    """Print a line for each method."""
+    peer = found[PEER]
     print(
         f"{'method':<14}{'p50 us':>8}{'p99 us':>8}{'times faster':>14}{'error px':>10}{'share':>8}"
     )
-    for name, samples in times_us.items():
-        p50_us, p99_us = np.percentile(samples[WARM_UP_STEPS:], (50, 99))
-        share = error_px[name] / error_px[PEER]
+    for name, steps in found.items():
+        p50_us, p99_us = np.percentile(steps.times_us, (50, 99))
+        faster = float(np.median(peer.times_us)) / p50_us
         print(
-            f"{name:<14}{p50_us:>14.0f}{p99_us:>14.0f}{peer_us / p50_us:>14.1f}"
-            f"{error_px[name]:>14.3f}{share:>14.2f}"
+            f"{name:<14}{p50_us:>8.0f}{p99_us:>8.0f}{faster:>14.1f}"
+            f"{steps.error_px:>10.3f}{steps.error_px / peer.error_px:>8.2f}"
         )
 
 
