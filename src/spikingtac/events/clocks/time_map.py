@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.cameras.clock import ClockMapping
@@ -149,6 +148,8 @@ def through_moments(
     with_drift = count >= LEAST_FOR_DRIFT and spread > 0.0
     scatter_us = float(rest.std(ddof=2)) if with_drift else float(np.ptp(rest)) / 2.0
     if with_drift:  # few moments tell their own scatter badly
+        from scipy.special import stdtrit  # not loaded by those who read one clock
+
         scatter_us *= float(stdtrit(count - 2, ONE_SIGMA))
     scatter_us = max(scatter_us, floor_us)
     return TimeMap(

@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 Method = Literal["rest-mean", "bounding-box"]
 
@@ -82,6 +81,8 @@ def creep_shares(
     )
     causes = np.column_stack([moved_px.ravel(), spread_px.ravel()])
     causes *= (causes**2).mean(axis=0) > TELLING_PX**2
+    from scipy.optimize import nnls  # 0.1 s that trackers need not wait
+
     shares, _ = nnls(causes, off_px.ravel())
     return min(float(shares[0]), MOST_CREEP), min(float(shares[1]), MOST_SPREAD)
 
