@@ -84,10 +84,12 @@ def main() -> None:
             series = pressed(source, creep)
             if model is None:
                 skin = SkinConfig(
-                    shear_modulus_kpa=gel.shear_modulus_kpa, thickness_mm=gel.thickness_mm
+                    shear_modulus_kpa=gel.shear_modulus_kpa,
+                    thickness_mm=gel.thickness_mm,
+                    camera_distance_mm=scene.optics.distance_mm,
                 )
                 scale = _px_per_mm(source.reference_px)
-                model = fit_force(synthetic_series(skin, source.reference_px, scale))
+                model = fit_force([], drawn=synthetic_series(skin, source.reference_px, scale))
             told = model.estimate(series)[0][:, 2]
             early, late = (_mean_ratio(series, told, span) for span in (EARLY_S, LATE_S))
             print(f"{body[0]}, {name}: {late / early - 1:+.1%}")

@@ -29,6 +29,15 @@ def arrays(path: Path, seed: int) -> Path:
     return path
 
 
+def tracks_of(path: Path, places_px: np.ndarray) -> Path:
+    """Write the same presses as tracks of markers at these places, px."""
+    with np.load(arrays(path, 2)) as file:
+        moved_px = 24.0 * file["displacement_mm"][:, :, :2]
+        np.savez(path, t_us=file["t_us"], reference_px=places_px,
+                 detected_px=places_px + moved_px, wrench=file["wrench"])  # fmt: skip
+    return path
+
+
 def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, table = arrays(tmp_path / "a.npz", 1), tmp_path / "touches.csv"
     assert main(["touch", str(source), "-o", str(table), "--json"]) == 0
@@ -128,8 +137,16 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
     assert main([*words, "--calibration", str(scaled), *creep, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["unit"] == "px"
     assert json.loads(Path(model).read_text())["creep"]["times_s"] == [8.0]
+    near = [*words, "--overwrite", "--calibration", str(scaled), "--camera-distance-mm"]
+    assert main([*near, "2"]) == 2
+    assert "thickness, 3.0 mm" in capsys.readouterr().err
+    labelled = tracks_of(tmp_path / "labelled.npz", places)
+    assert main([*near, "13", str(labelled), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["series"]) == 3
+    assert main(["force", "fit", str(labelled), "--camera-distance-mm", "13"]) == 2
+    assert "needs --shear-modulus-kpa" in capsys.readouterr().err
     assert main([*words, "--overwrite", str(arrays(tmp_path / "a.npz", 1))]) == 2
-    assert "stands for files" in capsys.readouterr().err
+    assert "--calibration" in capsys.readouterr().err
 
 
 def test_vibration_is_told_from_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

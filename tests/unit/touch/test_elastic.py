@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
 from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
@@ -71,9 +72,40 @@ def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:
         assert np.abs(one.displacement).max() > 1.0
 
 
-def test_twice_the_stiffness_moves_half_as_much() -> None:
-    config = SyntheticContactConfig(frames=20, series=1, noise_mm=0.0, friction=0.0)
+def test_twice_the_stiffness_takes_twice_the_force() -> None:
+    config = SyntheticContactConfig(frames=20, series=1, noise_mm=0.0)
     soft = synthetic_series(SKIN, grid(), 15.4, config=config)[0]
     stiff = synthetic_series(SkinConfig(shear_modulus_kpa=60.0), grid(), 15.4, config=config)[0]
-    np.testing.assert_allclose(2.0 * stiff.displacement, soft.displacement, atol=1e-9)
-    np.testing.assert_allclose(stiff.wrench, soft.wrench)
+    np.testing.assert_allclose(stiff.displacement, soft.displacement, atol=1e-9)
+    np.testing.assert_allclose(stiff.wrench, 2.0 * soft.wrench)
+
+
+def test_depth_is_the_fourier_solution() -> None:
+    cells = GridConfig(cells=128, span_mm=60.0)
+    x, y = np.meshgrid(cells.axis_mm, cells.axis_mm)
+    spread = np.exp(-0.5 * (x**2 + y**2))
+    places = np.array([[2.5, 0.0], [0.0, 3.0], [4.0, -4.0], [0.0, 0.0]])
+    found = SurfaceResponse(SKIN, 1.0, 20.0).depth_matrix(places, np.zeros((1, 2)))[:, 0]
+    for direction in range(3):
+        traction = np.zeros((3, 128, 128))
+        traction[direction] = spread / (spread.sum() * cells.pitch_mm**2)
+        depth = LayerOperator(cells, SKIN.thickness_mm).displacements(traction)[2] * 1e3 / 30.0
+        interpolate = RegularGridInterpolator((cells.axis_mm,) * 2, depth, method="cubic")
+        expected = interpolate(places[:, ::-1])
+        np.testing.assert_allclose(found[:, direction], expected, atol=0.02)
+
+
+def test_a_press_towards_the_camera_moves_markers_outwards() -> None:
+    config = SyntheticContactConfig(frames=40, series=1, noise_mm=0.0, friction=0.0)
+    near = SkinConfig(camera_distance_mm=13.0)
+    flat, seen = (synthetic_series(skin, grid(), 15.4, config=config)[0] for skin in (SKIN, near))
+    np.testing.assert_array_equal(flat.wrench, seen.wrench)
+    outwards = grid() - grid().mean(axis=0)
+    moved = seen.displacement - flat.displacement
+    along = (moved * outwards).sum(axis=2) / np.hypot(*outwards.T)
+    across = moved[..., 0] * outwards[:, 1] - moved[..., 1] * outwards[:, 0]
+    pressed = flat.wrench[:, 2] > 1.0
+    assert along[pressed].max(axis=1).min() > 0.5  # px
+    assert np.abs(across).max() < 0.3 * np.abs(along * np.hypot(*outwards.T)).max()
+    with pytest.raises(ConfigError, match="camera_distance_mm is 2"):
+        SkinConfig(camera_distance_mm=2.0)

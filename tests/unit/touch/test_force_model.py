@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -179,6 +178,16 @@ def test_another_law_of_the_normal_force_must_be_clearly_better(
     rng = np.random.default_rng(3)
     truth, noise = rng.normal(size=500), rng.normal(size=500)
     errors = dict(zip(NORMAL, (0.5, error), strict=True))
-    monkeypatch.setattr(fit, "_between", lambda _, __, law: truth + errors[law] * noise)
-    left_out = SimpleNamespace(truth=np.column_stack([truth] * 3))
-    assert fit._choose([left_out], 2).law == NORMAL[taken]  # type: ignore[list-item]
+    between = {(2, law): truth + errors[law] * noise for law in NORMAL}
+    assert fit._chosen(2, truth, between).law == NORMAL[taken]
+
+
+def test_drawn_contacts_help_where_labels_are_few() -> None:
+    few, other = series(61).part(np.arange(780) < 210), series(62)
+    alone, helped = fit_force([few]), fit_force([few], drawn=[series(63), series(64)])
+    assert helped.about["series"] == ["series 61", "series 63", "series 64"]
+    rms = [
+        np.sqrt(((model.estimate(other)[0] - other.wrench) ** 2).mean(axis=0))
+        for model in (alone, helped)
+    ]
+    assert (rms[1] < 0.8 * rms[0]).all()

@@ -24,6 +24,7 @@ class Args:
     fit: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
     check: spikingtac force check contacts_3.npz --force force.json
     without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.json
+    with both: spikingtac force fit tracks.npz --shear-modulus-kpa 30 --calibration C -o force.json
 
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
@@ -42,11 +43,15 @@ class Args:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("force.json")
     """fit: the file to write."""
     shear_modulus_kpa: float | None = None
-    """fit without files: the skin's shear modulus, kPa; contacts are drawn from its equations."""
+    """fit: the skin's shear modulus, kPa; contacts are drawn from its equations, instead of files
+    or beside them."""
     thickness_mm: float = 3.0
-    """fit without files: the skin's thickness, mm."""
+    """With --shear-modulus-kpa: the skin's thickness, mm."""
+    camera_distance_mm: float | None = None
+    """With --shear-modulus-kpa: from the centre of the camera's lens to the skin at rest, mm. What
+    is pressed nearer to the camera moves outwards in the image; unless given, that is left out."""
     calibration: Path | None = None
-    """fit without files: calibration.json with a scale (made with --pitch-mm)."""
+    """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
     creep_fractions: tuple[float, ...] = ()
     """fit: retarded compliances of the skin over its instant one."""
     creep_times_s: tuple[float, ...] = ()
@@ -61,8 +66,10 @@ class Args:
 
 def run(args: Args) -> int:
     """Fit or check, and say how well the forces are known."""
-    if args.shear_modulus_kpa is not None and (args.files or args.action == "check"):
-        raise ConfigError("--shear-modulus-kpa stands for files; give it or files, and only to fit")
+    if args.shear_modulus_kpa is not None and args.action == "check":
+        raise ConfigError("--shear-modulus-kpa is used to fit; check needs files and --force")
+    if args.shear_modulus_kpa is None and args.camera_distance_mm is not None:
+        raise ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
     if not args.files and args.shear_modulus_kpa is None:
         raise ConfigError("no file was given; give files with displacements and wrenches")
     if args.wrench and len(args.wrench) != len(args.files):
@@ -88,8 +95,7 @@ def _fit(args: Args) -> int:
     require_free(args.output, args.overwrite)
     creep = CreepConfig(fractions=args.creep_fractions, times_s=args.creep_times_s)
     with progress("learning forces"):
-        series = _series(args) if args.files else _drawn(args)
-        model = fit_force(series, depth=args.depth, creep=creep)
+        model = fit_force(_series(args), drawn=_drawn(args), depth=args.depth, creep=creep)
     save_force(model, args.output)
     summary = {"output": str(args.output), "unit": model.unit} | model.about
     if args.json:
@@ -100,21 +106,26 @@ def _fit(args: Args) -> int:
 
 
 def _drawn(args: Args) -> list[WrenchSeries]:
-    """Return contacts on a skin of known stiffness."""
+    """Return contacts on a skin of known stiffness; none where it is not known."""
+    if args.shear_modulus_kpa is None:
+        return []
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.touch.elastic.surface_response import SkinConfig
     from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
 
-    assert args.shear_modulus_kpa is not None  # run() has asked for it
     if args.calibration is None:
-        raise ConfigError("a skin without files needs --calibration: where its markers rest")
+        raise ConfigError("--shear-modulus-kpa needs --calibration: where the skin's markers rest")
     calibration = Calibration.load(args.calibration)
     if calibration.px_per_mm is None:
         raise ConfigError(
             f"{str(args.calibration)!r} knows no scale; make one with: "
             "spikingtac calibrate RECORDING -o calibration.json --pitch-mm 2.4"
         )
-    skin = SkinConfig(shear_modulus_kpa=args.shear_modulus_kpa, thickness_mm=args.thickness_mm)
+    skin = SkinConfig(
+        shear_modulus_kpa=args.shear_modulus_kpa,
+        thickness_mm=args.thickness_mm,
+        camera_distance_mm=args.camera_distance_mm,
+    )
     return synthetic_series(skin, calibration.reference_px, calibration.px_per_mm)
 
 

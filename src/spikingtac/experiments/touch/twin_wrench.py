@@ -31,8 +31,9 @@ TESTED = ("finger-presses", "finger-slides", "finger-torsion", "comb-slides", "s
           "finger-rolls", "mixed", "drag-release")  # fmt: skip
 QUICK_TESTED = TESTED[:3]
 METHODS = {
-    "physics": "contacts drawn from the skin's equations; its stiffness is known, no label",
+    "physics": "contacts drawn from the skin's equations; stiffness and lens are known, no label",
     "labelled": "force laws learned from labelled contacts of a ball and a punch",
+    "physics-and-labels": "force laws learned from both kinds of contacts together",
     "mean-displacement": "a linear function of the mean displacement and its length",
 }
 METRICS = (
@@ -87,14 +88,19 @@ def _estimates(method: str, taught: list[WrenchSeries], tested: list[WrenchSerie
     if method == "mean-displacement":
         law = MeanDisplacement(taught)
         return [law.estimate(series) for series in tested]
-    if method == "physics":
-        gel = catalog.load(TESTED[0]).gel
-        skin = SkinConfig(shear_modulus_kpa=gel.shear_modulus_kpa, thickness_mm=gel.thickness_mm)
-        reference = tested[0].reference
-        model = fit_force(synthetic_series(skin, reference, _px_per_mm(reference)))
-    else:
-        model = fit_force(taught)
+    drawn = [] if method == "labelled" else _drawn(tested[0].reference)
+    model = fit_force([] if method == "physics" else taught, drawn=drawn)
     return [model.estimate(series)[0] for series in tested]
+
+
+def _drawn(reference: Field) -> list[WrenchSeries]:
+    scene = catalog.load(TESTED[0])
+    skin = SkinConfig(
+        shear_modulus_kpa=scene.gel.shear_modulus_kpa,
+        thickness_mm=scene.gel.thickness_mm,
+        camera_distance_mm=scene.optics.distance_mm,
+    )
+    return synthetic_series(skin, reference, _px_per_mm(reference))
 
 
 def _px_per_mm(reference: Field) -> float:

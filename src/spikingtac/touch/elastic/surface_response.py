@@ -1,4 +1,4 @@
-"""How markers on an elastic layer move under the force of small discs, from closed forms.
+"""How an elastic layer's surface moves under the force of small discs, from closed forms.
 
 The response to a point force is a sum of Bessel functions of the layer's response over all
 wavenumbers (a Hankel transform); a disc of pressure smooths it. The layer has no sides: markers
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import jv
 
+from spikingtac.errors import ConfigError
 from spikingtac.touch.elastic.layer_response import layer_response
 
 Field = NDArray[np.float64]
@@ -33,18 +34,30 @@ class SkinConfig:
     Attributes:
         shear_modulus_kpa: Shear modulus mu at once, kPa.
         thickness_mm: Thickness, mm.
+        camera_distance_mm: From the lens's centre of projection to the skin at rest, mm. Where the
+            skin is pressed towards the camera, markers move away from the middle of the image, as
+            much as a press moves them along the skin. None where this is not seen.
     """
 
     shear_modulus_kpa: float = 30.0
     thickness_mm: float = 3.0
+    camera_distance_mm: float | None = None
 
     def __post_init__(self) -> None:
         if not self.shear_modulus_kpa > 0 or not self.thickness_mm > 0:
-            raise ValueError("shear_modulus_kpa and thickness_mm must be positive")
+            raise ConfigError(
+                f"shear_modulus_kpa is {self.shear_modulus_kpa} and thickness_mm is "
+                f"{self.thickness_mm}, both must be positive"
+            )
+        if self.camera_distance_mm is not None and not self.camera_distance_mm > self.thickness_mm:
+            raise ConfigError(
+                f"camera_distance_mm is {self.camera_distance_mm}, it must be more than the "
+                f"skin's thickness, {self.thickness_mm} mm: the camera looks through the gel"
+            )
 
 
 class SurfaceResponse:
-    """Displacement in the image per unit force at a place, for one skin.
+    """Displacement of the surface per unit force at a place, for one skin.
 
     Forces are spread as a Gaussian of the given radius, so that nothing is infinite.
     """
@@ -71,6 +84,7 @@ class SurfaceResponse:
         self._outward = first @ (weight * response.coupling)
         self._even = zero @ (weight * mean)
         self._twofold = -second @ (weight * half)
+        self._deep = zero @ (weight * response.normal)
 
     def matrix(self, places_mm: Field, sources_mm: Field) -> Field:
         """Return the response at places to forces at sources.
@@ -82,10 +96,7 @@ class SurfaceResponse:
         Returns:
             ``(m, 2, c, 3)`` displacement along x and y, mm per N along x, along y and pressing.
         """
-        away = places_mm[:, None] - sources_mm[None]
-        distance = np.sqrt((away**2).sum(axis=2))
-        safe = np.maximum(distance, 1e-9)
-        cosine, sine = away[..., 0] / safe, away[..., 1] / safe
+        distance, cosine, sine = _directions(places_mm, sources_mm)
         outward, even, twofold = (
             np.interp(distance, self._distance, table)
             for table in (self._outward, self._even, self._twofold)
@@ -94,3 +105,28 @@ class SurfaceResponse:
         along_x = np.stack([even + twofold * c2, twofold * s2, outward * cosine], axis=-1)
         along_y = np.stack([twofold * s2, even - twofold * c2, outward * sine], axis=-1)
         return np.stack([along_x, along_y], axis=1)
+
+    def depth_matrix(self, places_mm: Field, sources_mm: Field) -> Field:
+        """Return how far places are pressed in by forces at sources.
+
+        Args:
+            places_mm: ``(m, 2)`` markers at rest, mm (x right, y down).
+            sources_mm: ``(c, 2)`` where forces act, mm.
+
+        Returns:
+            ``(m, c, 3)`` displacement towards the camera, mm per N along x, along y and pressing.
+        """
+        distance, cosine, sine = _directions(places_mm, sources_mm)
+        outward, deep = (
+            np.interp(distance, self._distance, table) for table in (self._outward, self._deep)
+        )
+        # By reciprocity a lateral force lifts a place as much as pressing there would move it.
+        return np.stack([-outward * cosine, -outward * sine, deep], axis=-1)
+
+
+def _directions(places_mm: Field, sources_mm: Field) -> tuple[Field, Field, Field]:
+    """Return distances from sources to places, and their directions' cosines and sines."""
+    away = places_mm[:, None] - sources_mm[None]
+    distance = np.sqrt((away**2).sum(axis=2))
+    safe = np.maximum(distance, 1e-9)
+    return distance, away[..., 0] / safe, away[..., 1] / safe

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
+from spikingtac.touch.elastic.surface_response import KPA_PER_MPA, SkinConfig, SurfaceResponse
 from spikingtac.touch.force.wrench_series import WrenchSeries
 
 Field = NDArray[np.float64]
@@ -45,18 +45,18 @@ class SyntheticContactConfig:
         series: Number of series; each draws its sizes from its own part of the range.
         smallest_mm: Smallest semi-axis of a patch, mm.
         largest_mm: Largest semi-axis of a patch, mm.
-        largest_pressure_mpa: Largest mean pressure, N/mm² (ours: a gel of 30 kPa is indented by a
-            third of its thickness at 0.05).
+        largest_pressure: Largest mean pressure over the shear modulus (ours: a layer is indented by
+            two thirds of its thickness at 3.3; what is pressed deeper is not learned).
         friction: Largest ratio of shear to pressure.
         noise_mm: Error of a marker's place, per axis, mm (ours: 0.15 px of the tracker).
         rest_share: Share of the frames that are rest.
     """
 
-    frames: int = 1500
+    frames: int = 2000
     series: int = 3
     smallest_mm: float = 0.8
     largest_mm: float = 5.0
-    largest_pressure_mpa: float = 0.06
+    largest_pressure: float = 3.3
     friction: float = 0.8
     noise_mm: float = 0.01
     rest_share: float = 0.05
@@ -73,7 +73,8 @@ def synthetic_series(
 
     Args:
         skin: The skin.
-        reference_px: ``(m, 2)`` markers at rest, px.
+        reference_px: ``(m, 2)`` markers at rest, px. Their mean is taken for the middle of the
+            image, from which nearness moves markers away.
         px_per_mm: Scale of the image.
         seed: Seed of the contacts.
         config: Which contacts are drawn.
@@ -83,16 +84,33 @@ def synthetic_series(
     places = (reference_px - reference_px.mean(axis=0)) / px_per_mm
     sources = _sources(places)
     reach = float(np.ptp(places, axis=0).max()) * 1.6 + 5.0
-    response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach).matrix(places, sources)
-    patches = _Patches(skin, sources, reach)
-    mixing = response.reshape(len(places) * 2, -1)
+    response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach)
+    patches = _Patches(skin, sources, response)
     out = []
     for number in range(config.series):
         force = np.array([_contact(patches, rng, config, number) for _ in range(config.frames)])
-        moved = force.reshape(config.frames, -1) @ mixing.T
+        moved = _moved_mm(force, places, sources, response, skin.camera_distance_mm)
         moved += rng.normal(0.0, config.noise_mm, moved.shape)
         out.append(_series(moved, force, sources, reference_px, px_per_mm, number))
     return out
+
+
+def _moved_mm(
+    force: Field,
+    places: Field,
+    sources: Field,
+    response: SurfaceResponse,
+    camera_distance_mm: float | None,
+) -> Field:
+    """Return how ``(m, 2)`` places move in the image under forces ``(n, c, 3)``, ``(n, m, 2)``."""
+    flat = force.reshape(len(force), -1)
+    along = flat @ response.matrix(places, sources).reshape(2 * len(places), -1).T
+    along = along.reshape(len(force), -1, 2)
+    if camera_distance_mm is None:
+        return along
+    depth = flat @ response.depth_matrix(places, sources).reshape(len(places), -1).T
+    nearer = camera_distance_mm / (camera_distance_mm - depth)
+    return (places + along) * nearer[..., np.newaxis] - places
 
 
 def _sources(places: Field) -> Field:
@@ -116,7 +134,7 @@ def _contact(
     along = away @ _rotation(turn)
     inside = np.maximum(1.0 - ((along / np.maximum(axes, SOURCE_PITCH_MM)) ** 2).sum(axis=1), 0.0)
     profile = inside ** rng.choice(PROFILE_POWERS)
-    mean = config.largest_pressure_mpa * rng.uniform(0.02, 1.0)
+    mean = config.largest_pressure * patches.shear_modulus_mpa * rng.uniform(0.02, 1.0)
     pressing = profile / max(float(profile.sum()), 1e-9) * mean * np.pi * axes[0] * axes[1]
     heading, drag = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 1.0) ** 2 * LARGEST_DRAG_MM
     twist = rng.uniform(-1.0, 1.0) * LARGEST_TWIST_RAD * (rng.random() < 0.5)
@@ -135,9 +153,9 @@ def _rotation(angle_rad: float) -> Field:
 class _Patches:
     """The response of the skin to itself: which shear holds a patch in place."""
 
-    def __init__(self, skin: SkinConfig, sources: Field, reach_mm: float) -> None:
+    def __init__(self, skin: SkinConfig, sources: Field, response: SurfaceResponse) -> None:
         self.sources = sources
-        response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach_mm)
+        self.shear_modulus_mpa = skin.shear_modulus_kpa / KPA_PER_MPA
         self._own = response.matrix(sources, sources)
 
     def stuck_shear(self, pressing: Field, moved: Field, kept: float, friction: float) -> Field:
@@ -182,7 +200,7 @@ def _series(
     return WrenchSeries(
         np.arange(frames, dtype=np.int64) * US_PER_FRAME,
         reference_px,
-        moved.reshape(frames, -1, 2) * px_per_mm,
+        moved * px_per_mm,
         np.hstack([total, moment]),
         "px",
         f"synthetic {number + 1}",

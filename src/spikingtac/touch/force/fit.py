@@ -7,8 +7,9 @@ that does this best, and the intervals hold the errors that it makes there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
+from spikingtac.touch.force.neighbourhood import CENTERS, DRAWN_CENTERS
 from spikingtac.touch.force.novelty import learn_novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.score import r_squared
@@ -68,14 +70,18 @@ LEAST_FLOOR_SHARE = 0.1
 def fit_force(
     series: Sequence[WrenchSeries],
     *,
+    drawn: Sequence[WrenchSeries] = (),
     depth: bool = False,
     zero: RestZeroConfig | None = None,
     creep: CreepConfig | None = None,
 ) -> ForceModel:
-    """Learn a force model from labelled series of one sensor.
+    """Learn a force model from labelled series of one sensor, from drawn contacts, or from both.
 
     Args:
-        series: Displacements with wrenches, in order of time, each with its own zero.
+        series: Displacements with wrenches, in order of time, each with its own zero. May be empty
+            where contacts are drawn.
+        drawn: Contacts drawn from the equations of the same skin, which are learned from as well;
+            laws and intervals are chosen by the labelled series, where there are any.
         depth: Use the third coordinate where the series have it.
         zero: How the rest is followed.
         creep: How the skin creeps; not at all unless given.
@@ -84,16 +90,20 @@ def fit_force(
         ConfigError: There is too little to learn from, or the series do not fit each other.
     """
     zero, creep = zero or RestZeroConfig(), creep or CreepConfig()
-    kept = [one if depth else one.in_image() for one in series]
+    kept = [one if depth else one.in_image() for one in (*series, *drawn)]
     _check(kept, depth)
     rms = field_rms(np.concatenate([one.displacement for one in kept]))
-    groups = _groups([_taught(one, rms, zero, creep) for one in kept])
+    groups = [_taught(one, rms, zero, creep) for one in kept]
+    labelled, others = groups[: len(series)], groups[len(series) :]
+    labelled, others = (_groups(labelled), others) if labelled else (_groups(others), [])
     fields = np.concatenate([group.fields for group in groups])
     wrench = np.concatenate([group.wrench for group in groups])
     dimensions = kept[0].reference.shape[1]
-    features = FieldFeatures(fields, FieldBasis.learn(fields, dimensions))
-    folds = _folds(groups, dimensions)
-    chosen = [_choose(folds, index) for index in range(wrench.shape[1])]
+    learn = partial(
+        FieldBasis.learn, dimensions=dimensions, centers=DRAWN_CENTERS if drawn else CENTERS
+    )
+    features = FieldFeatures(fields, learn(fields))
+    chosen = _choose(_folds(labelled, others, learn), wrench.shape[1])
     return ForceModel(
         unit=kept[0].unit,
         reference=np.mean([one.reference for one in kept], axis=0),
@@ -161,21 +171,23 @@ class _Fold:
     truth: Field
 
 
-def _folds(groups: list[_Taught], dimensions: int) -> list[_Fold]:
-    folds = []
+def _folds(
+    groups: list[_Taught], others: list[_Taught], learn: Callable[[Field], FieldBasis]
+) -> Iterator[_Fold]:
+    """Yield a fold for each group; one after another, since their features are large.
+
+    ``others`` are learned from and never left out.
+    """
     for left_out in groups:
-        rest = [group for group in groups if group is not left_out]
+        rest = [*(group for group in groups if group is not left_out), *others]
         fields = np.concatenate([group.fields for group in rest])
-        basis = FieldBasis.learn(fields, dimensions)
-        folds.append(
-            _Fold(
-                FieldFeatures(fields, basis),
-                np.concatenate([group.wrench for group in rest]),
-                FieldFeatures(left_out.fields, basis),
-                left_out.wrench,
-            )
+        basis = learn(fields)
+        yield _Fold(
+            FieldFeatures(fields, basis),
+            np.concatenate([group.wrench for group in rest]),
+            FieldFeatures(left_out.fields, basis),
+            left_out.wrench,
         )
-    return folds
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,10 +199,25 @@ class _Chosen:
     r2: float
 
 
-def _choose(folds: list[_Fold], index: int) -> _Chosen:
-    truth = np.concatenate([fold.truth[:, index] for fold in folds])
+def _choose(folds: Iterable[_Fold], components: int) -> list[_Chosen]:
+    """Return the best law of each component."""
+    truth: list[Field] = []
+    between: dict[tuple[int, LawChoice], list[Field]] = {}
+    for fold in folds:
+        truth.append(fold.truth)
+        for index in range(components):
+            for choice in CHOICES[COMPONENTS[index]]:
+                law = fit_component(choice, fold.taught, fold.taught_wrench[:, index])
+                between.setdefault((index, choice), []).append(law(fold.left_out))
+    every = np.concatenate(truth)
+    estimates = {key: np.concatenate(parts) for key, parts in between.items()}
+    return [_chosen(index, every[:, index], estimates) for index in range(components)]
+
+
+def _chosen(index: int, truth: Field, estimates: dict[tuple[int, LawChoice], Field]) -> _Chosen:
+    """Choose the law of a component by what each told of groups that it had not seen."""
     choices = CHOICES[COMPONENTS[index]]
-    between = {choice: _between(folds, index, choice) for choice in choices}
+    between = {choice: estimates[index, choice] for choice in choices}
     unexplained = {choice: 1.0 - r_squared(truth, between[choice]) for choice in choices}
     best = min(choices, key=unexplained.__getitem__)
     least_gain = LEAST_GAINS.get(COMPONENTS[index], 0.0)
@@ -198,16 +225,6 @@ def _choose(folds: list[_Fold], index: int) -> _Chosen:
         best = choices[0]
     interval = _interval(between[best], truth - between[best])
     return _Chosen(best, interval, r_squared(truth, between[best]))
-
-
-def _between(folds: list[_Fold], index: int, choice: LawChoice) -> Field:
-    """Return each group's component as predicted from the other groups."""
-    return np.concatenate(
-        [
-            fit_component(choice, fold.taught, fold.taught_wrench[:, index])(fold.left_out)
-            for fold in folds
-        ]
-    )
 
 
 def _interval(estimate: Field, error: Field) -> Interval:

@@ -26,8 +26,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.force.neighbourhood import whitening
-from spikingtac.touch.force.ridge import Ridge, fit_ridge
+from spikingtac.touch.force.ridge import Ridge, RidgeSystem
 from spikingtac.touch.force.shape import PRODUCT_MODES, SHAPE_FLOOR, FieldFeatures
 
 Field = NDArray[np.float64]
@@ -187,7 +186,9 @@ _FEATURES: dict[Family, Callable[[FieldFeatures], Field]] = {
 
 def _fit_shape(fields: FieldFeatures, force: Field) -> ForceLaw:
     features = _shape(fields)
-    return ForceLaw("shape", fit_ridge(features, force, np.full(features.shape[1], SHAPE_PENALTY)))
+    penalty = np.full(features.shape[1], SHAPE_PENALTY)
+    system = fields.kept("shape", lambda: RidgeSystem(features, penalty))
+    return ForceLaw("shape", system.fit(force))
 
 
 def _fit_linear(fields: FieldFeatures, force: Field) -> ForceLaw:
@@ -199,9 +200,12 @@ def _fit_squares(fields: FieldFeatures, force: Field) -> ForceLaw:
 
 
 def _fit_scaled(family: Family, fields: FieldFeatures, force: Field) -> ForceLaw:
-    features = _FEATURES[family](fields)
-    penalty = np.full(features.shape[1], SQUARES_PENALTY)
-    return ForceLaw(family, fit_ridge(features, force, penalty, centred=True, scaled=True))
+    def system() -> RidgeSystem:
+        features = _FEATURES[family](fields)
+        penalty = np.full(features.shape[1], SQUARES_PENALTY)
+        return RidgeSystem(features, penalty, centred=True, scaled=True)
+
+    return ForceLaw(family, fields.kept(family, system).fit(force))
 
 
 def _fit_kernel(fields: FieldFeatures, force: Field) -> ForceLaw:
@@ -210,10 +214,18 @@ def _fit_kernel(fields: FieldFeatures, force: Field) -> ForceLaw:
 
 def _fit_near(family: Family, fields: FieldFeatures, force: Field) -> ForceLaw:
     """Fit a law whose last features are likenesses, with a Gaussian process's prior on them."""
-    features, centers = _FEATURES[family](fields), fields.basis.centers
-    white, along = whitening(centers), fields.basis.modes.shape[1]
-    own = features.shape[1] - len(centers)
-    whitened = np.hstack([features[:, :own], features[:, own:] @ white])
+    ridge = fields.kept(family, lambda: _near_system(family, fields)).fit(force)
+    white = fields.basis.whitening
+    own = len(ridge.weights) - white.shape[1]
+    weights = np.concatenate([ridge.weights[:own], white @ ridge.weights[own:]])
+    zeros = np.zeros(len(weights))
+    return ForceLaw(family, Ridge(zeros, zeros + 1.0, weights, 0.0))
+
+
+def _near_system(family: Family, fields: FieldFeatures) -> RidgeSystem:
+    features, basis = _FEATURES[family](fields), fields.basis
+    own, along = features.shape[1] - len(basis.centers), basis.modes.shape[1]
+    whitened = np.hstack([features[:, :own], features[:, own:] @ basis.whitening])
     strength = KERNEL_PENALTY if family == "kernel" else CORRECTION_PENALTY
     penalty = np.full(whitened.shape[1], strength)
     if family == "kernel":
@@ -221,10 +233,7 @@ def _fit_near(family: Family, fields: FieldFeatures, force: Field) -> ForceLaw:
         mixed = np.where(first == second, 1.0, 2.0)
         penalty[along : along + len(mixed)] /= PRODUCT_PRIOR * mixed
         penalty[along + len(mixed) : own] /= PRODUCT_PRIOR
-    ridge = fit_ridge(whitened, force, penalty)
-    weights = np.concatenate([ridge.weights[:own], white @ ridge.weights[own:]])
-    zeros = np.zeros(len(weights))
-    return ForceLaw(family, Ridge(zeros, zeros + 1.0, weights, 0.0))
+    return RidgeSystem(whitened, penalty)
 
 
 def _fit_normal(fields: FieldFeatures, force: Field) -> ForceLaw:
@@ -237,13 +246,9 @@ def _fit_normal(fields: FieldFeatures, force: Field) -> ForceLaw:
     features = _normal(fields)[taught]
     penalty = np.full(features.shape[1], NORMAL_PENALTY)
     penalty[0] = 0.0
-    ridge = fit_ridge(
-        features,
-        np.log(pressing[taught] + force_floor),
-        penalty,
-        centred=True,
-        row_weights=pressing[taught] ** ROW_WEIGHT_POWER,
-    )
+    row_weights = pressing[taught] ** ROW_WEIGHT_POWER
+    system = RidgeSystem(features, penalty, centred=True, row_weights=row_weights)
+    ridge = system.fit(np.log(pressing[taught] + force_floor))
     largest = LARGEST_RATIO * float(pressing.max())
     return ForceLaw("normal", ridge, sign, force_floor, largest)
 

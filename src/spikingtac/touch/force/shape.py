@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.force.neighbourhood import choose_centers, coordinates, likeness
+from spikingtac.touch.force.neighbourhood import (
+    CENTERS,
+    choose_centers,
+    coordinates,
+    likeness,
+    whitening,
+)
+from spikingtac.touch.force.ridge import RidgeSystem
 
 Field = NDArray[np.float64]
 
@@ -87,13 +95,24 @@ class FieldBasis:
         """``(c,)`` squared length of each remembered place."""
         return (self.centers**2).sum(axis=1)
 
+    @cached_property
+    def whitening(self) -> Field:
+        """What :func:`whitening` says of the remembered places."""
+        return whitening(self.centers)
+
     @classmethod
-    def learn(cls, displacement: Field, dimensions: int) -> FieldBasis:
-        """Learn from training fields ``(n, size)`` in units of their rms."""
+    def learn(cls, displacement: Field, dimensions: int, centers: int = CENTERS) -> FieldBasis:
+        """Learn from training fields ``(n, size)`` in units of their rms.
+
+        Args:
+            displacement: The fields.
+            dimensions: Coordinates of a marker.
+            centers: Fields to remember.
+        """
         modes = shape_modes(displacement)
         size, shape = shape_features(displacement, modes, SHAPE_FLOOR * np.sqrt(dimensions))
         places = coordinates(size, shape[:, : modes.shape[1]])
-        return cls(modes, choose_centers(places), dimensions)
+        return cls(modes, choose_centers(places, centers), dimensions)
 
 
 class FieldFeatures:
@@ -104,6 +123,13 @@ class FieldFeatures:
         self.displacement, self.basis = displacement, basis
         self._shapes: dict[float, tuple[Field, Field]] = {}
         self._likeness: Field | None = None
+        self._systems: dict[str, RidgeSystem] = {}
+
+    def kept(self, family: str, system: Callable[[], RidgeSystem]) -> RidgeSystem:
+        """Return the regression of a family of laws on these fields, made at the first call."""
+        if family not in self._systems:
+            self._systems[family] = system()
+        return self._systems[family]
 
     def shape(self, floor: float) -> tuple[Field, Field]:
         """Return :func:`shape_features` with the amplitude rounded at a marker's length."""
