@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Iterator
 
@@ -71,7 +72,7 @@ def stream(*t_us: int, cuts: tuple[int, ...] = ()) -> list[EventPacket]:
         packet(*inside, begin_us=begin, end_us=end)
         if (inside := [t for t in t_us if begin <= t < end])
         else EventPacket.empty(begin, end, SIZE)
-        for begin, end in zip(edges, edges[1:], strict=False)
+        for begin, end in itertools.pairwise(edges)
     ]
 
 
