@@ -15,6 +15,8 @@ from spikingtac.batch.cluster import CONNECT_S, LOOK_S, PATIENCE_S, connect, thr
 from spikingtac.batch.job import require_version
 from spikingtac.errors import DeviceError
 
+GIVEN_UP = "KilledWorker"
+"""What Dask raises for a task whose workers died; known by name, for it is imported elsewhere."""
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
@@ -37,7 +39,8 @@ def cluster_pool(
         The pool to submit the tasks to.
 
     Raises:
-        DeviceError: There is no scheduler, it was lost, or it had no worker for so long.
+        DeviceError: There is no scheduler, it was lost, or it had no worker for so long; or a task
+            killed its workers.
         MissingExtraError: ``distributed`` is not installed.
     """
     client = connect(address, tls, CONNECT_S)
@@ -51,6 +54,13 @@ def cluster_pool(
             f"the Dask scheduler at {address} was lost, or had no worker for {patience_s:.0f} s; "
             "start it and its workers (dask worker ADDRESS --nthreads 1); what is done is kept, go "
             "on with --resume"
+        ) from error
+    except Exception as error:
+        if type(error).__name__ != GIVEN_UP:
+            raise
+        raise DeviceError(
+            f"the cluster gave a task up, since its workers died of it ({error}); what is done is "
+            "kept, go on with --resume"
         ) from error
     finally:
         ended.set()
