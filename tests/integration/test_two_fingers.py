@@ -131,15 +131,20 @@ def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             while not ended.wait(PERIOD_S):
-                for datagram in datagrams(burst(next(numbers), LATER_US)):
-                    out.sendto(datagram, ("127.0.0.1", sources[1].camera.port))  # type: ignore[attr-defined]
+                number = next(numbers)
+                for source, shift_us in zip(speaking, (LATER_US, 0), strict=False):
+                    for datagram in datagrams(burst(number, shift_us)):
+                        out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
 
+    speaking = [sources[1]]
     ended, numbers = threading.Event(), itertools.count()
     sender = threading.Thread(target=send)
     sender.start()
     try:
         first = next(packet for packet in pair[1] if len(packet))
         assert not pair[0].ended
+        speaking.append(sources[0])
+        begun = next(packet for packet in pair[0] if len(packet))
     finally:
         ended.set()
         sender.join()
@@ -147,6 +152,7 @@ def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
             source.close()
     assert abs(int(first.t[0]) - LATER_US) < 1_000_000  # its own clock
     assert pair[1].losses["own_clock"] == 1
+    assert 1_000_000 < int(begun.t[0]) - LATER_US < 60_000_000  # the other one's clock, later
 
 
 @pytest.fixture(scope="module")
