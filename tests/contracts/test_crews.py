@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
@@ -13,10 +14,13 @@ import numpy as np
 import pytest
 
 from spikingtac.batch.cluster import run_on_cluster
-from spikingtac.batch.job import FileJob, Outcome
+from spikingtac.batch.cluster_pool import cluster_pool, run_task
+from spikingtac.batch.job import FileJob, Outcome, require_version
 from spikingtac.batch.processes import ATTEMPTS, run_in_processes
-from spikingtac.errors import DeviceError
+from spikingtac.cli.main import main
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events import create_events, open_events
+from spikingtac.experiments.denoise import experiment
 from spikingtac.types import EventPacket
 from stand_ins.dask_cluster import DaskCluster
 
@@ -146,8 +150,42 @@ def test_a_recording_that_kills_its_worker_is_given_up_and_the_rest_goes_on(
 def test_a_cluster_without_workers_is_told(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
     jobs = [job(recording(tmp_path / "a.raw"))]
-    with (
-        DaskCluster(tmp_path, workers=0) as empty,
-        pytest.raises(DeviceError, match="no worker"),
-    ):
-        list(run_on_cluster(jobs, empty.address, patience_s=0.2))
+    with DaskCluster(tmp_path, workers=0) as empty:
+        with pytest.raises(DeviceError, match="no worker"):
+            list(run_on_cluster(jobs, empty.address, patience_s=0.2))
+        with (
+            pytest.raises(DeviceError, match="no worker"),
+            cluster_pool(empty.address, patience_s=0.2) as pool,
+        ):
+            pool.submit(abs, -1).result()
+
+
+def test_a_pool_on_a_cluster_gives_results_in_order_and_errors(cluster: DaskCluster) -> None:
+    with cluster_pool(cluster.address) as pool:
+        assert list(pool.map(divmod, (7, 9), (2, 4))) == [(3, 1), (2, 1)]
+        with pytest.raises(ConfigError, match="install the same version"):
+            pool.submit(require_version, "0.0").result()
+
+
+def test_work_of_another_version_is_refused() -> None:
+    with pytest.raises(ConfigError, match="install the same version"):
+        run_task("0.0", abs, (-1,), {})
+
+
+def test_an_experiment_gives_the_same_on_a_cluster_as_in_one_process(
+    cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Computing times apart. The cluster's workers run in another folder."""
+    short = {"scenes": ("finger-torsion",), "noise_hz": (1.0,), "drop": (0.5,), "duration_s": 0.4}
+    every = {"every_us": 100_000, "first_us": 200_000}
+    monkeypatch.setattr(experiment, "QUICK", short | every)
+    monkeypatch.setattr(experiment, "before_and_after", lambda config: ("", "<svg></svg>"))
+    monkeypatch.delenv("SPIKINGTAC_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    rows = []
+    for folder, crew in (("one", ("--workers", "1")), ("all", ("--scheduler", cluster.address))):
+        assert main(["experiment", "denoise", "--quick", "-o", folder, *crew, "--json"]) == 0
+        report = json.loads((tmp_path / folder / "report.json").read_text(encoding="utf-8"))
+        rows.append([row for row in report["rows"] if row["metric"] != "step_p50_us"])
+    assert rows[0] == rows[1]
+    assert len(rows[0]) > 20

@@ -29,6 +29,8 @@ from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
+from spikingtac.events.source import PacketSource
+from spikingtac.events.windows import windows
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.browser import browser
@@ -57,6 +59,12 @@ def send_both(sources: Sequence[CameraSource]) -> None:
             for source, shift_us in zip(sources, (0, LATER_US), strict=True):
                 for datagram in datagrams(burst(number, shift_us)):
                     out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def two_cameras(more: str = "") -> list[CameraSource]:
@@ -123,15 +131,20 @@ def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             while not ended.wait(PERIOD_S):
-                for datagram in datagrams(burst(next(numbers), LATER_US)):
-                    out.sendto(datagram, ("127.0.0.1", sources[1].camera.port))  # type: ignore[attr-defined]
+                number = next(numbers)
+                for source, shift_us in zip(speaking, (LATER_US, 0), strict=False):
+                    for datagram in datagrams(burst(number, shift_us)):
+                        out.sendto(datagram, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
 
+    speaking = [sources[1]]
     ended, numbers = threading.Event(), itertools.count()
     sender = threading.Thread(target=send)
     sender.start()
     try:
         first = next(packet for packet in pair[1] if len(packet))
         assert not pair[0].ended
+        speaking.append(sources[0])
+        begun = next(packet for packet in pair[0] if len(packet))
     finally:
         ended.set()
         sender.join()
@@ -139,6 +152,7 @@ def test_a_silent_camera_does_not_hold_the_other_one_back() -> None:
             source.close()
     assert abs(int(first.t[0]) - LATER_US) < 1_000_000  # its own clock
     assert pair[1].losses["own_clock"] == 1
+    assert 1_000_000 < int(begun.t[0]) - LATER_US < 60_000_000  # the other one's clock, later
 
 
 @pytest.fixture(scope="module")
@@ -200,12 +214,6 @@ def test_two_cameras_are_tracked_at_once(
     assert min(len(one.t_us), len(other.t_us)) > 300
     assert abs(int(one.t_us[-1]) - int(other.t_us[-1])) < 500_000
     assert found["second"]["health"]["rate_ev_s"] > 0.0
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def send_dots(ports: Sequence[int], ended: threading.Event) -> None:
@@ -334,3 +342,54 @@ def test_the_page_of_two_shows_both_in_a_browser(day: Path, tmp_path: Path) -> N
             assert [entry for entry in found if entry["level"] == "SEVERE"] == []
         finally:
             process.terminate()
+
+
+def noise(seed: int, busy_ms: range = range(0)) -> EventPacket:
+    """0.8 s with 5 events each millisecond, and 200 where it is busy."""
+    rng = np.random.default_rng(seed)
+    counts = [200 if number in busy_ms else 5 for number in range(800)]
+    t = np.sort(np.repeat(np.arange(800), counts) * 1_000 + rng.integers(0, 1_000, sum(counts)))
+    x, y = rng.integers(0, SIZE[0], (2, len(t))).astype(np.uint16)
+    return EventPacket(x, y, x > y, t.astype(np.int64), 0, 800_000, SIZE)
+
+
+def test_contact_tells_a_finger_whose_pair_is_silent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other camera sends one datagram, and then nothing, long after the first has ended."""
+    from spikingtac.contact import recording
+
+    quiet = tmp_path / "quiet"
+    quiet.mkdir()
+    for seed, name in enumerate(("events.raw", "events_1.raw")):
+        with create_events(quiet / name, SIZE) as writer:
+            writer.write(noise(seed))
+    ports = [free_port(), free_port()]
+    find, pieces = (
+        recording.find_contacts,
+        list(windows(PacketSource([noise(2, range(400, 420))], SIZE), 1_000)),
+    )
+    threads: list[threading.Thread] = []
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            begun_s = time.monotonic()
+            for number, piece in enumerate(pieces):
+                time.sleep(max(begun_s + number * 1e-3 - time.monotonic(), 0.0))
+                for port in ports if number == 0 else ports[:1]:
+                    for datagram in datagrams(piece):
+                        out.sendto(datagram, ("127.0.0.1", port))
+
+    def once_it_listens(*given: Any) -> Any:
+        threads.append(threading.Thread(target=send))
+        threads[0].start()
+        return find(*given)
+
+    monkeypatch.setattr(recording, "find_contacts", once_it_listens)
+    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&size=320x320" for port in ports]
+    told = asked(
+        capsys, "contact", addresses[0] + "&seconds=1.2", "--second", addresses[1] + "&seconds=5",
+        "--quiet", quiet, "--detector", "event_count",
+    )  # fmt: skip
+    threads[0].join()
+    assert [round(found["t_us"], -4) for found in told["contacts"]] == [400_000]

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -36,6 +37,8 @@ from stand_ins.openmv_board import OpenMvBoard
 SIZE = (320, 320)
 DATAGRAM_BYTES = 1472
 """What the STM32 firmware sends: an Ethernet frame's worth, eight bytes' multiple."""
+FRAME_BYTES = 4096 * 32
+"""Frames of a test; the driver's have 391 lines."""
 ENCODERS = {"evt2": Evt2Encoder, "evt21": Evt21Encoder, "evt3": Evt3Encoder}
 
 
@@ -298,15 +301,19 @@ def neuromorphic(folder: Path) -> Iterator[Counterpart]:
 
 
 @contextmanager
-def v4l2(folder: Path, encoding: str = "evt21") -> Iterator[Counterpart]:
-    """A program in the place of ``v4l2-ctl`` that passes frames on, each with its end mark."""
+def v4l2(
+    folder: Path, encoding: str = "evt21", frame_bytes: int = FRAME_BYTES
+) -> Iterator[Counterpart]:
+    """A program in the place of ``v4l2-ctl`` that passes frames on whole, each with its mark."""
     fifo, tool, path = folder / "frames", folder / "v4l2-ctl", os.environ["PATH"]
     os.mkfifo(fifo)
-    tool.write_text(f"#!/bin/sh\nexec cat {fifo}\n")
+    passing = f"dd if={fifo} bs={frame_bytes} iflag=fullblock status=none"
+    tool.write_text(f"#!/bin/sh\nexec {passing}\n")
     tool.chmod(0o755)
     encoder = ENCODERS[encoding]()
     files: list[int] = []
-    address = f"v4l2:/dev/null?encoding={encoding}&frame=4096x32"
+    address = f"v4l2:/dev/null?encoding={encoding}&frame=4096x{frame_bytes // 4096}"
+    writing = ThreadPoolExecutor(1)  # a pipe holds less than a frame; one after another
     os.environ["PATH"] = f"{folder}{os.pathsep}{path}"
     try:
         camera = open_camera(Address.parse(address))
@@ -316,10 +323,10 @@ def v4l2(folder: Path, encoding: str = "evt21") -> Iterator[Counterpart]:
 
     def send(packet: EventPacket) -> None:
         data = encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
-        for at in range(0, len(data), FRAME_BYTES // 2):
-            words = data[at : at + FRAME_BYTES // 2] + END_MARKS[encoding]
-            frame = words.ljust(FRAME_BYTES, b"\x5a")  # what an earlier frame left
-            threading.Thread(target=write_all, args=(files[0], frame), daemon=True).start()
+        for at in range(0, len(data), frame_bytes // 2):
+            words = data[at : at + frame_bytes // 2] + END_MARKS[encoding]
+            frame = words.ljust(frame_bytes, b"\x5a")  # what an earlier frame left
+            writing.submit(write_all, files[0], frame)
 
     def leave() -> None:
         while files:
@@ -330,9 +337,9 @@ def v4l2(folder: Path, encoding: str = "evt21") -> Iterator[Counterpart]:
     finally:
         leave()
         camera.close()
+        writing.shutdown(wait=False)
 
 
-FRAME_BYTES = 4096 * 32
 END_MARKS = {
     "evt2": (0xE1234519).to_bytes(4, "little"),
     "evt21": (0xE1234019_89ABCDEF).to_bytes(8, "little"),

@@ -87,12 +87,12 @@ def run_on_cluster(
         MissingExtraError: ``distributed`` is not installed.
     """
     waiting = deque(jobs)
-    client = _connect(address, tls, CONNECT_S)
+    client = connect(address, tls, CONNECT_S)
     flight = _Flight()
     worked_s = time.monotonic()
     try:
         while waiting or flight.jobs:
-            threads = _threads(client)
+            threads = threads_of(client)
             worked_s = time.monotonic() if threads else worked_s
             _require_workers(worked_s, patience_s)
             room = max(LEAST_IN_FLIGHT, PER_THREAD * threads) - len(flight.jobs)
@@ -167,7 +167,8 @@ def _outcome(future: Future, job: FileJob) -> Outcome | None:
         return Outcome.failure(job, text, type(error).__name__)
 
 
-def _threads(client: Client) -> int:
+def threads_of(client: Client) -> int:
+    """Return how many threads the workers have together; 1 where the scheduler cannot be asked."""
     try:
         threads: dict[str, int] = client.nthreads()  # type: ignore[assignment]
         return sum(threads.values())
@@ -183,7 +184,18 @@ def _require_workers(worked_s: float, patience_s: float) -> None:
         )
 
 
-def _connect(address: str, tls: Path | None, timeout_s: float) -> Client:
+def connect(address: str, tls: Path | None, timeout_s: float) -> Client:
+    """Return a client of a scheduler.
+
+    Args:
+        address: From :func:`check_address`.
+        tls: Folder with the certificates.
+        timeout_s: Longest wait for an answer, s.
+
+    Raises:
+        DeviceError: Nobody answers.
+        MissingExtraError: ``distributed`` is not installed.
+    """
     try:
         from distributed import Client, Security
     except ImportError as error:
@@ -212,7 +224,7 @@ def _again(client: Client, address: str, tls: Path | None, patience_s: float) ->
     deadline = time.monotonic() + patience_s
     while True:
         try:
-            return _connect(address, tls, LOOK_S * 4)
+            return connect(address, tls, LOOK_S * 4)
         except DeviceError as error:
             if time.monotonic() > deadline:
                 raise DeviceError(

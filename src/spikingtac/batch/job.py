@@ -126,12 +126,21 @@ def run_job(job: FileJob) -> Outcome:
     )
 
 
-def _function(job: FileJob) -> Any:
-    if job.version != package_version():
+def require_version(version: str) -> None:
+    """Refuse work of another version of this package.
+
+    Raises:
+        ConfigError: It is of another one.
+    """
+    if version != package_version():
         raise ConfigError(
-            f"this worker runs spikingtac {package_version()}, the work is of {job.version}; "
+            f"this worker runs spikingtac {package_version()}, the work is of {version}; "
             "install the same version on every machine"
         )
+
+
+def _function(job: FileJob) -> Any:
+    require_version(job.version)
     module, _, name = job.work.partition(":")
     if not module.startswith(OWN):
         raise ConfigError(f"{job.work!r} is no work of this package")

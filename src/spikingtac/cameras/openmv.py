@@ -82,12 +82,12 @@ class OpenMvCamera(Camera):
         if self._device is None:
             return None
         until_s = time.monotonic() + timeout_s
-        while not self._ask(self._device.read_status).get(CHANNEL):
+        # The size tells whether a transfer waits: each question costs a way there and back.
+        while not (size := self._ask(lambda: self._device.channel_size(CHANNEL))):
             if time.monotonic() >= until_s:
                 return self.nothing()
             time.sleep(POLL_S)
-        size = self._ask(lambda: self._device.channel_size(CHANNEL))
-        data = self._ask(lambda: self._device.channel_read(CHANNEL, size)) if size else b""
+        data = self._ask(lambda: self._device.channel_read(CHANNEL, size))
         return self._words.feed(data) if data else self.nothing()
 
     def close(self) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.cameras.words import WORD_OPTIONS, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
@@ -28,14 +29,21 @@ from spikingtac.events.formats.evt.words import Rows
 FRAME = (4096, 391)
 """Width and height of a frame, bytes."""
 TOOL = "v4l2-ctl"
-LOOK_BYTES = 1 << 14
-"""Stretch of a frame in which its mark is looked for at once: 4 ms of EVT2 words at 1 Mev/s."""
+READ_BYTES = 1 << 16
+"""Most that is read before the mark is looked for: 16 ms of EVT2 words at 1 Mev/s."""
+LOOK_BYTES = 1 << 11
+"""First stretch in which the mark is looked for: 0.5 ms of EVT2 words at 1 Mev/s; each further one
+is as long as all before."""
 PIPE_BYTES = 1 << 20
 """Room that is asked for in the tool's pipe, what Linux grants to anybody: two reads a frame."""
-_MARKS = {"evt2": ("<u4", 0xF00000FF, 0xE0000019), "evt3": ("<u2", 0xFFFF, 0xE019)}
-"""Type of the words in which a mark is looked for, the bits that count, and their value."""
-_MARK_IN_HEADS = (0xF0000FFF, 0xE0000019)
-"""The same for the upper halves of EVT2.1 words."""
+_MARKS = {
+    "evt2": ("<u4", slice(None), 0xF00000FF, 0xE0000019),
+    "evt21/little": ("<u4", slice(1, None, 2), 0xF0000FFF, 0xE0000019),
+    "evt21/legacy": ("<u4", slice(0, None, 2), 0xF0000FFF, 0xE0000019),
+    "evt21/big": (">u4", slice(0, None, 2), 0xF0000FFF, 0xE0000019),
+    "evt3": ("<u2", slice(None), 0xFFFF, 0xE019),
+}
+"""Numbers among which a mark is looked for, which of them, the bits that count, and their value."""
 
 
 class V4l2Camera(Camera):
@@ -50,11 +58,14 @@ class V4l2Camera(Camera):
         self.size = self._words.size
         width, height = address.size("frame") or FRAME
         self._frame_bytes = width * height
-        # Frames are read in place: a copy of 1.6 MB takes as long as the decoding of its words.
+        # Read up to its mark only, in place: copying 1.6 MB takes longer than decoding its words.
         self._frame, self._filled = memoryview(bytearray(self._frame_bytes)), 0
-        self._order = address.text("order", "little")
+        self._looked = self._behind = 0
+        self._sought = _sought(self._words.encoding, address.text("order", "little"))
         self._file: int | None = file
         self._tool = tool
+        moves = tool is not None and hasattr(os, "splice")  # from pipes, on Linux
+        self._nowhere = os.open(os.devnull, os.O_WRONLY) if moves else None
         self._ended = False
 
     @classmethod
@@ -75,22 +86,32 @@ class V4l2Camera(Camera):
         return cls(address, tool.stdout.fileno(), tool)
 
     def read(self, timeout_s: float) -> Rows | None:
-        """Return the events of the next frame; see :meth:`Camera.read`."""
+        """Return the events of the next frame, once its mark is there; see :meth:`Camera.read`."""
         if self._file is None or self._ended:
             return None
-        while self._filled < self._frame_bytes:
-            if not select.select([self._file], [], [], timeout_s)[0]:
-                return self.nothing()
-            got = os.readv(self._file, [self._frame[self._filled :]])
+        while select.select([self._file], [], [], timeout_s)[0]:
+            if self._behind:
+                gone = self._skip(self._file)
+                if not gone:
+                    return self._end()
+                self._behind -= gone
+                continue
+            got = os.readv(self._file, [self._frame[self._filled :][:READ_BYTES]])
             if not got:
                 return self._end()
             self._filled += got
-        self._filled = 0
-        return self._words.feed(self._payload(self._frame))
+            payload = self._payload()
+            if payload is not None:
+                self._behind, self._filled, self._looked = self._frame_bytes - self._filled, 0, 0
+                return self._words.feed(payload)
+        return self.nothing()
 
     def close(self) -> None:
         """Stop the device, or close the file."""
         file, self._file = self._file, None
+        nowhere, self._nowhere = self._nowhere, None
+        if nowhere is not None:
+            os.close(nowhere)
         if self._tool is not None:
             self._tool.terminate()
             self._tool.communicate()
@@ -102,40 +123,49 @@ class V4l2Camera(Camera):
         """Return the encoding, and the frame's bytes."""
         return {"frame_bytes": self._frame_bytes, **self._words.describe()}
 
+    def _skip(self, file: int) -> int:
+        """Leave out what stands behind a frame's mark, without a copy where the system can."""
+        if self._nowhere is None:
+            return os.readv(file, [self._frame[: self._behind]])
+        return os.splice(file, self._nowhere, self._behind)
+
     def _end(self) -> Rows | None:
         self._ended = True
         if self._tool is not None:
             raise CameraLostError(f"{TOOL} has ended: the device is gone, or refuses to stream")
-        self.losses.add("truncated", int(self._filled > 0))
-        rows = self._words.feed(self._payload(self._frame[: self._filled]), final=True)
+        self.losses.add("truncated", int(self._filled + self._behind > 0))
+        rows = self._words.feed(self._payload(final=True) or b"", final=True)
         return rows if len(rows[3]) else None
 
-    def _payload(self, frame: memoryview) -> memoryview:
-        """Return the words of a frame before its mark; all of them where there is none."""
-        end = self._mark(frame)
-        if end is None:
-            self.losses.add("no_end_mark", int(len(frame) > 0))
-            return frame[: len(frame) // self._words.word_bytes * self._words.word_bytes]
-        return frame[:end]
+    def _payload(self, final: bool = False) -> memoryview | None:
+        """Return the words before the mark; all of a frame without one; None until it is whole."""
+        end = self._mark()
+        if end is not None:
+            return self._frame[:end]
+        if self._filled < self._frame_bytes and not final:
+            return None
+        self.losses.add("no_end_mark", int(self._filled > 0))
+        return self._frame[: self._filled // self._words.word_bytes * self._words.word_bytes]
 
-    def _mark(self, frame: memoryview) -> int | None:
-        """Return the offset of the mark, bytes; a frame is looked through up to its mark only."""
-        if self._words.encoding == "evt21":
-            kind = ">u4" if self._order == "big" else "<u4"
-            first, stride = (1 if self._order == "little" else 0), 2
-            bits, value = _MARK_IN_HEADS
-        else:
-            (kind, bits, value), first, stride = _MARKS[self._words.encoding], 0, 1
+    def _mark(self) -> int | None:
+        """Return the offset of the mark, bytes; None where it is not among the words so far."""
+        kind, heads, bits, value = self._sought
         size = self._words.word_bytes
-        whole = len(frame) // size * size
-        mask = np.array(bits, kind)
-        for start in range(0, whole, LOOK_BYTES):
-            words = np.frombuffer(frame[start : min(start + LOOK_BYTES, whole)], kind)
-            found = (words[first::stride] & mask) == value
+        whole = self._filled // size * size
+        while self._looked < whole:
+            start, self._looked = self._looked, min(max(2 * self._looked, LOOK_BYTES), whole)
+            words = np.frombuffer(self._frame, kind, (self._looked - start) // kind.itemsize, start)
+            found = (words[heads] & bits) == value
             place = int(found.argmax())
             if found[place]:
                 return start + place * size
         return None
+
+
+def _sought(encoding: str, order: str) -> tuple[np.dtype[Any], slice, NDArray[Any], NDArray[Any]]:
+    """Return a mark of ``_MARKS`` with its numbers in the type of the words."""
+    kind, heads, bits, value = _MARKS[f"evt21/{order}" if encoding == "evt21" else encoding]
+    return np.dtype(kind), heads, np.array(bits, kind), np.array(value, kind)
 
 
 def _streaming(path: Path) -> subprocess.Popen[bytes]:

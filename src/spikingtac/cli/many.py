@@ -47,14 +47,33 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
 
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
-    if args.workers is not None and args.scheduler is not None:
-        raise ConfigError("--workers are processes here, --scheduler has its own: give one of them")
-    if args.workers is not None and args.workers < 1:
-        raise ConfigError(f"--workers is {args.workers}, it must be at least 1")
-    if args.tls is not None and args.scheduler is None:
-        raise ConfigError("--tls goes with --scheduler tls://HOST:8786")
+    check_crew(args.workers, args.scheduler, args.tls)
     asked = args.workers is not None or args.scheduler is not None or args.resume
     return asked or is_many(given)
+
+
+def check_crew(workers: int | None, scheduler: str | None, tls: Path | None) -> str | None:
+    """Return the address of the cluster that is asked for, with its port; None for processes.
+
+    Args:
+        workers: Number of processes.
+        scheduler: Address of a Dask scheduler.
+        tls: Folder with certificates.
+
+    Raises:
+        ConfigError: They do not go together, or the address is not to be connected to.
+    """
+    if workers is not None and scheduler is not None:
+        raise ConfigError("--workers are processes here, --scheduler has its own: give one of them")
+    if workers is not None and workers < 1:
+        raise ConfigError(f"--workers is {workers}, it must be at least 1")
+    if tls is not None and scheduler is None:
+        raise ConfigError("--tls goes with --scheduler tls://HOST:8786")
+    if scheduler is None:
+        return None
+    from spikingtac.batch.cluster import check_address
+
+    return check_address(scheduler, tls)
 
 
 def require_folder(output: Path | None, verb: str) -> Path:
@@ -96,11 +115,7 @@ class CrewRunner:
 
     def __init__(self, args: ManyArgs) -> None:
         self._args = args
-        self._address = ""
-        if args.scheduler is not None:
-            from spikingtac.batch.cluster import check_address
-
-            self._address = check_address(args.scheduler, args.tls)
+        self._address = check_crew(args.workers, args.scheduler, args.tls)
 
     def __call__(self, jobs: Iterable[FileJob]) -> Iterator[Outcome]:
         """Yield the outcome of every job, from a cluster or from worker processes."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from spikingtac.contact.details import ContactDetails
 from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.live_windows import live_windows
 from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource
@@ -111,13 +112,21 @@ class FoundContact:
 
 
 def find_contacts(
-    sources: Sequence[EventSource], detector: ContactDetector
+    sources: Sequence[EventSource], detector: ContactDetector, live: bool = False
 ) -> Iterator[FoundContact]:
-    """Yield each contact once it has ended, or the recording has."""
+    """Yield each contact once it has ended, or the recording has.
+
+    Args:
+        sources: One or two sensors on one clock.
+        detector: Decides.
+        live: Whether they are cameras that are read as time passes: of two, a silent one does not
+            hold back what the other one tells.
+    """
     found: Contact | None = None
     details: ContactDetails | None = None
     age = 0
-    for window in paired_windows(sources):
+    in_step = live and len(sources) > 1
+    for window in live_windows(sources) if in_step else paired_windows(sources):
         begun = detector.update(window)
         if found is not None and (begun is not None or not detector.in_contact):
             yield FoundContact(found, packets_of(window)[0].t_end_us, details)

@@ -20,10 +20,12 @@ class Study:
     Attributes:
         module: Module with ``run(options) -> summary``.
         about: What it measures, a few words for the help.
+        divided: Whether its tasks are divided among processes, or done one by one in this one.
     """
 
     module: str
     about: str
+    divided: bool = True
 
 
 EXPERIMENTS: dict[str, Study] = {
@@ -35,7 +37,9 @@ EXPERIMENTS: dict[str, Study] = {
         "spikingtac.experiments.collision.experiment", "stopping at contact, section V-B"
     ),
     "holes": Study("spikingtac.experiments.holes.experiment", "holes by touch, section V-C"),
-    "touch": Study("spikingtac.experiments.touch.experiment", "forces, wrenches, touches"),
+    "touch": Study(
+        "spikingtac.experiments.touch.experiment", "forces, wrenches, touches", divided=False
+    ),
     "real": Study("spikingtac.experiments.real_gels.experiment", "recordings of real gels"),
 }
 """Name -> experiment, for ``spikingtac experiment``."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.cameras.v4l2 import FRAME
+from spikingtac.cameras.v4l2 import FRAME, READ_BYTES
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
@@ -55,6 +56,42 @@ def test_a_dump_gives_the_events_before_each_mark(tmp_path: Path, encoding: str)
         np.testing.assert_array_equal(getattr(found, column), getattr(sent, column))
     np.testing.assert_array_equal(found.t - found.t[0], sent.t - sent.t[0])
     assert source.losses["no_end_mark"] == source.losses["garbage"] == 0
+
+
+def test_a_frame_that_takes_several_reads_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "dump.raw"
+    sent = events(3 * READ_BYTES // 4)
+    path.write_bytes(frames([sent, events(100, first_us=1_000_000)], "evt2"))
+    source = open_events(f"v4l2:{path}?encoding=evt2")
+    found = EventPacket.concatenate(list(source))
+    assert len(found) == len(sent) + 100
+    np.testing.assert_array_equal(found.x[: len(sent)], sent.x)
+    assert source.losses["no_end_mark"] == source.losses["garbage"] == 0
+
+
+def test_events_are_given_out_with_the_mark_before_the_frame_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What follows the mark is left out whenever it comes, and the next frame begins behind it."""
+    first, second = (frames([packet], "evt2") for packet in bursts()[:2])
+    tool, pipe = tmp_path / "v4l2-ctl", tmp_path / "frames"
+    os.mkfifo(pipe)
+    tool.write_text(f"#!/bin/sh\nexec cat {pipe}\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    camera = open_camera(Address.parse("v4l2:/dev/null?encoding=evt2"))
+    with pipe.open("wb", buffering=0) as writer:
+        writer.write(first[:READ_BYTES])
+        rows = camera.read(5.0)
+        assert rows is not None
+        assert len(rows[3]) == 2_000
+        rest = threading.Thread(target=writer.write, args=(first[READ_BYTES:] + second,))
+        rest.start()
+        rows = camera.read(5.0)
+        assert rows is not None
+        np.testing.assert_array_equal(rows[0], bursts()[1].x)
+        camera.close()
+        rest.join(10.0)
 
 
 def test_a_frame_without_a_mark_and_a_cut_dump_are_counted(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def _found(
     if realtime:
         ask_for_real_time()
     with ending_on_interrupt(*sources), bar as advance:
-        for contact in find_contacts(checked, detector):
+        for contact in find_contacts(checked, detector, live):
             found.append(contact)
             if live:
                 remark(f"contact at {contact.contact.t_us} us")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from spikingtac.cli.many import check_crew
 from spikingtac.cli.studies.run_study import run_study
+from spikingtac.errors import ConfigError
 from spikingtac.experiments.registry import EXPERIMENTS, choices_text, runner_of
 
 
@@ -38,10 +40,34 @@ class Args:
     """Remove the run that is in the folder, and begin anew."""
     workers: int | None = None
     """Number of processes; one for each CPU unless given."""
+    scheduler: str | None = None
+    """A Dask scheduler instead, tcp://127.0.0.1:8786, or tls://HOST:8786 with --tls."""
+    tls: Path | None = None
+    """With tls://: folder with ca.pem, cert.pem and key.pem."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
-    return run_study(runner_of(EXPERIMENTS, args.name, "experiment"), args)
+    study = runner_of(EXPERIMENTS, args.name, "experiment")
+    scheduler = check_crew(args.workers, args.scheduler, args.tls)
+    if scheduler is not None:
+        _require_cluster(args.name, scheduler, args.tls)
+        # The workers have folders of their own in which they run.
+        args = replace(args, scheduler=scheduler, output=args.output.absolute())
+    return run_study(study, args)
+
+
+def _require_cluster(name: str, scheduler: str, tls: Path | None) -> None:
+    """Refuse a cluster that does not answer, before anything is written.
+
+    Raises:
+        ConfigError: The experiment is done in one process.
+        DeviceError: Nobody answers.
+    """
+    from spikingtac.batch.cluster import CONNECT_S, connect
+
+    if not EXPERIMENTS[name].divided:
+        raise ConfigError(f"{name!r} is done one by one in this process; leave --scheduler out")
+    connect(scheduler, tls, CONNECT_S).close()

@@ -36,4 +36,4 @@ def run_study(study: Runner, args: Any) -> int:
 def recordings_from_elsewhere() -> Path | None:
     """Return the folder in the variable ``SPIKINGTAC_DATA``, or None."""
     folder = os.environ.get("SPIKINGTAC_DATA")
-    return Path(folder) if folder and Path(folder).is_dir() else None
+    return Path(folder).absolute() if folder and Path(folder).is_dir() else None

@@ -35,6 +35,7 @@ class ReadAhead(FileSource):
 
     Attributes:
         beside: What begins to be read at the same time.
+        live_map: Puts the times on another camera's clock, or None.
     """
 
     def __init__(self, camera: CameraSource, options: ReadOptions) -> None:
@@ -43,6 +44,7 @@ class ReadAhead(FileSource):
         super().__init__(camera.path, options)
         self.format, self.notes = camera.format, list(camera.notes)
         self.beside: list[ReadAhead] = []
+        self.live_map: LiveMap | None = None
         self._waiting: deque[Rows] = deque()
         self._events = 0
         self._changed = threading.Condition()
@@ -79,7 +81,8 @@ class ReadAhead(FileSource):
             source.start()
         while (rows := self._next()) is not None:
             self._take_counts()
-            yield rows
+            x, y, p, t = rows
+            yield x, y, p, t if self.live_map is None else self.live_map(t)
         self._take_counts()
         if self._error is not None:
             raise self._error
@@ -121,7 +124,8 @@ class OnAnotherClock(RetimedSource):
     """A camera's events on another camera's clock.
 
     A camera that is silent does not hold this one back: after ``SILENCE_S`` the events are given
-    out with their own times, to the end, and ``own_clock`` is counted.
+    out with their own times, to the end, and ``own_clock`` is counted. When the silent camera
+    begins after all, its times are put on this one's clock instead.
 
     Attributes:
         live_map: How the times are mapped now.
@@ -147,6 +151,8 @@ class OnAnotherClock(RetimedSource):
                 begun_s = time.monotonic()
             if begun_s is not None and time.monotonic() - begun_s > SILENCE_S:
                 self._map = TimeMap()
+                first, own = pair[0].camera, self._camera.camera
+                pair[0].live_map = LiveMap(first.clock.mapping, own.clock.mapping)
                 self.losses.add("own_clock")
                 break
         yield from super()._columns()

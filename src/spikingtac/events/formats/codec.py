@@ -30,6 +30,7 @@ KINDS: dict[str, str] = {
     "overflow": "buffers that overran: datagrams, packets or events were dropped on their way",
     "duplicate": "datagrams that came twice; the second one was dropped",
     "reordered": "datagrams that came late; their events are kept, at the time reached by then",
+    "late": "events of a camera after its silence, for times that were told without it; dropped",
     "foreign": "datagrams of another sender than the first; dropped",
     "no_end_mark": "frames without the mark that ends their events; read to their end",
     "disconnected": "the camera was gone",

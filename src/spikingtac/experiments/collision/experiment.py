@@ -11,7 +11,6 @@ from dataclasses import asdict
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.collision.figures import figures
 from spikingtac.experiments.collision.findings import findings
 from spikingtac.experiments.collision.jobs import QUIET_STEPS, CollisionJob, run_job
@@ -103,7 +102,7 @@ def run_all(
         len(main.scenes)
         + sum(len(part) for one in (main, later) for part in (one.approaches, one.stretches)),
     )
-    with worker_pool(options.workers, total) as pool:
+    with options.pool(total) as pool:
 
         def run_jobs(jobs: Sequence[CollisionJob]) -> list[Record]:
             nonlocal done

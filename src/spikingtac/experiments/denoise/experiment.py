@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.denoise.cases import (
     METHODS,
     UNITS,
@@ -145,7 +144,7 @@ def _jobs(config: DenoiseConfig, data: Path | None) -> list[RecordingJob]:
 
 
 def _in_processes(jobs: Sequence[RecordingJob], options: RunOptions) -> Iterator[Samples]:
-    with worker_pool(options.workers, len(jobs)) as pool:
+    with options.pool(len(jobs)) as pool:
         futures = [pool.submit(score_job, job) for job in jobs]
         for number, future in enumerate(as_completed(futures), 1):
             future.result()

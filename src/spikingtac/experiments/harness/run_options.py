@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.errors import named
 
 Advance = Callable[[float], None]
@@ -25,6 +28,8 @@ class RunOptions:
         resume: Continue a run that was interrupted.
         overwrite: Remove the run that is in the folder, and begin anew.
         workers: Number of processes; None takes one for each CPU.
+        scheduler: Address of a Dask scheduler that takes their place, or None.
+        tls: Folder with the certificates for it, or None.
         methods: Names of the methods to run; empty runs all.
         ablations: Run the ablations instead of the main tables, where there are any.
         data: Folder of recordings from elsewhere, or None.
@@ -38,6 +43,8 @@ class RunOptions:
     resume: bool = False
     overwrite: bool = False
     workers: int | None = None
+    scheduler: str | None = None
+    tls: Path | None = None
     methods: tuple[str, ...] = ()
     ablations: bool = False
     data: Path | None = None
@@ -52,6 +59,18 @@ class RunOptions:
         words += [f"--seeds {self.seeds}"] if self.seeds else []
         words += [f"--methods {' '.join(self.methods)}"] if self.methods else []
         return " ".join(words)
+
+    def pool(self, tasks: int) -> AbstractContextManager[Executor]:
+        """Return the crew of a run, to be entered: worker processes here, or a cluster.
+
+        Args:
+            tasks: Number of tasks: more processes would be idle.
+        """
+        if self.scheduler is None:
+            return worker_pool(self.workers, tasks)
+        from spikingtac.batch.cluster_pool import cluster_pool
+
+        return cluster_pool(self.scheduler, self.tls)
 
     def report_progress(self, done: int, total: int) -> None:
         """Call :attr:`advance`, if it is given, after ``done`` of ``total`` tasks."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.experiments.harness.fingerprint import provenance
 from spikingtac.experiments.harness.records import Record
 from spikingtac.experiments.harness.report import Report, Table, find_row
@@ -76,7 +75,7 @@ def touch_all(options: RunOptions, seeds: range) -> tuple[dict[int, Record], lis
     plates = [HoleJob(options.output, seed, quick=options.quick) for seed in seeds]
     holes = [replace(plate, hole=hole) for plate in plates for hole in range(len(RADII_MM))]
     searched: list[Record] = []
-    with worker_pool(options.workers, len(holes)) as pool:
+    with options.pool(len(holes)) as pool:
         calibrated = list(pool.map(run_calibration, plates))
         for record in pool.map(run_searches, holes):
             searched.append(record)

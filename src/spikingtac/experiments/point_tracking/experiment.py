@@ -73,7 +73,7 @@ def run(options: RunOptions) -> dict[str, Any]:
         )
         for trial, selected in _trials(options, range(options.seed, options.seed + count))
     ]
-    records = run_all(jobs, options.workers, options.advance)
+    records = run_all(jobs, options.pool, options.advance)
     report = _report(records, options, settings | {"methods": names}, table())
     return write_report(report, options.output, trials=len(jobs))
 

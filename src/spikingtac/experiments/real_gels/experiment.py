@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import time_slice
@@ -94,7 +93,7 @@ def _scored(
     Returns:
         Case -> reason of a failed calibration; the records of all other cases.
     """
-    with worker_pool(options.workers, len(jobs) * len(names)) as pool:
+    with options.pool(len(jobs) * len(names)) as pool:
         sensors = {calibration_path(job): job for job in jobs}
         reasons = dict(zip(sensors, pool.map(make_calibration, sensors.values()), strict=True))
         refused = {job.case.name: f"not calibrated, {why}" for job in jobs

@@ -8,13 +8,13 @@ computed again, and outdated ones are never used. One method on one trial is one
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import Executor, Future, as_completed
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from spikingtac.atomic_files import write_json
-from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.experiments.harness.fingerprint import code_digest, modules_behind
@@ -34,6 +34,7 @@ KEPT_HZ = 500.0
 """Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate."""
 
 Methods = Callable[[], Mapping[str, Method | LawMethod]]
+PoolOf = Callable[[int], AbstractContextManager[Executor]]
 
 
 SCORING = ("experiments/trials/metrics.py", "experiments/trials/ground_truth.py")
@@ -60,7 +61,7 @@ class TrialJob:
 
 
 def run_all(
-    jobs: Sequence[TrialJob], workers: int | None, advance: Advance | None = None
+    jobs: Sequence[TrialJob], pool_of: PoolOf, advance: Advance | None = None
 ) -> list[Record]:
     """Score every method on every trial.
 
@@ -69,7 +70,7 @@ def run_all(
 
     Args:
         jobs: The jobs, the longest first.
-        workers: Number of processes; None takes one for every CPU.
+        pool_of: Returns the crew for a number of tasks, to be entered.
         advance: Is called with the fraction that is done, 0 to 1.
 
     Returns:
@@ -79,7 +80,7 @@ def run_all(
     recordings = {job.trial.recording_key(): job for job in jobs if job.trial.camera != V2E}
     parts = [part for job in jobs for part in _split(job)]
     total = len(sensors) + len(recordings) + len(parts)
-    with worker_pool(workers, len(parts)) as pool:
+    with pool_of(len(parts)) as pool:
         inputs = [pool.submit(make_calibration, job) for job in sensors.values()]
         inputs += [pool.submit(make_recording, job) for job in recordings.values()]
         _wait_for(inputs, 0, total, advance)

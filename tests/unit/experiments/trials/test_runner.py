@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.open import open_events
+from spikingtac.experiments.harness.run_options import RunOptions
 from spikingtac.experiments.point_tracking.cases import (
     DAMAGES,
     LOOPS,
@@ -73,6 +76,10 @@ def other_table() -> dict[str, Method]:
     return table(gain=2.0)
 
 
+def one_worker(tasks: int) -> AbstractContextManager[Executor]:
+    return RunOptions(output=Path(), workers=1).pool(tasks)
+
+
 @pytest.fixture
 def known_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sensor is known from the twin itself: bootstrap slides take longer than this test."""
@@ -91,7 +98,7 @@ def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
     BUILT.clear()
     job = TrialJob(trial=TRIAL, methods=("still", "truth"), table=table, folder=tmp_path)
     shares: list[float] = []
-    first = run_all([job], 1, shares.append)
+    first = run_all([job], one_worker, shares.append)
     assert [record["method"] for record in first] == ["still", "truth"]
     assert BUILT == ["still"]
     assert shares[-1] == 1.0
@@ -109,12 +116,14 @@ def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
 def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
     BUILT.clear()
     job = TrialJob(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
-    still, pulled = run_all([job], 1)
+    still, pulled = run_all([job], one_worker)
     assert (still["method"], pulled["method"]) == ("still", "pulled")
     assert BUILT == ["still"], "tracked once"
     assert pulled["prediction"] == still["prediction"]
     alone = replace(job, methods=("pulled",), folder=tmp_path / "alone")
-    assert run_all([alone], 1)[0]["scores"] == pulled["scores"], "also where only it is asked for"
+    assert run_all([alone], one_worker)[0]["scores"] == pulled["scores"], (
+        "also where only it is asked for"
+    )
 
 
 @pytest.mark.usefixtures("known_sensor")

@@ -75,6 +75,7 @@ def walk(
             np.empty((steps.on[rows].size, PHASES), np.float32),
             (measured[:, rows], expected[:, rows], drawn[:, rows], near),
         )
+        near[:, 2:] /= PHASES
         return near
 
     counts = np.sum(divide(events.size[1], walk_rows), axis=0)
@@ -116,12 +117,17 @@ def follow_level_kernel(
 def spread_kernel(
     phases: NDArray[np.float32],
     level: NDArray[np.float32],
+    before: NDArray[np.float32],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
 ) -> None:
-    """Spread every pixel's copies evenly over the levels at which it may have fired last."""
+    """Spread every pixel's copies evenly over the levels at which it may have fired last.
+
+    ``before`` is filled with the levels.
+    """
     on, off = steps
     count = phases.shape[1]
     for q in range(len(level)):
+        before[q] = level[q]
         for phase in range(count):
             share = (phase + 0.5) / count
             phases[q, phase] = level[q] + off[q] - (on[q] + off[q]) * share
@@ -178,9 +184,7 @@ def walk_kernel(
         stretched = (stretched_kernel(discs[0], stretches[sample]), discs[1])
         count = draw_kernel(places[sample], stretched, (image, owner), touched)
         if sample == 0:
-            spread_kernel(phases, now, steps)
-            for q in range(len(now)):
-                before[q] = now[q]
+            spread_kernel(phases, now, before, steps)
         # What was a disc and is ground now, then what is a disc.
         for q in former[:formers]:
             if whose[q] < 0 and before[q] > STILL_LEVEL:
@@ -195,9 +199,6 @@ def walk_kernel(
         former, touched, formers = touched, former, count
         for q in former[:count]:
             now[q], whose[q] = 0.0, -1
-    for m in range(len(events)):
-        events[m, 2] /= phases.shape[1]
-        events[m, 3] /= phases.shape[1]
 
 
 @njit(cache=True)
