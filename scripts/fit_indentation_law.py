@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from spikingtac.experiments.touch.slides import KINDS, Body, draw_slide
 from spikingtac.sim.scene.source import SceneSource
-BODIES = (Body("ball", (2.5, 9.0), (0.1, 1.3)), Body("punch", (1.5, 4.5), (0.08, 0.6)), Body("finger", (5.5, 8.5), (0.5, 2.6)))
+BODIES = (Body("ball", (0.8, 9.0), (0.1, 1.3)), Body("punch", (0.6, 4.5), (0.08, 0.6)), Body("finger", (5.0, 8.5), (0.4, 2.6)))
 work = Path(sys.argv[1]); work.mkdir(exist_ok=True, parents=True)
 for number in range(int(sys.argv[2]), int(sys.argv[3])):
     path = work / f"skin_{number:04d}.npz"
