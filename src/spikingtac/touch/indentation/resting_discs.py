@@ -22,9 +22,25 @@ OFFSET_EDGES, OFFSET_POINTS = 20.0, 2001
 """Half the way across an edge over which its level is summed, in edge scales, and its points."""
 
 
-def missing_for_growth(calibration: Calibration) -> list[str]:
-    """Return what growth needs and the calibration does not hold; empty where all is there."""
-    return [name for name in NEEDED if getattr(calibration, name) is None]
+LARGEST_STEP = 0.5
+"""Share of the full swing of an event above which an edge hardly swings (ours: below two events)."""
+
+
+def why_no_growth(calibration: Calibration) -> str | None:
+    """Return why growth cannot be told with a calibration; None where it can."""
+    lacking = [name for name in NEEDED if getattr(calibration, name) is None]
+    if lacking:
+        return (
+            f"the calibration lacks {', '.join(lacking)}, so the full swing of an edge is unknown; "
+            "make one with: spikingtac calibrate"
+        )
+    step = max(calibration.step_on or 0.0, calibration.step_off or 0.0)
+    if step > LARGEST_STEP:
+        return (
+            f"an event stands for {100 * step:.0f} % of the full swing, which leaves fewer than two "
+            "for an edge; lower the camera's thresholds or give it more light, and calibrate again"
+        )
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +65,11 @@ class RestingDiscs:
         """Return the discs that a calibration describes.
 
         Raises:
-            ConfigError: It knows no contrast, edge or steps.
+            ConfigError: It knows no contrast, edge or steps, or an edge gives hardly an event.
         """
-        lacking = missing_for_growth(calibration)
-        if lacking:
-            raise ConfigError(
-                f"the calibration lacks {', '.join(lacking)}: the full swing of an edge is unknown "
-                "and so is the growth; make one with: spikingtac calibrate"
-            )
+        why = why_no_growth(calibration)
+        if why is not None:
+            raise ConfigError(f"the growth of the discs cannot be told: {why}")
         count, shape = len(calibration.reference_px), calibration.size[::-1]
         contrast = _each(calibration.marker_contrast, calibration.contrast, count)
         edge_px = _each(calibration.marker_edge_px, calibration.edge_px, count)
