@@ -52,15 +52,15 @@ KEPT_SHARE = 3
 """Of the others one in so many is kept."""
 DISTANCE_MM = (9.0, 18.0)
 DISTORTION = (-0.06, 0.0)
-PLACE_SIGMA_PX = (0.05, 0.25)
-GROWTH_SIGMA = (0.003, 0.015)
-COMMON_SIGMA = 0.005
+PLACE_SIGMA_PX = (0.03, 0.12)
+GROWTH_SIGMA = (0.003, 0.009)
+COMMON_SIGMA = 0.003
 """Error of the growth that all discs of a frame share."""
 HIDDEN = (96, 48)
 BATCH, RATE, DECAY = 12, 4e-3, 1e-3
 TOUCHED, TOUCHED_WEIGHT = 0.05, 10.0
 """Pitches of indentation above which a marker counts more, and by how much."""
-SQUARED_WEIGHT = 0.02
+SQUARED_WEIGHT = 0.05
 """Of the plain squared error beside the likelihood: a network that begins with large deviations
 learns nothing else."""
 SYMMETRIES = 8
@@ -82,7 +82,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fit the law of indentation.")
     parser.add_argument("work", type=Path, help="folder for the skins")
     parser.add_argument("--contacts", type=int, default=CONTACTS)
-    parser.add_argument("--epochs", type=int, default=24)
+    parser.add_argument("--epochs", type=int, default=20)
     parser.add_argument("--without-growth", action="store_true", help="to see what it is worth")
     parser.add_argument("--error-factor", type=float, default=1.0, help="found with events")
     parser.add_argument("-o", "--output", type=Path, default=Path("indentation_law.json"))
@@ -200,7 +200,7 @@ def fitted(
             loss.backward()
             optimiser.step()
             schedule.step()
-            total += float(loss)
+            total += float(loss.detach())
         print(epoch, total / turns, flush=True)
     weights = [layer.weight.detach().numpy().astype(float) for layer in layers]
     offsets = [layer.bias.detach().numpy().astype(float) for layer in layers]
