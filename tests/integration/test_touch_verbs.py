@@ -10,7 +10,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.events.recording import RecordingWriter
-from tests.stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
+from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5

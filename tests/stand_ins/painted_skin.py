@@ -44,7 +44,9 @@ class PaintedSkin:
         count = np.trunc(away / STEP).astype(int)
         self._last = self._last + STEP * count
         often = np.abs(count).ravel()
-        y, x = (np.repeat(axis.ravel(), often).astype(np.uint16) for axis in np.indices(count.shape))
+        y, x = (
+            np.repeat(axis.ravel(), often).astype(np.uint16) for axis in np.indices(count.shape)
+        )
         start, self.t_us = self.t_us, self.t_us + self._frame_us
         on = np.repeat((count > 0).ravel(), often)
         t = np.full(len(x), start, np.int64)

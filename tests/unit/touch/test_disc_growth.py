@@ -13,7 +13,7 @@ from spikingtac.touch.indentation.disc_growth import (
 )
 from spikingtac.touch.indentation.resting_discs import why_no_growth
 from spikingtac.types import EventPacket
-from tests.stand_ins.painted_skin import PaintedSkin, square_calibration
+from stand_ins.painted_skin import PaintedSkin, square_calibration
 
 FRAME_US = 10_000
 CALIBRATION = square_calibration(2)

@@ -21,9 +21,9 @@ from spikingtac.touch.indentation.field_features import (
     marker_pitch_px,
 )
 from spikingtac.touch.indentation.indentation_law import IndentationLaw, fitted_law
-from spikingtac.touch.indentation.monitor import Indentation, IndentationMonitor
+from spikingtac.touch.indentation.monitor import Indentation, IndentationMonitor, Peak
 from spikingtac.types import MarkerFrame
-from tests.stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
+from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 CALIBRATION = square_calibration(4)
 REST = CALIBRATION.reference_px
@@ -98,7 +98,9 @@ def frame(t_us: int, places: np.ndarray, coasted: bool = False) -> MarkerFrame:
     return MarkerFrame(t_us, places, places, away, np.full(16, coasted), np.ones(16))
 
 
-def press_watched(distance_mm: float | None, coasted: bool = False) -> tuple[Indentation, object]:
+def press_watched(
+    distance_mm: float | None, coasted: bool = False
+) -> tuple[Indentation, Peak | None]:
     """A press that spreads and grows the discs, and its last state and peak."""
     monitor, skin = IndentationMonitor(CALIBRATION, distance_mm), PaintedSkin(CALIBRATION, FRAME_US)
     away = (REST - REST.mean(axis=0)) / PITCH_PX
@@ -114,6 +116,7 @@ def press_watched(distance_mm: float | None, coasted: bool = False) -> tuple[Ind
 
 def test_without_the_cameras_distance_growth_is_told_and_no_depth():
     state, peak = press_watched(None)
+    assert peak is not None
     assert state.indentation_mm is None
     assert state.indentation_sigma_mm is None
     assert peak.indentation_mm is None
@@ -124,6 +127,10 @@ def test_without_the_cameras_distance_growth_is_told_and_no_depth():
 
 def test_with_it_the_depth_has_an_uncertainty():
     state, peak = press_watched(13.0)
+    assert peak is not None
+    assert state.indentation_mm is not None
+    assert peak.indentation_mm is not None
+    assert peak.indentation_std_mm is not None
     assert peak.indentation_mm == pytest.approx(state.indentation_mm.max(), abs=0.03)
     assert peak.indentation_mm > 0.1
     assert peak.indentation_std_mm > 0.0

@@ -77,7 +77,7 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
             raise ConfigError(f"--vibration is told from events; {path.name!r} holds tracks")
         if args.camera_distance_mm is not None:
             raise ConfigError(
-                f"indentation (--camera-distance-mm) is told from events; {path.name!r} holds tracks"
+                f"--camera-distance-mm: indentation is told from events; {path.name!r} holds tracks"
             )
         scale = _px_per_mm(args)
         return Watched(

@@ -16,8 +16,8 @@ Field = NDArray[np.float64]
 Levels = NDArray[np.float32]
 
 INSIDE_PX = 2.0
-"""Pixels farther than this inside of a rim are in the disc, px (ours: with 4 the growth errs by 0.006
-instead of 0.005 on the training scenes, and by 0.038 instead of 0.008 where the sensor is noisy)."""
+"""Pixels farther than this inside of a rim are in the disc, px (ours: with 4 the growth errs by
+0.006 instead of 0.005 on a training scene, by 0.038 instead of 0.008 where the sensor is noisy)."""
 OUTSIDE_PX = 2.0
 """Pixels farther than this outside of a rim are ground, px (ours: as above; with 1.5 strained discs
 leave the ring)."""

@@ -61,9 +61,9 @@ class DiscGrowthConfig:
     zero_s: float = 0.2
     drift_s: float = 2.0
     settle_s: float = 1.0
-    level_sigma: float = 0.8
+    level_sigma: float = 1.05
     drift_share: float = 1.0
-    growth_share: float = 0.25
+    growth_share: float = 0.3
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

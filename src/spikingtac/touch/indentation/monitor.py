@@ -18,7 +18,7 @@ from spikingtac.types import EventPacket, MarkerFrame
 Field = NDArray[np.float64]
 
 PERIOD_US = 10_000
-"""Time between two measurements, us (ours: growth does not profit from more, and one takes 0.5 ms)."""
+"""Time between two measurements, us (ours: more tell nothing more)."""
 STEADY_MEASUREMENTS = 5
 """Measurements whose median is the growth and the indentation of a touch (ours: 50 ms; single ones
 would let noise choose the peak)."""

@@ -20,10 +20,8 @@ PROFILE_REACH_PX = 12.0
 """How far outside of the resting rim the levels are tabulated, px: farther than any disc grows."""
 OFFSET_EDGES, OFFSET_POINTS = 20.0, 2001
 """Half the way across an edge over which its level is summed, in edge scales, and its points."""
-
-
 LARGEST_STEP = 0.5
-"""Share of the full swing of an event above which an edge hardly swings (ours: below two events)."""
+"""Share of the full swing of an event above which an edge hardly swings (ours)."""
 
 
 def why_no_growth(calibration: Calibration) -> str | None:
@@ -37,8 +35,8 @@ def why_no_growth(calibration: Calibration) -> str | None:
     step = max(calibration.step_on or 0.0, calibration.step_off or 0.0)
     if step > LARGEST_STEP:
         return (
-            f"an event stands for {100 * step:.0f} % of the full swing, which leaves fewer than two "
-            "for an edge; lower the camera's thresholds or give it more light, and calibrate again"
+            f"an event stands for {100 * step:.0f} % of the full swing, fewer than two for "
+            "an edge; lower the camera's thresholds or give it more light, and calibrate again"
         )
     return None
 
@@ -70,7 +68,7 @@ class RestingDiscs:
         why = why_no_growth(calibration)
         if why is not None:
             raise ConfigError(f"the growth of the discs cannot be told: {why}")
-        count, shape = len(calibration.reference_px), calibration.size[::-1]
+        count, (width, height) = len(calibration.reference_px), calibration.size
         contrast = _each(calibration.marker_contrast, calibration.contrast, count)
         edge_px = _each(calibration.marker_edge_px, calibration.edge_px, count)
         radius_px = np.asarray(calibration.radius_px, np.float64)
@@ -81,8 +79,8 @@ class RestingDiscs:
             np.array(offsets),
             edge_level(away - radius_px[:, None], contrast[:, None], edge_px[:, None]),
             (
-                _filled(calibration.step_on_map, calibration.step_on, shape),
-                _filled(calibration.step_off_map, calibration.step_off, shape),
+                _filled(calibration.step_on_map, calibration.step_on, (height, width)),
+                _filled(calibration.step_off_map, calibration.step_off, (height, width)),
             ),
         )
 
