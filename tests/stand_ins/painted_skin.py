@@ -14,7 +14,7 @@ PITCH_PX = 37.0
 
 def square_calibration(side: int) -> Calibration:
     """The calibration of ``side`` by ``side`` markers, with all that growth needs."""
-    axis = PITCH_PX * (np.arange(side) + 0.6)
+    axis = np.asarray(PITCH_PX * (np.arange(side) + 0.6), np.float64)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     pixels = int(axis[-1] + 0.6 * PITCH_PX)
     return Calibration(

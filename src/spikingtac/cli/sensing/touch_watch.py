@@ -16,6 +16,7 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.markers.tracker import MarkerTracker
     from spikingtac.touch.ageing.swing_runs import Swing
     from spikingtac.touch.indentation.monitor import IndentationMonitor
     from spikingtac.touch.vibration.event_vibration import VibrationLine
@@ -112,16 +113,13 @@ def track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
-    from spikingtac.pipeline.shared_events import SharedEventsTracker
     from spikingtac.touch.ageing.swing_runs import SwingRuns
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
-    tracker = make_tracker(config.tracking, calibration)
     monitor = _indentation(calibration, args.camera_distance_mm)
-    if monitor is not None:
-        tracker = SharedEventsTracker(tracker, monitor.absorb)
+    tracker = _sharing(make_tracker(config.tracking, calibration), monitor)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
     heard = _heard(checked, calibration) if args.vibration else None
@@ -141,9 +139,8 @@ def track(
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    told = (None if heard is None else heard.lines, runs.swing, monitor)
-    scale = calibration.px_per_mm
-    return Watched(frames(), calibration.reference_px, "px", scale, anomalies, health, *told)
+    told = (anomalies, health, None if heard is None else heard.lines, runs.swing, monitor)
+    return Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, *told)
 
 
 def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
@@ -151,6 +148,13 @@ def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPac
     from spikingtac.touch.vibration.heard_packets import HeardPackets
 
     return HeardPackets(packets, EventVibrationMonitor(calibration))
+
+
+def _sharing(tracker: MarkerTracker, monitor: IndentationMonitor | None) -> MarkerTracker:
+    """Return a tracker whose events the monitor takes in, too."""
+    from spikingtac.pipeline.shared_events import SharedEventsTracker
+
+    return tracker if monitor is None else SharedEventsTracker(tracker, monitor.absorb)
 
 
 def _indentation(
