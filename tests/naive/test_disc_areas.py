@@ -14,7 +14,7 @@ CENTRES = np.array([[12.3, 9.8], [30.0, 20.0], [0.5, 31.2], [45.0, 10.0]])
 
 def maps(seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    return tuple(rng.random((32, 40)).astype(np.float32) for _ in range(2))
+    return rng.random((32, 40)).astype(np.float32), rng.random((32, 40)).astype(np.float32)
 
 
 def plain_areas(memory, level, centres, bounds):
