@@ -119,6 +119,14 @@ def test_the_truth_starts_and_ends_at_rest(scene, folder):
     assert truth["torque_n_mm"].shape == (len(touched), 3)
     assert np.abs(truth["torque_n_mm"][touched]).max() > 0
     assert truth["reference_mm"].shape == truth["reference_px"].shape
+    depth, radius = truth["marker_depth_mm"], truth["marker_radius_px"]
+    assert depth.shape == radius.shape == (len(touched), 6)
+    assert depth.dtype == radius.dtype == np.float32
+    np.testing.assert_allclose(radius[0], truth["radius_px"], atol=1e-4)
+    assert depth[touched].max() > 0.05
+    assert not depth[0].any()
+    deepest = np.unravel_index(depth.argmax(), depth.shape)
+    assert radius[deepest] > truth["radius_px"][deepest[1]]
 
 
 def test_events_of_a_clean_camera_lie_on_the_edges_of_the_true_markers(scene):

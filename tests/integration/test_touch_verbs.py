@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
+from spikingtac.events.recording import RecordingWriter
+from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
@@ -78,6 +81,64 @@ def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFix
     assert int(row["slips"]) == len(touch["slips"])
     assert main(["touch", str(path)]) == 0
     assert "slip ms" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def pressed_discs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of one press that spreads and grows the discs, with its calibration beside it."""
+    folder = tmp_path_factory.mktemp("pressed") / "press"
+    known = square_calibration(4)
+    known.save(folder.parent / "calibration.json")
+    skin, away = PaintedSkin(known, 10_000), known.reference_px - known.reference_px.mean(axis=0)
+    bell = np.exp(-0.5 * (away**2).sum(axis=1) / PITCH_PX**2)
+    shares = np.interp(np.arange(150), [0, 40, 60, 90, 110, 150], [0, 0, 1, 1, 0, 0])
+    with RecordingWriter(folder, known.size) as writer:
+        for share in shares:
+            spread = 0.06 * share * bell[:, None] * away
+            writer.write(skin.go(known.reference_px + spread, 0.12 * share * bell))
+    return folder
+
+
+def test_growth_and_indentation_of_a_touch(
+    pressed_discs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, table = pressed_discs.parent / "calibration.json", tmp_path / "touches.csv"
+    verb = ["touch", str(pressed_discs), "--calibration", str(known), "--preset", "fast"]
+    assert main([*verb, "--camera-distance-mm", "13", "-o", str(table), "--json"]) == 0
+    (touch,) = json.loads(capsys.readouterr().out)["touches"]
+    assert touch["growth"] == pytest.approx(0.12 * np.exp(-0.25), abs=0.02)
+    assert 0.001 < touch["growth_std"] < 0.05
+    assert touch["indentation_mm"] > 0.1
+    assert touch["indentation_std_mm"] > 0.0
+    with table.open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["indentation_mm"]) == touch["indentation_mm"]
+    assert main(verb) == 0
+    assert "discs +" in capsys.readouterr().out
+
+
+def test_no_growth_is_guessed_where_the_swing_is_not_known(
+    pressed_discs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = Calibration.load(pressed_discs.parent / "calibration.json")
+    by_hand = tmp_path / "by_hand.json"
+    Calibration(
+        reference_px=full.reference_px, radius_px=full.radius_px, grid=full.grid, size=full.size
+    ).save(by_hand)
+    verb = ["touch", str(pressed_discs), "--calibration", str(by_hand), "--preset", "fast"]
+    assert main([*verb, "--json"]) == 0
+    said = capsys.readouterr()
+    (touch,) = json.loads(said.out)["touches"]
+    assert touch["growth"] is touch["growth_std"] is touch["indentation_mm"] is None
+    assert "lacks contrast" in said.err
+
+
+def test_tracks_have_no_discs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = arrays(tmp_path / "a.npz", 1)
+    assert main(["touch", str(source), "--camera-distance-mm", "13"]) == 2
+    assert "told from events" in capsys.readouterr().err
+    assert main(["touch", str(source), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["touches"][0]["growth"] is None
 
 
 def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark, warn
-from spikingtac.cli.sensing.touch_rows import print_rows, touch_row, write_rows
+from spikingtac.cli.sensing.touch_rows import peak_values, print_rows, touch_row, write_rows
 from spikingtac.cli.sensing.touch_series import touch_config
 from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
 from spikingtac.cli.sensing.vibration_rows import print_vibration, vibration_rows
@@ -136,6 +136,7 @@ def _run_many(args: Args) -> int:
             "calibration": None if args.calibration is None else str(args.calibration.absolute()),
             "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
             "rate_hz": args.rate_hz,
+            "camera_distance_mm": args.camera_distance_mm,
             "sensor": args.sensor,
             "strict": args.strict,
         },
@@ -169,18 +170,29 @@ def _listed(watched: Watched) -> _Found:
     from spikingtac.touch.slip.held_touches import HeldTouchDetector
 
     detector = HeldTouchDetector(watched.reference, touch_config(watched.reference, watched.unit))
-    found, first_us = [], None
+    monitor, touches = watched.indentation, detector.touches
+    found, peaks, first_us = [], [], None
     for frame in watched.frames:
         first_us = frame.t_us if first_us is None else first_us
         held = detector.update(frame)
+        if monitor is not None:
+            monitor.update(frame, touches.displacement_px, touches.touching)
         if held is not None:
             found.append(held)
+            peaks.append(None if monitor is None else monitor.take_peak())
     last = detector.finish()
-    found += [last] if last is not None else []
-    rows = [touch_row(held, watched.unit, watched.px_per_mm) for held in found]
+    if last is not None:
+        found.append(last)
+        peaks.append(None if monitor is None else monitor.take_peak())
     swing = watched.swing()
     if swing is not None and swing.faded:
         warn(swing.words())
+        # The calibrated swing is no longer that of the edges, nor are areas in its units.
+        peaks = [None] * len(peaks)
+    rows = [
+        touch_row(held, watched.unit, watched.px_per_mm) | peak_values(peak)
+        for held, peak in zip(found, peaks, strict=True)
+    ]
     return _Found(rows, first_us, watched, swing)
 
 

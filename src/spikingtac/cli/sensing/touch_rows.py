@@ -11,6 +11,7 @@ from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
+    from spikingtac.touch.indentation.monitor import Peak
     from spikingtac.touch.slip.held_touches import HeldTouch
     from spikingtac.touch.slip.slip import Slip
     from spikingtac.touch.touches.touch import Touch
@@ -37,6 +38,22 @@ def touch_row(held: HeldTouch, unit: str, px_per_mm: float | None) -> dict[str, 
     if px_per_mm is not None:
         row |= _lengths(touch, "mm", px_per_mm)
     return row | {"slips": None if held.slips is None else [_slip(slip) for slip in held.slips]}
+
+
+def peak_values(peak: Peak | None) -> dict[str, Any]:
+    """Return growth and indentation of a touch as plain values, None where they are not told."""
+    if peak is None:
+        return dict.fromkeys(("growth", "growth_std", "indentation_mm", "indentation_std_mm"))
+    return {
+        "growth": round(peak.growth, 5),
+        "growth_std": round(peak.growth_std, 5),
+        "indentation_mm": _rounded(peak.indentation_mm),
+        "indentation_std_mm": _rounded(peak.indentation_std_mm),
+    }
+
+
+def _rounded(value_mm: float | None) -> float | None:
+    return None if value_mm is None else round(value_mm, 4)
 
 
 def slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
@@ -121,7 +138,7 @@ def print_rows(
         f"touches in {name}, times from its first event",
         (
             *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
-            *("peak strain", "slip ms"),
+            *("peak strain", "slip ms", "pressed mm"),
         ),
         [
             (
@@ -132,8 +149,18 @@ def print_rows(
                 f"{row[f'peak_displacement_{unit}']:.2f}",
                 f"{row['peak_strength']:.3f}",
                 slip_text(row["slips"], first_us),
+                _pressed(row),
             )
             for row in rows
         ],
         words=0,
     )
+
+
+def _pressed(row: dict[str, Any]) -> str:
+    """Return how deep a touch pressed; without that, by how much its discs grew."""
+    if row["indentation_mm"] is not None:
+        return f"{row['indentation_mm']:.2f} +- {row['indentation_std_mm']:.2f}"
+    if row["growth"] is None:
+        return "not told"
+    return f"discs {100 * row['growth']:+.0f} %"

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs
-from spikingtac.cli.messages import warn
+from spikingtac.cli.messages import remark, warn
 from spikingtac.cli.sensing.touch_series import frames_of
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.markers.tracker import MarkerTracker
     from spikingtac.touch.ageing.swing_runs import Swing
+    from spikingtac.touch.indentation.monitor import IndentationMonitor
     from spikingtac.touch.vibration.event_vibration import VibrationLine
     from spikingtac.touch.vibration.heard_packets import HeardPackets
     from spikingtac.types import EventPacket, MarkerFrame
@@ -36,6 +38,8 @@ class WatchArgs(ManyArgs):
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     vibration: bool = False
     """Tell the strongest line of vibration in every second, straight from the events."""
+    camera_distance_mm: float | None = None
+    """From the lens's centre of projection to the skin at rest, mm: tells the indentation."""
     strict: bool = False
     """Refuse a damaged recording instead of repairing it."""
 
@@ -52,6 +56,7 @@ class Watched:
     health: dict[str, float]
     lines: list[VibrationLine] | None = None
     swing: Callable[[], Swing | None] = lambda: None
+    indentation: IndentationMonitor | None = None
 
 
 def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watched:
@@ -63,7 +68,7 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
         advance: Receives the share that was read, 0 to 1.
 
     Raises:
-        ConfigError: Events without a calibration, or vibration without events.
+        ConfigError: Events without a calibration, vibration or indentation without events.
     """
     from spikingtac.touch.force.files.series_file import is_series, load_series
 
@@ -71,6 +76,10 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
         series = load_series(path).in_image()
         if args.vibration:
             raise ConfigError(f"--vibration is told from events; {path.name!r} holds tracks")
+        if args.camera_distance_mm is not None:
+            raise ConfigError(
+                f"--camera-distance-mm: indentation is told from events; {path.name!r} holds tracks"
+            )
         scale = _px_per_mm(args)
         return Watched(
             frames_of(series),
@@ -109,7 +118,8 @@ def track(
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
-    tracker = make_tracker(config.tracking, calibration)
+    monitor = _indentation(calibration, args.camera_distance_mm)
+    tracker = _sharing(make_tracker(config.tracking, calibration), monitor)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
     heard = _heard(checked, calibration) if args.vibration else None
@@ -129,9 +139,8 @@ def track(
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    told = (None if heard is None else heard.lines, runs.swing)
-    scale = calibration.px_per_mm
-    return Watched(frames(), calibration.reference_px, "px", scale, anomalies, health, *told)
+    told = (anomalies, health, None if heard is None else heard.lines, runs.swing, monitor)
+    return Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, *told)
 
 
 def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
@@ -139,6 +148,27 @@ def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPac
     from spikingtac.touch.vibration.heard_packets import HeardPackets
 
     return HeardPackets(packets, EventVibrationMonitor(calibration))
+
+
+def _sharing(tracker: MarkerTracker, monitor: IndentationMonitor | None) -> MarkerTracker:
+    """Return a tracker whose events the monitor takes in, too."""
+    from spikingtac.pipeline.shared_events import SharedEventsTracker
+
+    return tracker if monitor is None else SharedEventsTracker(tracker, monitor.absorb)
+
+
+def _indentation(
+    calibration: Calibration, camera_distance_mm: float | None
+) -> IndentationMonitor | None:
+    """Return what follows the discs; None, with a remark, where the calibration does not do."""
+    from spikingtac.touch.indentation.monitor import IndentationMonitor
+    from spikingtac.touch.indentation.resting_discs import why_no_growth
+
+    why = why_no_growth(calibration)
+    if why is not None:
+        remark(f"note: the growth of the discs is not told: {why}")
+        return None
+    return IndentationMonitor(calibration, camera_distance_mm)
 
 
 PROGRESS_EVERY = 256

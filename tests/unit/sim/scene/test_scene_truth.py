@@ -27,6 +27,8 @@ def test_rows_come_every_millisecond_or_faster(period_us: int, rows: int):
     assert chunk.marker_px.dtype == np.float32
     assert chunk.contact_t_us.tolist() == [8000]
     assert chunk.force_n.shape == chunk.pose_mm.shape == (1, 3)
+    assert chunk.marker_depth_mm.shape == (1, 2)
+    np.testing.assert_allclose(chunk.marker_radius_px, [[7.0, 0.0]])
 
 
 def test_the_radius_on_the_image_follows_the_magnification():
