@@ -1,4 +1,4 @@
-"""What touch, slip, force and vibration cost for 64 markers, beside the tracker's own step.
+"""What the parts of touch cost for 64 markers, beside the tracker's own step.
 
     python benchmarks/touch.py force.json RECORDING CALIBRATION
 
@@ -20,12 +20,15 @@ from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
 from spikingtac.touch.force.files.model_file import load_force
+from spikingtac.touch.indentation.monitor import IndentationMonitor
 from spikingtac.touch.slip.held_touches import HeldTouchDetector
 from spikingtac.touch.vibration.spectrum import VibrationMonitor
 
 PERIOD_US = 1_000
 WARM_UP_STEPS = 100
 STEPS = 2_000
+CAMERA_DISTANCE_MM = 13.0
+"""The twin's."""
 
 
 def main() -> None:
@@ -36,6 +39,7 @@ def main() -> None:
     estimator = load_force(force_path).estimator()
     detector = HeldTouchDetector(calibration.reference_px)
     monitor = VibrationMonitor(1e6 / PERIOD_US)
+    indentation = IndentationMonitor(calibration, CAMERA_DISTANCE_MM)
     costs: list[list[float]] = []
     for number, packet in enumerate(windows(open_events(recording), period_us=PERIOD_US)):
         if number == STEPS:
@@ -50,9 +54,12 @@ def main() -> None:
         stamps.append(perf_counter())
         monitor.update(frame.t_us, frame.detected_px - calibration.reference_px)
         stamps.append(perf_counter())
+        indentation.absorb(packet)
+        indentation.update(frame, detector.touches.displacement_px, detector.touches.touching)
+        stamps.append(perf_counter())
         costs.append(np.diff(stamps).tolist())
     table = 1e6 * np.array(costs[WARM_UP_STEPS:])
-    names = ("tracker step", "touches, slip", "force", "vibration")
+    names = ("tracker step", "touches, slip", "force", "vibration", "indentation")
     for name, column in zip(names, table.T, strict=True):
         print(f"{name:14s} p50 {np.median(column):7.1f} us, p10 {np.quantile(column, 0.1):7.1f} us")
     felt = table[:, 1:].sum(axis=1)
