@@ -12,7 +12,7 @@ It was not run there.
 
 from __future__ import annotations
 
-import os
+import json
 import subprocess
 import sys
 import tempfile
@@ -35,6 +35,17 @@ PI_WORK_PER_CYCLE = 0.4
 """Work per cycle against an x86 server core with 256-bit vectors: half for vectors of 128 bit, and
 a fifth less for the rest (assumed)."""
 FALLBACK_GHZ = 3.0
+WATCH = """
+import os, sys, time
+begun_s = time.perf_counter()
+nowhere = os.open(os.devnull, os.O_WRONLY)
+out = [(os.POSIX_SPAWN_DUP2, nowhere, 1)]
+pid = os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ, file_actions=out)
+_, status, used = os.wait4(pid, 0)
+wall_s, code = time.perf_counter() - begun_s, os.waitstatus_to_exitcode(status)
+print([code, wall_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024])
+"""
+"""Runs the command that follows it; prints exit code, seconds, CPU seconds, largest memory, MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +106,10 @@ def verb_costs(folder: Path, calibration: Path, made: Path) -> Iterator[tuple[st
 
 def measured(command: list[str]) -> Run:
     """Run a command and return what it used."""
-    begun_s = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, code, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(code)
-    wall_s, cpu_s = time.perf_counter() - begun_s, used.ru_utime + used.ru_stime
-    return Run(process.returncode, wall_s, cpu_s, used.ru_maxrss / 1024)
+    # Begun by a small process: Linux counts what a process was before it became the command.
+    watch = [sys.executable, "-S", "-c", WATCH, *command]
+    done = subprocess.run(watch, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
+    return Run(*json.loads(done.stdout))
 
 
 def live_shares(recording: Path, calibration: Calibration) -> Iterator[tuple[str, float, float]]:

@@ -4,10 +4,10 @@
     python benchmarks/speed.py ../shared/data/v2e --former ../before/dist/*.whl -o results/speed
 
 The folder of recordings holds ``bootstrap.raw``, ``quiet.raw``, ``mix.raw`` and ``mix.truth.npz``.
-Takes half an hour on an idle machine; other work makes every time longer, so that the load is
-written down, too. ``--only starts skins`` runs some parts. The parts themselves are the programs
-beside this one, which print more. Writes ``speed.json`` and ``speed.md``. Needs the extra
-``[bench]``.
+Takes a quarter of an hour on an idle machine; other work makes every time longer, so that the load
+is written down, too. ``--only starts skins`` runs some parts anew and keeps the others. The parts
+themselves are the programs beside this one, which print more. Writes ``speed.json`` and
+``speed.md``. Needs the extra ``[bench]``.
 """
 
 from __future__ import annotations
@@ -222,6 +222,14 @@ def repeat(recording: Path, path: Path, laps: int) -> float:
     return laps * span_us * 1e-6
 
 
+def kept_figures(output: Path, anew: list[str]) -> list[Figure]:
+    """Return the figures of an earlier run, without the parts that are measured anew."""
+    path = output / "speed.json"
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    found = [Figure(**{name: row[name] for name in row if name != "met"}) for row in rows]
+    return [figure for figure in found if figure.part not in anew]
+
+
 def table(figures: list[Figure], loads: tuple[float, float], minutes: float) -> str:
     """Return the figures as Markdown."""
     lines = [
@@ -231,7 +239,8 @@ def table(figures: list[Figure], loads: tuple[float, float], minutes: float) -> 
         f"processors; load of the machine before and after {loads[0]:.1f}, {loads[1]:.1f}. "
         "Recordings by v2e, skins by the twin: simulated.",
     ]
-    for part in dict.fromkeys(figure.part for figure in figures):
+    measured_parts = {figure.part for figure in figures}
+    for part in [part for part in PARTS if part in measured_parts]:
         lines += ["", f"## {part.capitalize()}", "", "| figure | measured | aim | met |"]
         lines.append("| --- | --- | --- | --- |")
         for one in figures:
@@ -242,7 +251,7 @@ def table(figures: list[Figure], loads: tuple[float, float], minutes: float) -> 
 
 
 def main() -> int:
-    """Measure, write both files, print the table."""
+    """Measure, and write both files after each part."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="with bootstrap.raw, quiet.raw, mix.raw, truth")
     parser.add_argument("--former", type=Path, help="wheel or checkout of a former release")
@@ -251,7 +260,7 @@ def main() -> int:
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     begun_s, before = time.monotonic(), os.getloadavg()[0]
-    figures: list[Figure] = []
+    figures = kept_figures(options.output, options.only)
     with tempfile.TemporaryDirectory() as made:
         saved = Path(made, "calibration.json")
         calibration = calibrate(open_events(options.folder / "bootstrap.raw"))
@@ -261,12 +270,11 @@ def main() -> int:
             for figure in PARTS[part](given):
                 figures.append(figure)
                 print(f"{part}: {figure.name}: {figure.value:.4g} {figure.met}", flush=True)
-    loads = (before, os.getloadavg()[0])
-    text = table(figures, loads, (time.monotonic() - begun_s) / 60.0)
-    rows = json.dumps([asdict(one) | {"met": one.met} for one in figures], indent=1)
-    (options.output / "speed.json").write_text(rows + "\n", encoding="utf-8")
-    (options.output / "speed.md").write_text(text, encoding="utf-8")
-    print(text)
+            loads, minutes = (before, os.getloadavg()[0]), (time.monotonic() - begun_s) / 60.0
+            rows = json.dumps([asdict(one) | {"met": one.met} for one in figures], indent=1)
+            (options.output / "speed.json").write_text(rows + "\n", encoding="utf-8")
+            text = table(figures, loads, minutes)
+            (options.output / "speed.md").write_text(text, encoding="utf-8")
     return 0
 
 

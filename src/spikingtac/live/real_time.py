@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,17 +86,18 @@ def _take(priority: int) -> bool:
 
 
 def keep_to_one_core() -> int | None:
-    """Keep all threads to the last core that this process may use; return it, or None.
+    """Keep Python's threads to the last core that this process may use; return it, or None.
 
     A thread that moves to another core finds none of its data in that core's cache; the first core
-    serves most interrupts.
+    serves most interrupts. Threads of libraries stay free: OpenBLAS waits for its own without
+    letting go of the core, so that on one core and with priority it would wait for ever.
     """
     try:
         cores = os.sched_getaffinity(0)
         if len(cores) < 2:
             return None
-        for thread in [0, *(int(path.name) for path in THREADS.iterdir())]:  # 0: this one
-            os.sched_setaffinity(thread, {max(cores)})
+        for thread in [0, *(one.native_id for one in threading.enumerate() if one.native_id)]:
+            os.sched_setaffinity(thread, {max(cores)})  # 0: this one
     except (AttributeError, OSError):  # no such system, or a thread that has ended
         return None
     return max(cores)

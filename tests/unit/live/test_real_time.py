@@ -66,6 +66,24 @@ def test_all_threads_keep_to_the_last_core() -> None:
     assert again == "None", "there is no choice any more"
 
 
+def test_a_product_of_matrices_on_several_threads_ends() -> None:
+    script = (
+        "import numpy\n"
+        "from spikingtac.live.real_time import meet_deadlines\n"
+        "square = numpy.ones((700, 700))\n"
+        "meet_deadlines()\n"
+        "print((square @ square)[0, 0])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        check=True,
+        timeout=60,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "2"},
+    )
+    assert float(done.stdout) == 700.0
+
+
 def test_everything_is_asked_for_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
