@@ -4,8 +4,9 @@
 
 FOLDER holds ``bootstrap.raw`` and ``mix.raw``. A process that never rests loads the second core;
 with and without take turns, each in a process of its own. A latency counts from when the window is
-complete to the output; the runner waits in a busy loop, as a process that sleeps wakes late. With
-priority it takes a core nearly for itself, up to the share that the system allows (95 %).
+complete to the output. The runner waits in a busy loop, as a process that sleeps wakes late; with
+priority it sleeps for the first part of its wait, since the system stops what has priority and
+never sleeps for 50 ms of every second.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from spikingtac.markers.registry import make_tracker
 
 METHODS = ("default", "fast")
 WINDOWS = 3_000
+BUSY_S = 0.0004
+"""With priority the runner sleeps until so long before a window is complete."""
 
 
 def main() -> int:
@@ -108,7 +111,8 @@ def paced(
     elif realtime:
         real_time.exempt_from_collection()
         real_time.lock_memory()
-    queue.put(paced_run(lambda one: make_tracker(config, one), calibration, taken, seconds))
+    busy_s = BUSY_S if realtime and priority else float("inf")
+    queue.put(paced_run(lambda one: make_tracker(config, one), calibration, taken, seconds, busy_s))
 
 
 def burn() -> None:

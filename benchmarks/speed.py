@@ -44,7 +44,7 @@ DEADLINE_RUNS = (2, 20.0)
 TURNS = 11
 """Rounds with the former release."""
 
-LAPS = (2, 20)
+LAPS = (10, 60)
 """How often ``mix.raw`` is repeated to see whether memory grows."""
 
 WARM_STARTS = 2

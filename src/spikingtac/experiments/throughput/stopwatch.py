@@ -86,6 +86,7 @@ def paced_run(
     calibration: Calibration,
     windows: Sequence[EventPacket],
     duration_s: float,
+    busy_s: float = float("inf"),
 ) -> NDArray[np.float64]:
     """Return the latency of each step, us, from when its window is complete to its output.
 
@@ -98,6 +99,8 @@ def paced_run(
         calibration: Of the sensor.
         windows: One per millisecond.
         duration_s: How long.
+        busy_s: Sleep until so long before a window is complete. A process with real-time priority
+            that never sleeps is stopped for 50 ms of every second (Linux: ``sched_rt_runtime_us``).
     """
     tracker = build(calibration)
     span_us = windows[-1].t_end_us - windows[0].t_start_us
@@ -111,6 +114,8 @@ def paced_run(
         turn, index = divmod(number, len(windows))
         window = _later(windows[index], (turn + 1) * span_us)
         due = start + number * PACE_US / US_PER_S
+        if (free_s := due - time.perf_counter() - busy_s) > 0.0:
+            time.sleep(free_s)
         while time.perf_counter() < due:
             pass
         tracker.absorb(window)
