@@ -185,10 +185,11 @@ _FEATURES: dict[Family, Callable[[FieldFeatures], Field]] = {
 
 
 def _fit_shape(fields: FieldFeatures, force: Field) -> ForceLaw:
-    features = _shape(fields)
-    penalty = np.full(features.shape[1], SHAPE_PENALTY)
-    system = fields.kept("shape", lambda: RidgeSystem(features, penalty))
-    return ForceLaw("shape", system.fit(force))
+    def system() -> RidgeSystem:
+        features = _shape(fields)
+        return RidgeSystem(features, np.full(features.shape[1], SHAPE_PENALTY))
+
+    return ForceLaw("shape", fields.kept("shape", system).fit(force))
 
 
 def _fit_linear(fields: FieldFeatures, force: Field) -> ForceLaw:
