@@ -48,6 +48,8 @@ from spikingtac.markers.calibration.swings import steps_of_counts
 from spikingtac.markers.calibration_check import (
     NEIGHBOUR_US,
     NEIGHBOURS,
+    NO_ANSWER,
+    RETURN_US,
     _note_first_kernel,
 )
 from spikingtac.markers.profile import DiscProfile
@@ -400,6 +402,7 @@ def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
     height, width, count = 6, 7, 600
     x, y = rng.integers(0, width, count), rng.integers(0, height, count)
     rises, t = rng.random(count) < 0.5, np.sort(rng.integers(0, 400_000, count))
+    t[-150:] += RETURN_US
     asked = rng.random((height, width)) < 0.7
     first, last_us = np.zeros((height, width), np.int8), np.full((2, height, width), -(10**12))
     events = (x.astype(np.uint16), y.astype(np.uint16), rises, t.astype(np.int64))
@@ -415,9 +418,12 @@ def test_first_events_with_company_are_noted_as_by_plain_loops() -> None:
         ]
         company = len(set(before))
         if asked[y[i], x[i]] and not expected[y[i], x[i]] and company >= NEIGHBOURS:
-            expected[y[i], x[i]] = 1 if rises[i] else -1
+            own = [k for k in range(i) if (x[k], y[k]) == (x[i], y[i])]
+            back = [k for k in own if rises[k] != rises[i]]
+            back = [k for k in back if k == own[-1] or t[i] - t[k] < RETURN_US]
+            expected[y[i], x[i]] = NO_ANSWER if back else 1 if rises[i] else -1
     assert (first == expected).all()
-    assert set(np.unique(first)) == {-1, 0, 1}
+    assert set(np.unique(first)) == {-1, 0, 1, NO_ANSWER}
 
 
 def test_sums_and_moves_of_corrections_equal_plain_arrays() -> None:
