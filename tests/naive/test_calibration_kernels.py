@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_fits import (
@@ -52,7 +53,6 @@ from spikingtac.markers.calibration_check import (
     RETURN_US,
     _note_first_kernel,
 )
-from spikingtac.markers.profile import DiscProfile
 
 SIZE = (40, 30)
 SHAPE = (30, 40)

@@ -9,6 +9,7 @@ import pytest
 from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded import disc_fit
 from spikingtac.markers.graded.centroid.centroid_locator import (
@@ -28,7 +29,6 @@ from spikingtac.markers.graded.fit_window import (
 )
 from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
 from spikingtac.markers.graded.profile_tables import profile_tables
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
 
 SIZE = (80, 60)

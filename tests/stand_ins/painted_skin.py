@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.touch.indentation.resting_discs import edge_level
 from spikingtac.types import EventPacket
 
 CONTRAST, EDGE_PX, STEP, RADIUS_PX = 6.0, 0.5, 0.1, 7.0
+DISC = DiscProfile(CONTRAST, EDGE_PX)
 PITCH_PX = 37.0
 
 
@@ -59,6 +60,6 @@ class PaintedSkin:
         for (x, y), grown in zip(places, growth, strict=True):
             box = (slice(max(int(y) - 14, 0), int(y) + 15), slice(max(int(x) - 14, 0), int(x) + 15))
             away = np.hypot(columns[box] - x, rows[box] - y)
-            disc = edge_level(away - RADIUS_PX * (1.0 + grown), CONTRAST, EDGE_PX)
+            disc = DISC.level(away - RADIUS_PX * (1.0 + grown))
             level[box] = np.maximum(level[box], disc)
         return level

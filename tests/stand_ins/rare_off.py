@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.types import EventPacket
 
 SIZE = (96, 64)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
 from spikingtac.baselines.slices import SliceBuffer
+from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
@@ -103,7 +104,9 @@ class EvetacTracker:
             calibration: Rest positions of the markers; polarity is not used.
         """
         self._config, self._calibration = config, calibration
-        self._scale = median_spacing_px(calibration.reference_px) / SOURCE_PITCH_PX
+        many = len(calibration.reference_px) > 1
+        pitch_px = marker_pitch_px(calibration.reference_px) if many else SOURCE_PITCH_PX
+        self._scale = pitch_px / SOURCE_PITCH_PX
         self._outer_px = config.reach_ratio * float(calibration.radius_px.mean())
         reach_px = SOURCE_NEIGHBOUR_PX * self._scale
         self._neighbour, self._rest_px = neighbours(calibration.reference_px, reach_px)
@@ -182,12 +185,3 @@ def neighbours(
         found = np.flatnonzero(row)
         index[i, : len(found)], rest_px[i, : len(found)] = found, distance[i, found]
     return index, rest_px
-
-
-def median_spacing_px(reference_px: NDArray[np.float64]) -> float:
-    """Return the median over the markers of the distance to the nearest other one, px."""
-    offset = reference_px[:, None] - reference_px[None]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    np.fill_diagonal(distance, np.inf)
-    nearest = distance.min(axis=1, initial=np.inf)
-    return float(np.median(nearest)) if np.isfinite(nearest).all() else SOURCE_PITCH_PX

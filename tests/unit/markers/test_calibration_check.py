@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration_check import LEAST_LIMIT, CalibrationCheck
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.types import EventPacket
 

@@ -15,11 +15,7 @@ from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.sim.scene.truth import image_radius_px
-from spikingtac.touch.indentation.field_features import (
-    FEATURES,
-    FieldFeatures,
-    marker_pitch_px,
-)
+from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import IndentationLaw, fitted_law
 from spikingtac.touch.indentation.monitor import Indentation, IndentationMonitor, Peak
 from spikingtac.types import MarkerFrame
@@ -66,7 +62,7 @@ def test_an_untouched_skin_is_not_pressed():
 
 def test_features_hold_neighbours_in_their_places():
     features = FieldFeatures(REST, CALIBRATION.size)
-    assert features.pitch_px == marker_pitch_px(REST) == pytest.approx(PITCH_PX)
+    assert features.pitch_px == pytest.approx(PITCH_PX)
     growth = np.arange(16.0)
     seen = features.of(np.zeros((3, 16, 2)), np.tile(growth, (3, 1)), 0.2)
     assert seen.shape == (3, 16, FEATURES)
@@ -74,11 +70,6 @@ def test_features_hold_neighbours_in_their_places():
     np.testing.assert_allclose(block[1:, 1:], growth.reshape(4, 4), atol=1e-9)
     assert not block[0].any()
     assert not block[:, 0].any()
-
-
-def test_one_marker_is_no_field():
-    with pytest.raises(ConfigError, match="no pitch"):
-        marker_pitch_px(np.zeros((1, 2)))
 
 
 def test_the_law_survives_its_file_and_refuses_others():

@@ -1,6 +1,6 @@
 """Discs as the calibration's kernels draw and fit them.
 
-See :mod:`spikingtac.markers.profile` for the formula of the level.
+See :mod:`spikingtac.calibration.disc_profile` for the formula of the level.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.profile import DiscProfile
+from spikingtac.calibration.disc_profile import DiscProfile
 
 REACH_EDGES = 6.0
 """Tables reach so many edge widths to both sides of the rim; the level is within 0.01 of its ends

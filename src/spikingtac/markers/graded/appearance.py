@@ -12,8 +12,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX, DiscProfile
 from spikingtac.state_map.graded import STEP_DEFAULT
 
 BLOCK_PX = 32
@@ -38,15 +38,10 @@ class Appearance:
 def appearance_of(calibration: Calibration) -> Appearance:
     """Return each marker's appearance: its own where it is known, else the sensor's, else usual."""
     count = len(calibration.reference_px)
-    contrast = _each(calibration.marker_contrast, calibration.contrast, CONTRAST_DEFAULT, count)
-    edge_px = _each(calibration.marker_edge_px, calibration.edge_px, EDGE_DEFAULT_PX, count)
     return Appearance(
-        profiles=[
-            DiscProfile(float(ratio), float(edge))
-            for ratio, edge in zip(contrast, edge_px, strict=True)
-        ],
-        step_on=_each(calibration.marker_step_on, calibration.step_on, STEP_DEFAULT, count),
-        step_off=_each(calibration.marker_step_off, calibration.step_off, STEP_DEFAULT, count),
+        profiles=disc_profiles(calibration),
+        step_on=_each(calibration.marker_step_on, calibration.step_on, count),
+        step_off=_each(calibration.marker_step_off, calibration.step_off, count),
     )
 
 
@@ -70,7 +65,5 @@ def nearest_marker(reference_px: NDArray[np.float64], size: tuple[int, int]) -> 
     return owner
 
 
-def _each(
-    own: NDArray[np.float64] | None, common: float | None, usual: float, count: int
-) -> NDArray[np.float64]:
-    return np.full(count, common or usual) if own is None else np.asarray(own, np.float64)
+def _each(own: NDArray[np.float64] | None, common: float | None, count: int) -> NDArray[np.float64]:
+    return np.full(count, common or STEP_DEFAULT) if own is None else np.asarray(own, np.float64)

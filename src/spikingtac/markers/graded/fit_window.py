@@ -2,7 +2,7 @@
 
 The pixels are sorted by their distance from the central one, so that those of any annulus lie
 beside each other, and one window serves markers of every size. The profile S of
-:mod:`spikingtac.markers.profile` and its slope become polynomials over the stretch where the edge
+:mod:`spikingtac.calibration.disc_profile` and its slope become polynomials over the stretch where the edge
 is steep: a compiler can vectorise them where it cannot vectorise a table or an exponential.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from spikingtac.markers.profile import DiscProfile
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
 
 POLYNOMIAL_DEGREE = 11

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import Appearance, nearest_marker
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import GradedStateMap
 

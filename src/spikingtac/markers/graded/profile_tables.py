@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.markers.profile import DiscProfile
+from spikingtac.calibration.disc_profile import DiscProfile
 
 TABLE_ENTRIES = 1024
 """Entries of a table: steps of 1/80 px for an edge scale of 1 px."""

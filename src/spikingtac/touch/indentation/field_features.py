@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.calibration.pitch import marker_pitch_px
 
 Field = NDArray[np.float64]
 
@@ -28,22 +28,8 @@ PLACE_SCALE = 3.0
 NEARNESS_SCALE = 3.0
 PRESENT_SCALE = 0.3
 """Factors that make all features of the order of one; the law was fitted with them."""
-LEAST_MARKERS = 2
 FEATURES = 4 * (2 * REACH + 1) ** 2 + 5
 """Number of features of a marker."""
-
-
-def marker_pitch_px(reference_px: Field) -> float:
-    """Return the median distance of markers ``(m, 2)`` from their nearest neighbours, px.
-
-    Raises:
-        ConfigError: Fewer than two markers.
-    """
-    if len(reference_px) < LEAST_MARKERS:
-        raise ConfigError(f"{len(reference_px)} marker has no pitch, at least 2 are needed")
-    away = ((reference_px[:, None] - reference_px[None]) ** 2).sum(axis=2)
-    np.fill_diagonal(away, np.inf)
-    return float(np.sqrt(np.median(away.min(axis=1))))
 
 
 class FieldFeatures:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.touch.indentation.disc_areas import PROFILE_STEP_PX
@@ -68,16 +69,15 @@ class RestingDiscs:
         why = why_no_growth(calibration)
         if why is not None:
             raise ConfigError(f"the growth of the discs cannot be told: {why}")
-        count, (width, height) = len(calibration.reference_px), calibration.size
-        contrast = _each(calibration.marker_contrast, calibration.contrast, count)
-        edge_px = _each(calibration.marker_edge_px, calibration.edge_px, count)
+        width, height = calibration.size
+        discs = disc_profiles(calibration)
         radius_px = np.asarray(calibration.radius_px, np.float64)
         away = np.arange(0.0, float(radius_px.max()) + PROFILE_REACH_PX, PROFILE_STEP_PX)
-        offsets = [_offset_px(c, e) for c, e in zip(contrast, edge_px, strict=True)]
+        levels = [disc.level(away - radius) for disc, radius in zip(discs, radius_px, strict=True)]
         return cls(
             radius_px,
-            np.array(offsets),
-            edge_level(away - radius_px[:, None], contrast[:, None], edge_px[:, None]),
+            np.array([_offset_px(disc) for disc in discs]),
+            np.array(levels),
             (
                 _filled(calibration.step_on_map, calibration.step_on, (height, width)),
                 _filled(calibration.step_off_map, calibration.step_off, (height, width)),
@@ -85,27 +85,10 @@ class RestingDiscs:
         )
 
 
-def edge_level(outside_px: Field, contrast: Field | float, edge_px: Field | float) -> Field:
-    """Return the level across a blurred edge as events see it: 1 in the disc, 0 on the ground.
-
-    Args:
-        outside_px: Distance from the nominal rim, px, negative inside.
-        contrast: Brighter over darker intensity; a dark marker's may be given either way.
-        edge_px: Logistic scale of the intensity, px.
-    """
-    ratio = np.maximum(contrast, 1.0 / np.asarray(contrast))
-    inside = 1.0 / (1.0 + np.exp(np.clip(outside_px / edge_px, -40.0, 40.0)))
-    return np.asarray(np.log1p((ratio - 1.0) * inside) / np.log(ratio), np.float64)
-
-
-def _offset_px(contrast: float, edge_px: float) -> float:
-    away, width = np.linspace(-OFFSET_EDGES, OFFSET_EDGES, OFFSET_POINTS, retstep=True)
-    level = edge_level(away, contrast, 1.0)
-    return float((level - (away < 0.0)).sum() * width * edge_px)
-
-
-def _each(own: Field | None, common: float | None, count: int) -> Field:
-    return np.full(count, common, np.float64) if own is None else np.asarray(own, np.float64)
+def _offset_px(disc: DiscProfile) -> float:
+    half_px = OFFSET_EDGES * disc.edge_px
+    away, width = np.linspace(-half_px, half_px, OFFSET_POINTS, retstep=True)
+    return float((disc.level(away) - (away < 0.0)).sum() * width)
 
 
 def _filled(own: Levels | None, common: float | None, shape: tuple[int, int]) -> Levels:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, nearest_marker
 from spikingtac.markers.graded.initial_map import painted_graded_map
-from spikingtac.markers.profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX
 from spikingtac.state_map.graded import STEP_DEFAULT
 
 PLAIN = Calibration(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.centroid.centroid_locator import (
     CentroidLocator,
     CentroidLocatorConfig,
 )
-from spikingtac.markers.profile import DiscProfile
 from spikingtac.state_map.graded import GradedStateMap
 
 SIZE = (80, 60)

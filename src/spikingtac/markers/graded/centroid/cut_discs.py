@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.profile import DiscProfile
+from spikingtac.calibration.disc_profile import DiscProfile
 
 CENTER_STEP_PX = 0.25
 """Steps in which the centre goes from the border inwards when the table is made, px."""

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 
 TABLE_STEP_PX = 1.0 / 64.0
@@ -87,3 +88,20 @@ class DiscProfile:
         table[:, 0] = 1.0, 0.0
         table[:, -1] = 0.0, 0.0
         return table.astype(np.float32)
+
+
+def disc_profiles(calibration: Calibration) -> list[DiscProfile]:
+    """Return each marker's profile: its own where it is known, else the sensor's, else usual.
+
+    Raises:
+        ConfigError: A contrast is not above 1, or an edge is not positive.
+    """
+    count = len(calibration.reference_px)
+    contrast = calibration.marker_contrast
+    if contrast is None:
+        contrast = np.full(count, calibration.contrast or CONTRAST_DEFAULT)
+    edge_px = calibration.marker_edge_px
+    if edge_px is None:
+        edge_px = np.full(count, calibration.edge_px or EDGE_DEFAULT_PX)
+    pairs = zip(contrast.tolist(), edge_px.tolist(), strict=True)
+    return [DiscProfile(ratio, edge) for ratio, edge in pairs]

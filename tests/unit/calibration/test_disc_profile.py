@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.errors import ConfigError
-from spikingtac.markers.profile import DiscProfile
 
 
 def test_level_is_the_normalised_logarithm_of_a_blurred_disc() -> None:
