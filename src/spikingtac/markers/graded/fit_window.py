@@ -2,8 +2,9 @@
 
 The pixels are sorted by their distance from the central one, so that those of any annulus lie
 beside each other, and one window serves markers of every size. The profile S of
-:mod:`spikingtac.calibration.disc_profile` and its slope become polynomials over the stretch where the edge
-is steep: a compiler can vectorise them where it cannot vectorise a table or an exponential.
+:mod:`spikingtac.calibration.disc_profile` and its slope become polynomials over the stretch where
+the edge is steep: a compiler can vectorise them where it cannot vectorise a table or an
+exponential.
 """
 
 from __future__ import annotations
