@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spikingtac as st
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.events.recording import RecordingWriter
@@ -139,6 +140,29 @@ def test_tracks_have_no_discs(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "told from events" in capsys.readouterr().err
     assert main(["touch", str(source), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["touches"][0]["growth"] is None
+
+
+def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tracks_of(tmp_path / "arrays.npz", 24.0 * REFERENCE[:, :2] + 50.0)
+    with np.load(file) as arrays_alone:
+        t_us, places = arrays_alone["t_us"], arrays_alone["detected_px"]
+        rest = arrays_alone["reference_px"]
+    common = {
+        "position_px": places,
+        "displacement_px": places - rest,
+        "coasted": np.zeros(places.shape[:2], bool),
+        "confidence": np.ones(places.shape[:2]),
+    }
+    tracks = st.Tracks(
+        t_us=t_us, detected_px=places, reference_px=rest, meta={"px_per_mm": 24.0}, **common
+    )
+    tracks.save(tmp_path / "tracks.npz")
+    assert main(["touch", str(tmp_path / "tracks.npz"), "--json"]) == 0
+    touches = json.loads(capsys.readouterr().out)["touches"]
+    assert touches
+    for touch in touches:
+        np.testing.assert_allclose(touch["place_mm"], np.array(touch["place_px"]) / 24, atol=1e-4)
+        assert touch["area_mm2"] == pytest.approx(touch["area_px2"] / 24**2, abs=1e-3)
 
 
 def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

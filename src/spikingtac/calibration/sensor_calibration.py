@@ -21,6 +21,7 @@ from spikingtac.calibration.document import (
     checked_document,
 )
 from spikingtac.calibration.lens import Lens
+from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.calibration.step_maps import pack_map
 from spikingtac.errors import CalibrationError
 
@@ -95,6 +96,11 @@ class Calibration:
                 if value is not None:
                     changed[name] = np.minimum(value * factor, 1.0)
         return dataclasses.replace(self, **changed)
+
+    @property
+    def skin_scale(self) -> SkinScale | None:
+        """From pixels to the skin, or None where no pitch was given."""
+        return None if self.px_per_mm is None else SkinScale(self.px_per_mm, self.lens)
 
     def scale(self) -> dict[str, Any]:
         """Return what tracks need of it: ``grid`` and, where known, ``px_per_mm`` and ``lens``."""

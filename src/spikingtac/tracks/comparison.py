@@ -20,13 +20,13 @@ class Comparison:
         t_us: ``(n,)`` times of the first tracks within the span of both, us.
         error_px: ``(n, m)`` distance of each marker, px.
         coasted: ``(n, m)`` True where the first tracks predicted a position.
-        px_per_mm: Scale, or None where it is not known.
+        error_mm: ``(n, m)`` the same on the skin, mm, or None where the scale is not known.
     """
 
     t_us: NDArray[np.int64]
     error_px: NDArray[np.float64]
     coasted: NDArray[np.bool_]
-    px_per_mm: float | None = None
+    error_mm: NDArray[np.float64] | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return the figures over all markers and times.
@@ -48,7 +48,7 @@ class Comparison:
             "error_max_px": float(self.error_px.max()),
             "error_seen_mean_px": float(seen.mean()) if len(seen) else None,
             "worst_marker": int(self.error_px.mean(axis=0).argmax()),
-            "error_mean_mm": mean_px / self.px_per_mm if self.px_per_mm else None,
+            "error_mean_mm": None if self.error_mm is None else float(self.error_mm.mean()),
         }
 
     def by_marker(self) -> list[dict[str, Any]]:
@@ -105,10 +105,12 @@ def _compared(
         share = (at_us - t_us[late - 1]) / (t_us[late] - t_us[late - 1])
         before, after = position_px[late - 1].astype(float), position_px[late].astype(float)
         expected = before + share[:, np.newaxis, np.newaxis] * (after - before)
-    apart = own_px[common] - expected
+    own, scale = own_px[common], one.skin_scale
     return Comparison(
         t_us=at_us,
-        error_px=np.hypot(apart[..., 0], apart[..., 1]),
+        error_px=np.linalg.norm(own - expected, axis=2),
         coasted=one.coasted[common],
-        px_per_mm=one.px_per_mm,
+        error_mm=None
+        if scale is None
+        else np.linalg.norm(scale.to_mm(own) - scale.to_mm(expected), axis=2),
     )

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.tracks.columns import FIELDS, HEALTH_TYPES, VECTORS, require_shapes, stacked
@@ -178,11 +178,14 @@ class Tracks:
         return float(scale) if isinstance(scale, int | float) and scale > 0 else None
 
     @property
-    def lens(self) -> Lens | None:
-        """Where on the flat skin each pixel looks, or None: one scale stands for all of them."""
-        document = self.meta.get("lens")
+    def skin_scale(self) -> SkinScale | None:
+        """From pixels to the skin, or None where the calibration knew no pitch.
+
+        Raises:
+            RecordingError: The lens is damaged.
+        """
         try:
-            return None if document is None else Lens.from_document(document)
+            return SkinScale.of(self.px_per_mm, self.meta.get("lens"))
         except (KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the lens of these tracks is damaged: {error}") from error
 
@@ -193,16 +196,14 @@ class Tracks:
         Raises:
             ConfigError: The scale is not known.
         """
-        if self.px_per_mm is None:
+        scale = self.skin_scale
+        if scale is None:
             raise ConfigError(
                 "these tracks know no scale; calibrate with --pitch-mm, the distance of "
                 "neighbouring markers on the skin, and track again"
             )
-        lens = self.lens
-        if lens is None:
-            return self.displacement_px.astype(np.float64) / self.px_per_mm
         rest_px = self.reference_px.astype(np.float64)
-        return lens.to_mm(rest_px + self.displacement_px) - lens.to_mm(rest_px)
+        return scale.to_mm(rest_px + self.displacement_px) - scale.to_mm(rest_px)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the tracks.

@@ -13,6 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.sim.optics.projection import Lens as Pinhole
 from spikingtac.sim.optics.projection import distort_kernel
+from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
 
 SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
@@ -112,20 +113,23 @@ def test_it_travels_with_the_calibration_and_the_tracks(tmp_path: Path) -> None:
     tracks = tracks_of(read, moved_px)
     np.testing.assert_allclose(tracks.displacement_mm[0], [[0.3, -0.2]] * 64, atol=0.012)
     assert tracks.summary()["displacement_max_mm"] == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
+    truth = read.reference_px[None]
+    apart = compare_with_truth(tracks, tracks.t_us, truth)
+    assert apart.summary()["error_mean_mm"] == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
     flat = tracks_of(replace(read, lens=None), moved_px)
     np.testing.assert_allclose(flat.displacement_mm[0], moved_px / 15.0, rtol=1e-5)
 
 
 def tracks_of(known: Calibration, moved_px: np.ndarray) -> Tracks:
-    place = (known.reference_px + moved_px)[None]
+    place = (known.reference_px + moved_px)[None].astype(np.float32)
     return Tracks(
         t_us=np.array([0]),
         detected_px=place,
         position_px=place,
-        displacement_px=moved_px[None],
+        displacement_px=moved_px[None].astype(np.float32),
         coasted=np.zeros((1, 64), bool),
-        confidence=np.ones((1, 64)),
-        reference_px=known.reference_px,
+        confidence=np.ones((1, 64), np.float32),
+        reference_px=known.reference_px.astype(np.float32),
         meta=known.scale(),
     )
 

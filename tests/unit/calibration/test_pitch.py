@@ -10,7 +10,7 @@ from spikingtac.errors import ConfigError
 
 
 def test_a_wide_grid_is_told_by_its_nearer_neighbours() -> None:
-    x, y = np.meshgrid(30.0 * np.arange(4), 41.0 * np.arange(3))
+    x, y = np.meshgrid(np.arange(0.0, 120.0, 30.0), np.arange(0.0, 123.0, 41.0))
     assert marker_pitch_px(np.column_stack([x.ravel(), y.ravel()])) == 30.0
 
 

@@ -190,7 +190,7 @@ def _listed(watched: Watched) -> _Found:
         # The calibrated swing is no longer that of the edges, nor are areas in its units.
         peaks = [None] * len(peaks)
     rows = [
-        touch_row(held, watched.unit, watched.px_per_mm) | peak_values(peak)
+        touch_row(held, watched.unit, watched.scale) | peak_values(peak)
         for held, peak in zip(found, peaks, strict=True)
     ]
     return _Found(rows, first_us, watched, swing)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.atomic_files import replacing
+from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 
@@ -16,14 +17,17 @@ if TYPE_CHECKING:
     from spikingtac.touch.slip.slip import Slip
     from spikingtac.touch.touches.touch import Touch
 
+IN_THE_IMAGE = SkinScale(1.0)
+"""Lengths stay what they are."""
 
-def touch_row(held: HeldTouch, unit: str, px_per_mm: float | None) -> dict[str, Any]:
+
+def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, Any]:
     """Return a touch as plain values: in px, and in mm where the scale is known.
 
     Args:
         held: The touch, with its slips.
         unit: Unit of its lengths, ``px`` or ``mm``.
-        px_per_mm: The scale, 1 where the unit is mm, None where it is not known.
+        scale: From the unit to mm, None where it is not known.
     """
     touch = held.touch
     row: dict[str, Any] = {
@@ -34,9 +38,9 @@ def touch_row(held: HeldTouch, unit: str, px_per_mm: float | None) -> dict[str, 
         "peak_strength": round(touch.peak_strength, 6),
     }
     if unit == "px":
-        row |= _lengths(touch, "px", 1.0)
-    if px_per_mm is not None:
-        row |= _lengths(touch, "mm", px_per_mm)
+        row |= _lengths(touch, "px", IN_THE_IMAGE)
+    if scale is not None:
+        row |= _lengths(touch, "mm", scale)
     return row | {"slips": None if held.slips is None else [_slip(slip) for slip in held.slips]}
 
 
@@ -90,12 +94,13 @@ def _first_slip(slips: list[dict[str, Any]] | None) -> dict[str, Any]:
     }
 
 
-def _lengths(touch: Touch, unit: str, scale: float) -> dict[str, Any]:
+def _lengths(touch: Touch, unit: str, scale: SkinScale) -> dict[str, Any]:
+    local = scale.mm_per_px(touch.place_px)
     return {
-        f"place_{unit}": (touch.place_px / scale).round(4).tolist(),
-        f"area_{unit}2": round(touch.area_px2 / scale**2, 4),
-        f"peak_displacement_{unit}": round(touch.peak_displacement_px / scale, 5),
-        f"outline_{unit}": (touch.outline_px / scale).round(3).tolist(),
+        f"place_{unit}": scale.to_mm(touch.place_px).round(4).tolist(),
+        f"area_{unit}2": round(touch.area_px2 * local**2, 4),
+        f"peak_displacement_{unit}": round(touch.peak_displacement_px * local, 5),
+        f"outline_{unit}": scale.to_mm(touch.outline_px).round(3).tolist(),
     }
 
 

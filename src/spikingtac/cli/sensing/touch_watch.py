@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs
 from spikingtac.cli.messages import remark, warn
 from spikingtac.cli.sensing.touch_series import frames_of
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
@@ -51,12 +52,17 @@ class Watched:
     frames: Iterator[MarkerFrame]
     reference: Any
     unit: str
-    px_per_mm: float | None
+    scale: SkinScale | None
     anomalies: dict[str, int]
     health: dict[str, float]
     lines: list[VibrationLine] | None = None
     swing: Callable[[], Swing | None] = lambda: None
     indentation: IndentationMonitor | None = None
+
+    @property
+    def px_per_mm(self) -> float | None:
+        """The mean scale, 1 where the unit is mm, None where it is not known."""
+        return None if self.scale is None else self.scale.px_per_mm
 
 
 def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watched:
@@ -80,12 +86,12 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
             raise ConfigError(
                 f"--camera-distance-mm: indentation is told from events; {path.name!r} holds tracks"
             )
-        scale = _px_per_mm(args)
+        in_mm = series.unit == "mm"
         return Watched(
             frames_of(series),
             series.reference,
             series.unit,
-            scale if series.unit == "px" else 1.0,
+            SkinScale(1.0) if in_mm else _scale_in_image(args, path),
             {},
             {},
         )
@@ -140,7 +146,7 @@ def track(
         health.update(source.counters().summary())
 
     told = (anomalies, health, None if heard is None else heard.lines, runs.swing, monitor)
-    return Watched(frames(), calibration.reference_px, "px", calibration.px_per_mm, *told)
+    return Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
 
 
 def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
@@ -175,9 +181,15 @@ PROGRESS_EVERY = 256
 """Frames between two reports of progress."""
 
 
-def _px_per_mm(args: WatchArgs) -> float | None:
-    if args.calibration is None:
-        return None
-    from spikingtac.calibration.sensor_calibration import Calibration
+def _scale_in_image(args: WatchArgs, tracks: Path) -> SkinScale | None:
+    """Return the scale of a calibration, or else the one that tracks keep; None without either."""
+    if args.calibration is not None:
+        from spikingtac.calibration.sensor_calibration import Calibration
 
-    return Calibration.load(args.calibration).px_per_mm
+        return Calibration.load(args.calibration).skin_scale
+    from spikingtac.tracks.tracks import Tracks
+
+    try:
+        return Tracks.load(tracks).skin_scale
+    except RecordingError:  # arrays alone, of another program
+        return None
