@@ -179,7 +179,7 @@ class Tracks:
 
     @property
     def skin_scale(self) -> SkinScale | None:
-        """From pixels to the skin, None where no pitch was known; RecordingError: a damaged lens."""
+        """From pixels to the skin, or None where the calibration knew no pitch."""
         try:
             return SkinScale.of(self.px_per_mm, self.meta.get("lens"))
         except (KeyError, TypeError, ValueError) as error:
