@@ -1,10 +1,11 @@
 """Two hundred recordings, and what may happen meanwhile: killed workers, a lost scheduler, Ctrl-C.
 
-    python benchmarks/many_recordings.py -o results/many-recordings [--recordings 200]
+    python benchmarks/many_recordings.py -o results/many-recordings [--recordings 200] [--turns 3]
 
 Recordings of the twin (scene finger-torsion, one window each of one rendering) are tracked by the
 preset ``default``: by a loop in one process, by a Dask cluster of one and of two workers on this
-machine, by one and two worker processes; then by a cluster that loses a worker (SIGKILL) and its
+machine, by one and two worker processes, in turns (one, two, one, two), of which medians are told;
+then by a cluster that loses a worker (SIGKILL) and its
 scheduler (SIGKILL, started again with new workers) and whose client is interrupted (SIGINT) and
 resumed, and by worker processes with the same faults. The exit code is 1 unless every run holds
 every result once, equal byte for byte to that of the loop. Needs the extra [cluster].
@@ -22,7 +23,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
@@ -172,26 +175,42 @@ def _command(process: str) -> str:
     return Path(f"/proc/{process}/cmdline").read_text()
 
 
-def on_cluster(folder: Path, workers: int) -> dict[str, float]:
-    """Time a cluster of so many workers."""
-    with DaskCluster(folder, workers=workers) as cluster:
-        return timed(folder, f"cluster-{workers}", workers, "--scheduler", cluster.address)
+def on_cluster(folder: Path, output: str, workers: int) -> dict[str, float]:
+    """Time a cluster of so many workers, started and set as the how-to tells."""
+    with DaskCluster(folder, workers=workers, nannies=True) as cluster:
+        return timed(folder, output, workers, "--scheduler", cluster.address)
 
 
-def in_processes(folder: Path, workers: int) -> dict[str, float]:
+def in_processes(folder: Path, output: str, workers: int) -> dict[str, float]:
     """Time so many worker processes."""
-    return timed(folder, f"processes-{workers}", workers, "--workers", str(workers))
+    return timed(folder, output, workers, "--workers", str(workers))
 
 
-def measure(folder: Path, count: int) -> dict[str, object]:
+Run = Callable[[Path, str, int], dict[str, float]]
+
+
+def in_turns(folder: Path, name: str, run: Run, turns: int) -> dict[str, object]:
+    """Time one and two workers, one after the other, some times; return the medians."""
+    found: dict[int, list[dict[str, float]]] = {1: [], 2: []}
+    for turn in range(turns):
+        for workers, timings in found.items():
+            timings.append(run(folder, f"{name}-{workers}-{turn + 1}", workers))
+    one, two = (
+        {key: round(median(timing[key] for timing in timings), 2) for key in timings[0]}
+        | {"every_s": [timing["seconds"] for timing in timings]}
+        for timings in found.values()
+    )
+    speedup = round(one["seconds"] / two["seconds"], 3)  # type: ignore[operator]
+    return {"one_worker": one, "two_workers": two, "speedup": speedup}
+
+
+def measure(folder: Path, count: int, turns: int) -> dict[str, object]:
     """Make all runs and return the figures."""
     make_recordings(folder, count)
     alone_s, expected = loop(folder)
     figures: dict[str, object] = {"recordings": count, "loop_s": round(alone_s, 2)}
     for name, run in (("cluster", on_cluster), ("processes", in_processes)):
-        one, two = (run(folder, workers) for workers in (1, 2))
-        speedup = round(one["seconds"] / two["seconds"], 3)
-        figures[name] = {"one_worker": one, "two_workers": two, "speedup": speedup}
+        figures[name] = in_turns(folder, name, run, turns)
     for name, fault in (
         ("cluster-faults", faults_on_cluster),
         ("process-faults", faults_in_processes),
@@ -208,10 +227,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--recordings", type=int, default=200)
+    parser.add_argument("--turns", type=int, default=3)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         before = os.getloadavg()[0]
-        figures = measure(Path(name), given.recordings)
+        figures = measure(Path(name), given.recordings, given.turns)
     figures["source"] = "simulated"
     figures["cpus"], figures["machine"] = os.cpu_count(), platform.machine()
     figures["load_before"], figures["load_after"] = round(before, 2), round(os.getloadavg()[0], 2)

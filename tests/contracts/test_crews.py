@@ -7,13 +7,16 @@ import multiprocessing
 import os
 import signal
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from spikingtac.batch.cluster import run_on_cluster
+from spikingtac.batch.cluster import LEAST_IN_FLIGHT, LOOK_S, TOGETHER_S, run_on_cluster
 from spikingtac.batch.cluster_pool import cluster_pool, run_task
 from spikingtac.batch.job import FileJob, Outcome, require_version
 from spikingtac.batch.processes import ATTEMPTS, run_in_processes
@@ -158,6 +161,54 @@ def test_a_cluster_without_workers_is_told(tmp_path: Path) -> None:
             cluster_pool(empty.address, patience_s=0.2) as pool,
         ):
             pool.submit(abs, -1).result()
+
+
+def test_a_cluster_is_not_asked_for_every_job(
+    cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each question took scheduler and client time that workers on the same cores lacked."""
+    from distributed import Client
+
+    asked: Counter[str] = Counter()
+
+    def counted(name: str) -> Callable[..., Any]:
+        inner = getattr(Client, name)
+
+        def call(self: Client, *args: Any, **kwargs: Any) -> Any:
+            asked[name] += 1
+            return inner(self, *args, **kwargs)
+
+        return call
+
+    for name in ("map", "submit", "gather", "nthreads"):
+        monkeypatch.setattr(Client, name, counted(name))
+    source = recording(tmp_path / "a.raw")
+    jobs = [
+        replace(job(source), key=str(n), output=str(tmp_path / f"{n}.npz"))
+        for n in range(LEAST_IN_FLIGHT + 40)
+    ]
+    begun_s = time.monotonic()
+    found = [outcome.key for outcome in run_on_cluster(jobs, cluster.address)]
+    taken_s = time.monotonic() - begun_s
+    assert sorted(found) == sorted(one.key for one in jobs)
+    assert asked["submit"] == 0
+    assert asked["map"] <= 4
+    assert asked["gather"] <= taken_s / TOGETHER_S
+    assert asked["nthreads"] <= taken_s / LOOK_S + 1
+
+
+def test_results_that_cannot_be_fetched_together_are_fetched_one_by_one(
+    cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from distributed import Client
+
+    def lost(self: Client, *args: Any, **kwargs: Any) -> Any:
+        raise TimeoutError("one of the workers is gone")
+
+    monkeypatch.setattr(Client, "gather", lost)
+    jobs = [job(recording(tmp_path / f"{n}.raw")) for n in range(3)]
+    outcomes = list(run_on_cluster(jobs, cluster.address))
+    assert sorted(outcome.key for outcome in outcomes if not outcome.failed) == ["0", "1", "2"]
 
 
 def test_a_pool_on_a_cluster_gives_results_in_order_and_errors(cluster: DaskCluster) -> None:

@@ -7,6 +7,7 @@ reached on this machine, or over TLS with certificates on both sides.
 from __future__ import annotations
 
 import ipaddress
+import math
 import queue
 import time
 import uuid
@@ -14,6 +15,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -37,6 +39,11 @@ PER_THREAD = 4
 """Jobs that are with the cluster at a time, at least and for each thread: the rest waits here."""
 LOOK_S = 0.5
 """Time between two looks at the connection."""
+REFILL = 4
+"""Jobs are handed out together, a share of 1 / REFILL of all that may be with the cluster."""
+TOGETHER_S = 0.1
+"""How long results are waited for that are fetched with the first one, s. Each call costs scheduler
+and client time, whatever comes with it: where all is one machine, they take it from the workers."""
 
 
 def check_address(address: str, tls: Path | None) -> str:
@@ -88,19 +95,15 @@ def run_on_cluster(
     """
     waiting = deque(jobs)
     client = connect(address, tls, CONNECT_S)
-    flight = _Flight()
-    worked_s = time.monotonic()
+    flight, crew = _Flight(), _Crew(patience_s)
     try:
         while waiting or flight.jobs:
-            threads = threads_of(client)
-            worked_s = time.monotonic() if threads else worked_s
-            _require_workers(worked_s, patience_s)
-            room = max(LEAST_IN_FLIGHT, PER_THREAD * threads) - len(flight.jobs)
+            most = crew.most_in_flight(client)
             try:
-                for _ in range(min(room, len(waiting))):
-                    flight.submit(client, waiting[0])
-                    waiting.popleft()
-                yield from flight.landed(waiting)
+                room = most - len(flight.jobs)
+                if waiting and room >= most // REFILL:
+                    flight.submit(client, waiting, room)
+                yield from flight.landed(client, waiting)
             except _ConnectionLostError:
                 pass
             if client.status != "running":
@@ -116,35 +119,78 @@ class _ConnectionLostError(Exception):
     """The scheduler cannot be reached."""
 
 
+class _Crew:
+    """The workers, looked at from time to time."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._worked_s, self._looked_s = time.monotonic(), -math.inf
+        self._threads = 0
+
+    def most_in_flight(self, client: Client) -> int:
+        """Return how many jobs may be with the cluster.
+
+        Raises:
+            DeviceError: It has had no worker for too long.
+        """
+        now_s = time.monotonic()
+        if now_s - self._looked_s >= LOOK_S:
+            self._threads, self._looked_s = threads_of(client), now_s
+            self._worked_s = now_s if self._threads else self._worked_s
+        if now_s - self._worked_s > self._patience_s:
+            raise DeviceError(
+                f"the Dask scheduler has had no worker for {self._patience_s:.0f} s; start one "
+                "with: dask worker ADDRESS --nthreads 1; what is done is kept, go on with --resume"
+            )
+        return max(LEAST_IN_FLIGHT, PER_THREAD * self._threads)
+
+
 class _Flight:
     """The jobs that are with the cluster."""
 
     def __init__(self) -> None:
         self.jobs: dict[Future, FileJob] = {}
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
-        self._run = uuid.uuid4().hex
+        self._run, self._given = uuid.uuid4().hex, 0
 
-    def submit(self, client: Client, job: FileJob) -> None:
+    def submit(self, client: Client, waiting: deque[FileJob], most: int) -> None:
+        """Give the cluster the first jobs of those that wait, in one message."""
+        jobs = list(islice(waiting, most))
+        # Dask takes keys that differ in their last 32 digits for one group, of which it hands out
+        # one by one; other tasks it deals out at once, and workers that come later have none.
+        keys = [f"spikingtac-{self._run}-{self._given + n:032x}" for n in range(len(jobs))]
         try:
-            name = f"spikingtac-{self._run}-{uuid.uuid4().hex}"
-            future = client.submit(run_text, text_of(job), key=name, pure=False)
+            futures = client.map(run_text, [text_of(job) for job in jobs], key=keys, pure=False)
         except (OSError, RuntimeError, ValueError) as error:  # closed between two calls
             raise _ConnectionLostError from error
-        self.jobs[future] = job
-        future.add_done_callback(self._done.put)
+        for future, job in zip(futures, jobs, strict=True):
+            self.jobs[future] = job
+            waiting.popleft()
+            future.add_done_callback(self._done.put)
+        self._given += len(jobs)
 
-    def landed(self, waiting: deque[FileJob]) -> Iterator[Outcome]:
+    def landed(self, client: Client, waiting: deque[FileJob]) -> Iterator[Outcome]:
         """Yield what came within a moment; jobs that the cluster lost go back to ``waiting``."""
+        landed = {future: self.jobs.pop(future) for future in self._done_futures()}
+        texts = _texts(client, [future for future in landed if future.status == "finished"])
+        for future, job in landed.items():
+            text = texts.get(future)
+            outcome = Outcome.parse(text) if text else _outcome(future, job)
+            if outcome is not None:
+                yield outcome
+            else:
+                waiting.appendleft(job)
+
+    def _done_futures(self) -> list[Future]:
+        try:
+            found = [self._done.get(timeout=LOOK_S)]
+        except queue.Empty:
+            return []
+        time.sleep(TOGETHER_S)
         with suppress(queue.Empty):
-            future = self._done.get(timeout=LOOK_S)
             while True:
-                job = self.jobs.pop(future, None)
-                outcome = _outcome(future, job) if job else None
-                if outcome is not None:
-                    yield outcome
-                elif job is not None:
-                    waiting.appendleft(job)
-                future = self._done.get_nowait()
+                found.append(self._done.get_nowait())
+        return [future for future in found if future in self.jobs]
 
     def give_back(self, waiting: deque[FileJob]) -> None:
         waiting.extendleft(self.jobs.values())
@@ -155,6 +201,20 @@ class _Flight:
             with suppress(Exception):  # the cluster may be gone
                 future.cancel()
         self.jobs.clear()
+
+
+def _texts(client: Client, futures: list[Future]) -> dict[Future, str]:
+    """Fetch what finished jobs returned, all in one call; nothing where that fails."""
+
+    async def fetch() -> list[str]:
+        texts: Any = client.gather(futures, asynchronous=True)
+        return await texts
+
+    try:
+        texts: Any = client.sync(fetch, callback_timeout=CONNECT_S) if futures else []
+        return dict(zip(futures, texts, strict=True))
+    except Exception:  # one of them is lost: they are asked one by one
+        return {}
 
 
 def _outcome(future: Future, job: FileJob) -> Outcome | None:
@@ -174,14 +234,6 @@ def threads_of(client: Client) -> int:
         return sum(threads.values())
     except Exception:  # it is lost, which is noticed below
         return 1
-
-
-def _require_workers(worked_s: float, patience_s: float) -> None:
-    if time.monotonic() - worked_s > patience_s:
-        raise DeviceError(
-            f"the Dask scheduler has had no worker for {patience_s:.0f} s; start one with: "
-            "dask worker ADDRESS --nthreads 1; what is done is kept, go on with --resume"
-        )
 
 
 def connect(address: str, tls: Path | None, timeout_s: float) -> Client:

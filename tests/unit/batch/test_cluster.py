@@ -8,6 +8,16 @@ import pytest
 from spikingtac.batch.cluster import TLS_FILES, check_address, run_on_cluster
 from spikingtac.batch.run import Batch, run_batch
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
+from stand_ins.dask_cluster import SETTINGS
+
+HOW_TO = Path(__file__).parents[3] / "docs" / "how-to" / "work-on-many-recordings.md"
+
+
+def test_the_how_to_tells_to_set_what_the_measured_cluster_has_set() -> None:
+    text = HOW_TO.read_text(encoding="utf-8")
+    assert [
+        f"{name}={value}" for name, value in SETTINGS.items() if f"{name}={value}" not in text
+    ] == []
 
 
 @pytest.mark.parametrize(
