@@ -25,6 +25,22 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the co
     os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
 
 
+FOLDERS = ("naive", "real", "integration")
+"""What is tested first: what compiles the kernels, and the longest files. A long file at the end
+would keep one core busy alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first; each file's tests keep their order."""
+    folders = [*FOLDERS, *sorted({_folder(item) for item in items}.difference(FOLDERS))]
+    items.sort(key=lambda item: folders.index(_folder(item)))
+
+
+def _folder(item: pytest.Item) -> str:
+    tests = PROJECT / "tests"
+    return item.path.relative_to(tests).parts[0] if tests in item.path.parents else ""
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Return the folder of test recordings, or skip where it is absent."""
@@ -36,19 +52,19 @@ def data_dir() -> Path:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Set aside what is imported, so that no collection of garbage visits it again."""
+    """Import all tests before garbage is collected: what they import stays."""
     gc.disable()
     try:
         return (yield)
     finally:
         gc.enable()
-        gc.collect()
-        gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _nothing_left_open_at_the_end() -> Iterator[None]:
-    """Collect what outlived its file and was dropped later."""
+    """Set aside what was imported; at the end, collect what was dropped after its file."""
+    gc.collect()
+    gc.freeze()
     yield
     gc.unfreeze()
     gc.collect()
