@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -23,6 +24,11 @@ PROJECT = Path(__file__).resolve().parents[1]
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the controller set
     chosen = os.environ.get("NUMBA_CACHE_DIR", PROJECT / ".numba_cache")
     os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
+
+
+if sys.dont_write_bytecode:  # a program would compile the package at each of some 200 starts
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 FOLDERS = ("naive", "real", "integration")
@@ -68,6 +74,15 @@ def _nothing_left_open_at_the_end() -> Iterator[None]:
     yield
     gc.unfreeze()
     gc.collect()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_priority() -> Iterator[None]:
+    """Let no page, which steps back behind its session, slow the tests after it down."""
+    with pytest.MonkeyPatch.context() as patch:
+        if hasattr(os, "nice"):
+            patch.setattr(os, "nice", lambda _: 0)
+        yield
 
 
 @pytest.fixture(scope="module", autouse=True)
