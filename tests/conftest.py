@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from collections.abc import Iterator
+import sys
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,27 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the co
     os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
 
 
+if sys.dont_write_bytecode:  # a program would compile the package at each of some 200 starts
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+FOLDERS = ("naive", "real", "integration")
+"""What is tested first: what compiles the kernels, and the longest files. A long file at the end
+would keep one core busy alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first; each file's tests keep their order."""
+    folders = [*FOLDERS, *sorted({_folder(item) for item in items}.difference(FOLDERS))]
+    items.sort(key=lambda item: folders.index(_folder(item)))
+
+
+def _folder(item: pytest.Item) -> str:
+    tests = PROJECT / "tests"
+    return item.path.relative_to(tests).parts[0] if tests in item.path.parents else ""
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Return the folder of test recordings, or skip where it is absent."""
@@ -34,8 +56,42 @@ def data_dir() -> Path:
     return folder
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Import all tests before garbage is collected: what they import stays."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_left_open_at_the_end() -> Iterator[None]:
+    """Set aside what was imported; at the end, collect what was dropped after its file."""
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
+    gc.collect()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_priority() -> Iterator[None]:
+    """Let no page, which steps back behind its session, slow the tests after it down."""
+    with pytest.MonkeyPatch.context() as patch:
+        if hasattr(os, "nice"):
+            patch.setattr(os, "nice", lambda _: 0)
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
-def _nothing_left_open() -> Iterator[None]:
-    """Collect garbage after each file of tests, so that what it left open fails there."""
+def _nothing_left_open(_nothing_left_open_at_the_end: None) -> Iterator[None]:
+    """Collect garbage after each file of tests, so that what it left open fails there.
+
+    What outlives its file is set aside, as caches of modules are: to visit all of it again after
+    each of 370 files took a sixth of the suite's time.
+    """
     yield
     gc.collect()
+    gc.freeze()

@@ -68,6 +68,13 @@ def test_a_subpackage_alone_loads_nothing_heavy() -> None:
     assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
+def test_viewing_a_recording_loads_nothing_of_the_gel() -> None:
+    """A page's two processes import it before they show anything."""
+    loaded = modules_after("import spikingtac.viewer.session.shelf")
+    assert "spikingtac.viewer.session.opening" in loaded
+    assert not loaded & {"spikingtac.sim.gel", "spikingtac.sim.scene.source", "scipy.fft"}
+
+
 def test_import_contracts() -> None:
     done = subprocess.run(
         [Path(sys.executable).with_name("lint-imports"), "--no-cache"],

@@ -15,17 +15,45 @@ def test_that_leaves_a_socket_in_a_reference_cycle():
 """
 
 
+LEAKS_LATER = """
+import socket, sys
+
+def test_that_keeps_a_socket_beyond_its_file():
+    sys.kept = [socket.socket()]
+    sys.kept.append(sys.kept)
+"""
+
+DROPS = """
+import sys
+
+def test_that_drops_it():
+    del sys.kept
+"""
+
+
 def test_a_socket_left_open_fails_its_own_file(tmp_path: Path) -> None:
     (tmp_path / "test_a.py").write_text(LEAKS)
     (tmp_path / "test_b.py").write_text("def test_that_leaves_nothing():\n    pass\n")
-    config = ("-c", str(TESTS.parent / "pyproject.toml"), "--rootdir", str(tmp_path))
+    said = failure(tmp_path)
+    assert "2 passed, 1 error" in said
+    assert "ERROR test_a.py" in said
+
+
+def test_a_socket_that_is_dropped_in_a_later_file_fails_the_run(tmp_path: Path) -> None:
+    (tmp_path / "test_a.py").write_text(LEAKS_LATER)
+    (tmp_path / "test_b.py").write_text(DROPS)
+    assert "2 passed, 1 error" in failure(tmp_path)
+
+
+def failure(folder: Path) -> str:
+    """Return what is said of a folder of tests that fails."""
+    config = ("-c", str(TESTS.parent / "pyproject.toml"), "--rootdir", str(folder))
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-n", "0", *config, "-p", "conftest", str(tmp_path)],
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", *config, "-p", "conftest", str(folder)],
         capture_output=True,
         text=True,
-        cwd=tmp_path,
-        env={"PYTHONPATH": str(TESTS), "PATH": "", "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        cwd=folder,
+        env={"PYTHONPATH": str(TESTS), "PATH": "", "NUMBA_CACHE_DIR": str(folder / "cache")},
     )
     assert done.returncode == 1, done.stdout
-    assert "2 passed, 1 error" in done.stdout
-    assert "ERROR test_a.py" in done.stdout
+    return done.stdout

@@ -25,8 +25,10 @@ STALE_S = 2.0
 PATIENCE_S = 90.0
 STARTS = 6
 """A busy machine may let the controller's own watchdog end the first start: the guard refuses."""
-TOUCH = 300
-"""Window at which something happens: 1.5 s after the stream was opened."""
+TOUCH = 150
+"""Window at which something happens: 0.75 s after the stream was opened."""
+LATE_TOUCH = 300
+"""A touch whose time is compared: a busy machine, late at first, has caught up by then."""
 CALM = WatchdogConfig(stale_s=STALE_S, backlog_s=60.0)
 
 
@@ -60,9 +62,9 @@ def wait(process: ContactProcess, *phases: str) -> dict[str, Any]:
 
 def test_a_contact_stops_the_arm_while_a_recorder_hangs(guard: Any, notes: Path) -> None:
     recorder = multiprocessing.get_context("spawn").Queue(maxsize=3)
-    status = wait(guard(recorder, touch=TOUCH), "ended", "failed")
+    status = wait(guard(recorder, touch=LATE_TOUCH), "ended", "failed")
     assert status["phase"] == "ended", status
-    first_us = TOUCH * SLOWED * PERIOD_US
+    first_us = LATE_TOUCH * SLOWED * PERIOD_US
     assert first_us < status["contact"]["t_us"] <= first_us + 4 * SLOWED * PERIOD_US
     assert status["health"] == "ok"
     assert status["lost"] == [status["windows"] - 3]

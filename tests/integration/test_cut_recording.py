@@ -21,7 +21,7 @@ from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
 from stand_ins.small_twin import HOLD_US, RETURN_US, calibration, touches
 
-REPEATS, HOLDS = 6, 48
+REPEATS, HOLDS = 6, 32
 ERROR_PX = 0.35
 """Above the error of the whole (0.2 px), below that of a marker looked for in a wrong place."""
 
@@ -140,7 +140,7 @@ def _no_room(*_: object) -> None:
 
 
 def test_a_cut_in_a_long_hold_is_mended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The skin is held 16 px away for 12 s: no piece that begins there can see it."""
+    """The skin is held 16 px away for 8 s: no piece that begins there can see it."""
     end_us = max(packet.t_end_us for packet in touches().packets) // 1_000 * 1_000
     held = [part(HOLD_US, RETURN_US)] * HOLDS
     course_px = write(tmp_path, [part(0, HOLD_US), *held, part(RETURN_US, end_us)])

@@ -33,6 +33,8 @@ PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 MESSAGE_DATA = 1
 FRAMES = 300
 PATIENCE_S = 60.0
+CLOSING_S = 0.2
+"""A client that never read waits for so long for the end of a server that is gone."""
 FIELD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "u", "v", "du", "dv", "valid")])
 
 
@@ -52,7 +54,12 @@ class Client:
         deadline_s = time.monotonic() + PATIENCE_S
         while True:
             try:
-                opening = connect(f"ws://127.0.0.1:{port}", subprotocols=PROTOCOLS, proxy=None)
+                opening = connect(
+                    f"ws://127.0.0.1:{port}",
+                    subprotocols=PROTOCOLS,
+                    proxy=None,
+                    close_timeout=CLOSING_S,
+                )
                 return self._opened.enter_context(opening)
             except OSError:
                 assert time.monotonic() < deadline_s, "no server"

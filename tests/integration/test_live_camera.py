@@ -35,6 +35,8 @@ COMMAND = Path(sys.executable).with_name("spikingtac")
 TOUCH_MS = 400
 LATE_TOUCH_MS = 3_000
 """A touch for which a guard on a busy machine is ready."""
+LONGER_AND_LONGER_S = (2.5, 8.0, 20.0)
+"""How long a camera of 2 s is shown: a machine that compiles meanwhile is given more."""
 PATIENT = WatchdogConfig(stale_s=2.0, backlog_s=5.0)
 """The pipe's thread shares its processor with the tests beside it."""
 
@@ -106,20 +108,22 @@ def test_contact_watches_a_stream_with_what_a_quiet_recording_taught(tmp_path: P
 
 
 def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
-    pipe = tmp_path / "live"
-    PipedCamera(pipe, (circling / "events.raw").read_bytes(), lasting_s=2.0)
-    done = spikingtac(
-        "view", pipe, "--calibration", circling / "calibration.json",
-        "--headless", "--seconds", "8", "--port", "0", "--json",
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
-    assert summary["estimates"] > 10  # a cold cache is compiled meanwhile
+    known = "--calibration", circling / "calibration.json", "--headless", "--port", "0", "--json"
+    summary: dict[str, float] = {}
+    for seconds in LONGER_AND_LONGER_S:  # a cold cache is compiled meanwhile
+        (pipe := tmp_path / "live").unlink(missing_ok=True)
+        PipedCamera(pipe, (circling / "events.raw").read_bytes(), lasting_s=2.0)
+        done = spikingtac("view", pipe, "--seconds", seconds, *known)
+        assert done.returncode == 0, done.stderr
+        summary = json.loads(done.stdout)
+        if summary["estimates"] > 10 and summary["displacement_max_px"] > 0.1:
+            break
+    assert summary["estimates"] > 10
     assert summary["displacement_max_px"] > 0.1
 
 
 def test_the_page_shows_standard_input_without_a_calibration(circling: Path) -> None:
-    words = "view", "-", "--headless", "--seconds", "3", "--port", "0", "--json"
+    words = "view", "-", "--headless", "--seconds", "1", "--port", "0", "--json"
     done = spikingtac(*words, stdin=circling / "events.raw")
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)

@@ -45,9 +45,9 @@ def called(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
-    """A demo of two seconds that wrote a picture and tracks, and what it said."""
+    """A demo of a second that wrote a picture and tracks, and what it said."""
     picture = tmp_path_factory.mktemp("demo") / "demo.png"
-    words = "demo", "--headless", "--seconds", "2", "--port", "0", "-o", str(picture), "--json"
+    words = "demo", "--headless", "--seconds", "1", "--port", "0", "-o", str(picture), "--json"
     return picture, spikingtac(*words)
 
 
@@ -69,13 +69,15 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[P
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-def test_demo_replaces_its_own_files_when_told_to(demo: tuple[Path, Done], tmp_path: Path) -> None:
+def test_demo_replaces_its_own_files_when_told_to(
+    demo: tuple[Path, Done], tmp_path: Path, called: Callable[..., Done]
+) -> None:
     for written in (demo[0], demo[0].with_name("demo.tracks.npz")):
         (tmp_path / written.name).write_bytes(written.read_bytes())
     picture, tracks = tmp_path / "demo.png", tmp_path / "demo.tracks.npz"
     before = tracks.read_bytes()
     short = ("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
-    assert spikingtac(*short).returncode == 2
+    assert called(*short).returncode == 2
     assert tracks.read_bytes() == before
     again = spikingtac(*short, "--overwrite")
     assert again.returncode == 0, again.stderr
@@ -105,7 +107,7 @@ def test_a_picture_that_cannot_be_written_is_refused_at_once(
 
 
 def test_view_of_a_folder(recording: Path) -> None:
-    done = spikingtac("view", str(recording), "--headless", "--seconds", "2", "--port", "0")
+    done = spikingtac("view", str(recording), "--headless", "--seconds", "0.5", "--port", "0")
     assert done.returncode == 0, done.stderr
     assert "displacement max px" in done.stdout
     assert "Traceback" not in done.stderr

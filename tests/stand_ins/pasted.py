@@ -14,6 +14,10 @@ from spikingtac.cli.main import main
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
 SHOWN = ("view", "demo")
 """Verbs that show a page until they are ended."""
+SHORT = "--seconds", "1"
+"""What such verbs show here, and what they export."""
+FOUR_SLIDES = "--duration-s", "5.4"
+"""Half of the scene "bootstrap", of which a calibration needs no more."""
 
 
 def pieces(page: str) -> Iterator[tuple[str, str]]:
@@ -57,8 +61,10 @@ def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
             _, verb, *rest = shlex.split(piece)
             if "-o" in rest and rest[rest.index("-o") + 1] in ready:
                 continue
-            if verb in SHOWN and "--export" not in rest:
-                rest += ["--headless", "--seconds", "1", "--port", "0"]
+            if verb in SHOWN:
+                rest += SHORT if "--export" in rest else ("--headless", *SHORT, "--port", "0")
+            elif [verb, *rest[:1]] == ["simulate", "bootstrap"]:
+                rest += FOUR_SLIDES
             assert main([verb, *rest]) == 0, piece
         ran += 1
     return ran

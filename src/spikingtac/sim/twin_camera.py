@@ -17,8 +17,6 @@ from spikingtac.live.factory import Factory
 from spikingtac.live.process_source import ProcessSource
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.first_contact import touch_once
-from spikingtac.sim.scene.source import SceneSource
 from spikingtac.types import EventPacket
 
 US_PER_S = 1e6
@@ -40,6 +38,8 @@ class TwinCamera(Camera):
     checked = True
 
     def __init__(self, scene: str, seed: int, camera: str | None) -> None:
+        from spikingtac.sim.scene.source import SceneSource  # with the gel's solvers behind it
+
         super().__init__()
         found = catalog.load(scene).with_camera(camera)
         self.size = found.size
@@ -127,6 +127,8 @@ class TwinCamera(Camera):
 
 def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple[EventPacket, Any]]:
     """Yield a scene's packets, each with the times and positions of its markers."""
+    from spikingtac.sim.scene.source import SceneSource
+
     for step in SceneSource(catalog.load(name).with_camera(camera), seed).steps():
         yield step.packet, (step.truth.marker_t_us, step.truth.marker_px)
 
@@ -134,6 +136,8 @@ def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple
 def _prepared_packets(
     name: str, seed: int, camera: str | None
 ) -> Iterator[tuple[EventPacket, Any]]:
+    from spikingtac.sim.scene.first_contact import touch_once
+
     touch_once(catalog.load(name), seed)  # compiled here, the first contact would stop time
     yield from truthful_packets(name, seed, camera)
 
