@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +17,7 @@ from spikingtac.markers.calibration.trial_tracking import step_scale
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
-
-
-@cache
-def calibrated(path: Path) -> Calibration:
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not among the test recordings")
-    return calibrate(open_events(path), estimate_lag=None)
+from stand_ins.calibrated import calibrated
 
 
 def errors_px(found: Calibration, truth: Path) -> np.ndarray:
