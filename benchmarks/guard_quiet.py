@@ -60,6 +60,8 @@ POLL_S = 0.01
 ROBOT_LATE_S = 0.025
 """The robot's stand-in runs in this process. Where that did not run for so long, the arm's
 controller was not there, which is a fault."""
+SEEN_S = 0.1
+"""Longest time between two looks that counts as watched, s."""
 RECORD_S = 60.0
 PATIENCE_S = 60.0
 BURNED = 100_000
@@ -185,7 +187,8 @@ class QuietHour:
             status = process.status()
             now_s = time.monotonic()
             gaps_s.append(now_s - looked_s - POLL_S)
-            self._watched_s, looked_s = self._watched_s + now_s - looked_s, now_s
+            # A program that did not run has seen nothing: its pause is not time of watching.
+            self._watched_s, looked_s = self._watched_s + min(now_s - looked_s, SEEN_S), now_s
             self._last = status if status["phase"] == "ready" else self._last
             if now_s > self._written_s + RECORD_S:
                 self._loads.append(os.getloadavg()[0])

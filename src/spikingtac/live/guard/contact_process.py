@@ -212,8 +212,7 @@ def _guard(
     watchdog = Watchdog(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
-    brake = (watchdog, _sigterm_pipe(), rests := threading.Event())
-    threading.Thread(target=_brake, args=brake, daemon=True).start()
+    rests = _obey_sigterm(watchdog)
     clock = StreamClock()
     loop = ContactLoop(detector, watchdog, arm.stop, subscribers, stream_clock=clock)
     try:
@@ -223,9 +222,7 @@ def _guard(
         watchdog.arm()
         with WatchdogThread(watchdog):
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        _confirm_stop(loop, arm, watchdog)
-        if watchdog.stop_failure is None:
-            rests.set()
+        _confirm_stop(loop, arm, watchdog, rests)
         status.publish("ended", loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
@@ -236,14 +233,15 @@ def _guard(
             recorder.cancel_join_thread()  # a recorder that hangs must not keep the process
 
 
-def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
-    """Tell the watchdog where the arm does not rest after a contact."""
-    if loop.contact is None:
-        return
-    try:
-        arm.confirm_stop()
-    except Exception as error:  # whatever the driver raises, the arm is not known to rest
-        watchdog.stop_failed(error)
+def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:
+    """Tell the watchdog where the arm does not rest after a contact; note where it rests."""
+    if loop.contact is not None:
+        try:
+            arm.confirm_stop()
+        except Exception as error:  # whatever the driver raises, the arm is not known to rest
+            watchdog.stop_failed(error)
+    if watchdog.stop_failure is None:
+        rests.set()
 
 
 def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
@@ -262,6 +260,14 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
     detector.reset()
     exempt_from_collection()
     lock_memory()
+
+
+def _obey_sigterm(watchdog: Watchdog) -> threading.Event:
+    """Brake on SIGTERM from now on, until the event that is returned says that the arm rests."""
+    rests = threading.Event()
+    brake = (watchdog, _sigterm_pipe(), rests)
+    threading.Thread(target=_brake, args=brake, daemon=True).start()
+    return rests
 
 
 def _sigterm_pipe() -> socket.socket:
