@@ -264,8 +264,7 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
 
 def _obey_sigterm(watchdog: Watchdog) -> threading.Event:
     """Brake on SIGTERM from now on, until the event that is returned says that the arm rests."""
-    rests = threading.Event()
-    brake = (watchdog, _sigterm_pipe(), rests)
+    brake = (watchdog, _sigterm_pipe(), rests := threading.Event())
     threading.Thread(target=_brake, args=brake, daemon=True).start()
     return rests
 
@@ -287,8 +286,7 @@ def _sigterm_pipe() -> socket.socket:
 def _brake(watchdog: Watchdog, told: socket.socket, rests: threading.Event) -> None:
     """Stop the arm once SIGTERM came, then end the process, also where its loop hangs.
 
-    Nothing is left to do where the guard has ended and the arm's reports say that it rests: the
-    main thread lets go of the controller, which refuses every further stop from then on.
+    Nothing is left to do where the guard has ended with its arm at rest.
     """
     while told.recv(1) != bytes([signal.SIGTERM]):
         pass
