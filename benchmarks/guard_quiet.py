@@ -10,8 +10,8 @@ of a machine of its own; the burners are ordinary processes. After a trip the gu
 A stall meter with a higher priority runs on every core (``stall_meter.py``). A trip is excused
 where, just before it, the machine itself stalled for as long as the guard's limit that was passed:
 nothing that runs on this machine could have looked; or, where the controller was gone, the robot's
-stand-in was held up. Every other trip is false. The exit code is 1 where one was. The
-record is written after every trip and every minute.
+stand-in was held up. A stall that began after the trip excuses nothing. Every other trip is false.
+The exit code is 1 where one was. The record is written after every trip and every minute.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import argparse
 import json
 import multiprocessing
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -59,6 +60,8 @@ POLL_S = 0.01
 ROBOT_LATE_S = 0.025
 """The robot's stand-in runs in this process. Where that did not run for so long, the arm's
 controller was not there, which is a fault."""
+SEEN_S = 0.1
+"""Longest time between two looks that counts as watched, s."""
 RECORD_S = 60.0
 PATIENCE_S = 60.0
 BURNED = 100_000
@@ -163,7 +166,9 @@ class QuietHour:
                     )
                 self._note_file.unlink(missing_ok=True)
                 status = self._watch(process)
+                closing_s = time.monotonic()
                 process.close()
+                status = {**status, "closing_s": time.monotonic() - closing_s}
                 if "health" not in status:  # it failed before it watched: nothing was guarded
                     print(f"no start: {status.get('reason', 'no answer')}", flush=True)
                 elif status["phase"] != "ready":
@@ -182,7 +187,8 @@ class QuietHour:
             status = process.status()
             now_s = time.monotonic()
             gaps_s.append(now_s - looked_s - POLL_S)
-            self._watched_s, looked_s = self._watched_s + now_s - looked_s, now_s
+            # A program that did not run has seen nothing: its pause is not time of watching.
+            self._watched_s, looked_s = self._watched_s + min(now_s - looked_s, SEEN_S), now_s
             self._last = status if status["phase"] == "ready" else self._last
             if now_s > self._written_s + RECORD_S:
                 self._loads.append(os.getloadavg()[0])
@@ -191,8 +197,10 @@ class QuietHour:
         return status
 
     def _note(self, status: dict[str, Any]) -> None:
-        stalls = self._notes.between(status["at_s"] - BEFORE_S, time.monotonic())
+        # What came after the trip excuses nothing: the end of a guard keeps a core busy, too.
+        stalls = self._notes.between(status["at_s"] - BEFORE_S, status["at_s"])
         trip = {"after_min": round(self._watched_s / 60.0, 2), **judged(status, stalls)}
+        trip["closing_s"] = round(status["closing_s"], 2)
         trip["robot_late_ms"] = round(1e3 * self._robot_late_s, 1)
         if trip["health"] == "disconnected":  # the robot's silence is no reason for any other trip
             trip["false"] &= self._robot_late_s < ROBOT_LATE_S
@@ -250,6 +258,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--burners", type=int, default=2)
     args = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # meters end, too
     with burners(args.burners), stall_notes() as notes, tempfile.TemporaryDirectory() as folder:
         exempt_from_collection()
         as_a_robot()

@@ -14,7 +14,18 @@ from spikingtac.live.factory import Factory
 from spikingtac.live.guard.contact_process import ContactProcess
 from spikingtac.robot.verified_stop import StopConfig
 from spikingtac.robot.watchdog import WatchdogConfig
-from stand_ins.guarded import SLOWED, NotingArm, detector, long_failure, moving_ur, paced, stops
+from stand_ins.guarded import (
+    NEVER,
+    SLOW_S,
+    SLOWED,
+    NotingArm,
+    SlowArm,
+    detector,
+    long_failure,
+    moving_ur,
+    paced,
+    stops,
+)
 from stand_ins.moving_rims import PERIOD_US
 from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
 
@@ -94,6 +105,27 @@ def test_a_leap_of_the_sensors_clock_stops_the_arm(guard: Any, notes: Path) -> N
     assert (status["phase"], status["health"]) == ("ended", "time_jump")
     assert re.search(r"leapt ahead by (599|600)\.\d s", status["reason"])  # late windows: less
     assert len(stops(notes)) == 2
+
+
+@pytest.mark.parametrize(("slow", "trips"), [((1, 1), False), ((20, NEVER), True)])
+def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
+    notes: Path, slow: tuple[int, int], trips: bool
+) -> None:
+    """The first question is the last thing before the watch; a guard tripped at once for 3.6 s."""
+    arguments = {"notes": str(notes), "slow": slow}
+    config = WatchdogConfig(stale_s=60.0, backlog_s=SLOW_S / 2.0)
+    arm = Factory(function=SlowArm, arguments=arguments)
+    process = ContactProcess(Factory(function=paced), Factory(function=detector), arm, config)
+    try:
+        status = wait(process, "ready", "tripped", "ended", "failed")
+        assert status["phase"] == "ready", status
+        until_s = time.monotonic() + (PATIENCE_S if trips else 2.0 * SLOW_S)
+        while not tripped(process) and time.monotonic() < until_s:
+            time.sleep(0.005)
+        assert tripped(process) == trips, process.status()
+        assert process.status()["health"] == ("overload" if trips else "ok")
+    finally:
+        process.close()
 
 
 def test_a_failure_is_told_however_long_its_text_is(notes: Path) -> None:

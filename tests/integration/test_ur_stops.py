@@ -87,6 +87,16 @@ def test_a_stop_that_is_obeyed_needs_one_means(
     arm.move_linear(arm.pose().position_mm + np.array([1.0, 0.0, 0.0]), 20.0)
 
 
+def test_letting_go_of_a_resting_arm_leaves_it_without_a_protective_stop(
+    controller: URController,
+) -> None:
+    """The heartbeat ended a second before the control script, whose watchdog stopped the arm."""
+    with RemoteArm(controller.host, watchdog_hz=2.0) as arm:
+        arm.close()
+        time.sleep(1.0)
+    assert controller.twin.state() is ArmState.IDLE
+
+
 @pytest.mark.parametrize(
     ("deaf_to", "script"),
     [

@@ -61,6 +61,24 @@ class NotingArm:
         self.stop()
 
 
+SLOW_S = 1.5
+"""For so long an arm that is slow to tell its state holds up the loop of its guard, s."""
+
+
+class SlowArm(NotingArm):
+    """Takes long to tell its state from one question to another; they are counted from 1."""
+
+    def __init__(self, notes: str, slow: tuple[int, int]) -> None:
+        super().__init__(notes)
+        self._slow, self._asked = slow, 0
+
+    def state(self) -> ArmState:
+        self._asked += 1
+        if self._slow[0] <= self._asked <= self._slow[1]:
+            time.sleep(SLOW_S)
+        return super().state()
+
+
 def stops(notes: Path) -> list[float]:
     return [float(line) for line in notes.read_text().split()] if notes.exists() else []
 

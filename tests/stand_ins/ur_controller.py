@@ -313,7 +313,7 @@ class URController:
         elif command == SET_WATCHDOG:
             self._watchdog_s = 1.0 / value[0]
         elif command == STOP_SCRIPT:
-            self._program = False
+            self._program, self._watchdog_s = False, None  # it is the program's own
 
     def _obey_watchdog(self) -> None:
         limit_s = self._watchdog_s

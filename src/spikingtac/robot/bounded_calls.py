@@ -6,6 +6,7 @@ for it, to start nothing else in it, and to know for how long it has hung.
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
@@ -14,6 +15,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spikingtac.errors import DeviceError
+
+
+def step_back() -> None:
+    """Let this process's main thread run before this one, where both have real-time priority.
+
+    A native client may wait for its controller without letting go of the core (ur_rtde: up to 3 s);
+    with equal priority nothing else of the process would run there meanwhile, its watchdog neither.
+    """
+    try:
+        if os.sched_getscheduler(0) != os.SCHED_FIFO:
+            return
+        highest = (
+            os.sched_getparam(os.getpid()).sched_priority - 1
+        )  # a process' id: its main thread
+        if os.sched_getparam(0).sched_priority > highest >= 1:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
+    except (AttributeError, OSError):  # another system than Linux
+        return
 
 
 @dataclass
@@ -88,6 +107,7 @@ class BoundedCalls:
         while (call := self._calls.get()) is not None:
             if call.abandoned:
                 continue
+            step_back()
             self._begun_s = self._clock_s()
             try:
                 call.result = call.command()

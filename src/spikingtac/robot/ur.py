@@ -184,6 +184,8 @@ class URArm:
             try:
                 self.stop()
                 self.confirm_stop()
+                if self._is_fresh() and self._scripted():  # its watchdog outlives the heartbeat
+                    self._call(self._control.stopScript)
             finally:
                 self._let_go()
 
@@ -258,7 +260,10 @@ class URArm:
 
     def _is_fresh(self) -> bool:
         """Return whether the controller's own time advanced lately."""
-        stamp, now_s = self._receive.getTimestamp(), self._clock_s()
+        now_s = (
+            self._clock_s()
+        )  # first: a thread that is held up in between takes no report for old
+        stamp = self._receive.getTimestamp()
         if stamp != self._stamp:
             self._stamp, self._stamp_seen_s = stamp, now_s
         return now_s - self._stamp_seen_s <= self._config.patience_s

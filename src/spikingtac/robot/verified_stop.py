@@ -168,8 +168,8 @@ class VerifiedStop:
         config, top_mm_s = self._config, 0.0
         latest: Report | None = None
         while True:
+            now_s = self._clock_s()  # before the report: whoever is held up in between knows more
             report = self._report()
-            now_s = self._clock_s()
             if report.seen_s > begun_s:
                 latest = report
                 top_mm_s = max(top_mm_s, report.speed_mm_s)

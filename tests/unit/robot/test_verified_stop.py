@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 
@@ -70,6 +72,59 @@ def test_an_arm_that_is_not_heard_of_is_not_said_to_rest_and_not_switched_off() 
         stop.confirm()
     time.sleep(0.05)
     assert "last" not in arm.used
+
+
+def test_a_thread_that_is_held_up_while_it_asks_does_not_take_a_resting_arm_for_a_silent_one() -> (
+    None
+):
+    """The clock was read after the report: a hold-up of 60 ms made an arm at rest be protected."""
+    arm, clock_s = Arm("gentle"), 0.0
+
+    def report() -> Report:
+        nonlocal clock_s
+        at_s = clock_s
+        clock_s += 1.2 * CONFIG.react_s[0]  # by another thread, once it has its answer
+        return Report(at_s, arm.speed_mm_s)
+
+    means = arm.means("gentle"), arm.means("firm")
+    stop = VerifiedStop(means, report, CONFIG, arm.means("last"), lambda: clock_s)
+    stop.begin()
+    stop.confirm()
+    assert arm.used == ["gentle"]
+
+
+SPINNING_CALL = """
+import os, threading, time
+from hashlib import pbkdf2_hmac
+from spikingtac.live.real_time import keep_to_one_core, take_precedence
+from spikingtac.robot.bounded_calls import BoundedCalls
+calls, over, longest_s = BoundedCalls("client"), threading.Event(), 0.0
+
+def spin():  # it lets go of the interpreter, and not of the core
+    until_s = time.monotonic() + 0.4
+    while time.monotonic() < until_s:
+        pbkdf2_hmac("sha256", b"", b"", 20_000)
+
+if take_precedence(20):
+    keep_to_one_core()
+    calling = threading.Thread(target=lambda: calls.call(spin, 5.0))
+    calling.start()
+    woken_s = time.monotonic()
+    while calling.is_alive():
+        time.sleep(0.002)
+        longest_s, woken_s = max(longest_s, time.monotonic() - woken_s), time.monotonic()
+    print(longest_s)
+"""
+
+
+def test_a_client_that_waits_without_letting_go_of_the_core_holds_up_no_watchdog() -> None:
+    """``stopL`` waits so for a controller that pauses: no thread of the guard ran meanwhile."""
+    done = subprocess.run(
+        [sys.executable, "-c", SPINNING_CALL], capture_output=True, check=True, timeout=60.0
+    )
+    if not done.stdout:
+        pytest.skip("real-time priority is not permitted here")
+    assert float(done.stdout) < 0.2
 
 
 def test_a_means_that_hangs_or_fails_keeps_nothing_up() -> None:

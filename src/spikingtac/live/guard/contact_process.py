@@ -34,12 +34,7 @@ from spikingtac.live.real_time import (
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
-from spikingtac.robot.watchdog import (
-    Health,
-    Watchdog,
-    WatchdogConfig,
-    WatchdogThread,
-)
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 
 STATUS_BYTES = 1 << 14
 LONGEST_REASON = 1_000
@@ -217,17 +212,17 @@ def _guard(
     watchdog = Watchdog(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
-    threading.Thread(target=_brake, args=(watchdog, _sigterm_pipe()), daemon=True).start()
+    rests = _obey_sigterm(watchdog)
     clock = StreamClock()
     loop = ContactLoop(detector, watchdog, arm.stop, subscribers, stream_clock=clock)
     try:
         watchdog.self_test()  # a stop takes longer than the allowed silence, so it comes first
-        catch_up(stream, clock, config.backlog_s)
         status.rehearse(loop, arm)
+        catch_up(stream, clock, config.backlog_s)  # last: what piled up until here is not watched
         watchdog.arm()
         with WatchdogThread(watchdog):
             loop.guard(stream, lambda loop: status.check(loop, arm, watchdog))
-        _confirm_stop(loop, arm, watchdog)
+        _confirm_stop(loop, arm, watchdog, rests)
         status.publish("ended", loop.report())
     except BaseException as error:
         watchdog.disconnected(f"{type(error).__name__}: {error}")
@@ -238,14 +233,15 @@ def _guard(
             recorder.cancel_join_thread()  # a recorder that hangs must not keep the process
 
 
-def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
-    """Tell the watchdog where the arm does not rest after a contact."""
-    if loop.contact is None:
-        return
-    try:
-        arm.confirm_stop()
-    except Exception as error:  # whatever the driver raises, the arm is not known to rest
-        watchdog.stop_failed(error)
+def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:
+    """Tell the watchdog where the arm does not rest after a contact; note where it rests."""
+    if loop.contact is not None:
+        try:
+            arm.confirm_stop()
+        except Exception as error:  # whatever the driver raises, the arm is not known to rest
+            watchdog.stop_failed(error)
+    if watchdog.stop_failure is None:
+        rests.set()
 
 
 def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
@@ -266,6 +262,13 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
     lock_memory()
 
 
+def _obey_sigterm(watchdog: Watchdog) -> threading.Event:
+    """Brake on SIGTERM from now on, until the event that is returned says that the arm rests."""
+    brake = (watchdog, _sigterm_pipe(), rests := threading.Event())
+    threading.Thread(target=_brake, args=brake, daemon=True).start()
+    return rests
+
+
 def _sigterm_pipe() -> socket.socket:
     """Return what becomes readable when SIGTERM comes, whichever thread it comes to.
 
@@ -280,10 +283,15 @@ def _sigterm_pipe() -> socket.socket:
     return readable
 
 
-def _brake(watchdog: Watchdog, told: socket.socket) -> None:
-    """Stop the arm once SIGTERM came, then end the process, also where its loop hangs."""
+def _brake(watchdog: Watchdog, told: socket.socket, rests: threading.Event) -> None:
+    """Stop the arm once SIGTERM came, then end the process, also where its loop hangs.
+
+    Nothing is left to do where the guard has ended with its arm at rest.
+    """
     while told.recv(1) != bytes([signal.SIGTERM]):
         pass
+    if rests.is_set():
+        return
     watchdog.disconnected("the guard was told to end")
     until_s = time.monotonic() + INSISTENCE_S
     while watchdog.stop_failure is not None and time.monotonic() < until_s:

@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import threading
 from typing import Any, cast
 
 import pytest
@@ -12,7 +13,7 @@ from spikingtac.live.guard.contact_loop import ContactLoop
 from spikingtac.live.guard.contact_process import STATUS_BYTES, GuardStatus
 from spikingtac.live.real_time import GUARD_PRIORITY, PRIORITY
 from spikingtac.live.ring import SharedRing
-from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
+from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from stand_ins.guarded import NotingArm
 
 
@@ -66,5 +67,24 @@ def test_stopping_again_and_again_leaves_the_core_to_others(
         teller.send(bytes([signal.SIGTERM]))
         watchdog = Watchdog(WatchdogConfig(), stop, lambda: 0.0)
         with pytest.raises(_ProcessEndedError):
-            contact_process._brake(watchdog, told)
+            contact_process._brake(watchdog, told, threading.Event())
     assert 2 <= len(orders) <= insistence_s / period_s + 2
+
+
+def test_a_guard_that_has_ended_with_its_arm_at_rest_stops_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The arm's driver was closed by then, and refused the stop again and again for 4 s."""
+
+    def stop() -> None:
+        raise AssertionError("the arm is not connected any more")
+
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("it was to let go of the arm first"))
+    told, teller = socket.socketpair()
+    rests = threading.Event()
+    rests.set()
+    with told, teller:
+        teller.send(bytes([signal.SIGTERM]))
+        watchdog = Watchdog(WatchdogConfig(), stop, lambda: 0.0)
+        contact_process._brake(watchdog, told, rests)
+    assert watchdog.health is Health.OK
