@@ -175,8 +175,10 @@ def as_a_user() -> Iterator[None]:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.sched_setaffinity(0, CORES)
     resource.setrlimit(resource.RLIMIT_RTTIME, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    yield
-    as_a_robot()
+    try:
+        yield
+    finally:
+        as_a_robot()
 
 
 def trial(kind: str, folder: Path) -> dict[str, Any]:

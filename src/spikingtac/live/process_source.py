@@ -15,6 +15,7 @@ from typing import Any
 
 from spikingtac.errors import RecordingError, SpikingTacError
 from spikingtac.live.factory import Factory
+from spikingtac.live.real_time import ordinary_priority
 from spikingtac.types import EventPacket, LossCounters
 
 ITEMS_AHEAD = 256
@@ -78,6 +79,7 @@ class ProcessSource:
             self._take_side_data(side_data)
             yield packet
 
+    @ordinary_priority()
     def close(self) -> None:
         """Stop the other process."""
         self._process.terminate()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spikingtac.plots.theme import FONT_PT, new_figure, style_axes
+from spikingtac.plots.theme import legend_above, new_figure, style_axes
 from spikingtac.tracks.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -42,5 +42,5 @@ def plot_comparison(
     style_axes(by_marker, colors)
     over_time.set(xlabel="time (s)", ylabel="error (px)", ylim=(0, None))
     by_marker.set(xlabel="marker", ylabel="error (px)", ylim=(0, None))
-    over_time.legend(fontsize=FONT_PT - 1, frameon=False, labelcolor=colors.text)
+    legend_above(over_time, colors)
     return figure

@@ -78,6 +78,20 @@ def new_figure(theme: str, width: str, height_share: float) -> tuple[Figure, The
     return Figure(figsize=size, dpi=DPI, facecolor=colors.ground, layout="constrained"), colors
 
 
+def legend_above(axes: Axes, theme: Theme) -> None:
+    """Name the curves above the axes, where none of them runs."""
+    names = axes.get_legend_handles_labels()[1]
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(names),
+        borderpad=0.0,
+        fontsize=FONT_PT - 1,
+        frameon=False,
+        labelcolor=theme.text,
+    )
+
+
 def style_axes(axes: Axes, theme: Theme) -> None:
     """Give axes the theme's colours and the figure's size of text."""
     axes.set_facecolor(theme.ground)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, named
 from spikingtac.plots.summary import PICTURE_ENDINGS
-from spikingtac.plots.theme import DPI, FONT_PT, Theme, new_figure, style_axes
+from spikingtac.plots.theme import DPI, FONT_PT, Theme, legend_above, new_figure, style_axes
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.tracks import Tracks
 
@@ -120,7 +120,7 @@ def _moved(tracks: Tracks) -> tuple[NDArray[np.floating], str]:
 def draw_course(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
     """Draw the length of every marker's displacement over time; ``row`` is not asked."""
     draw_course_thinned(axes, tracks, len(tracks.t_us), theme)
-    axes.legend(fontsize=FONT_PT - 1, frameon=False, labelcolor=theme.text)
+    legend_above(axes, theme)
 
 
 def draw_course_thinned(axes: Axes, tracks: Tracks, most_points: int, theme: Theme) -> None:

@@ -132,3 +132,33 @@ def test_who_is_permitted_less_gets_what_is_permitted(
     given.clear()
     assert real_time.take_precedence(4)
     assert given == [4]
+
+
+def test_children_end_at_ordinary_priority_and_what_was_granted_comes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    has: list[tuple[int, int]] = [(1, 20)]
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: has[-1][0], raising=False)
+    monkeypatch.setattr(os, "sched_getparam", lambda _: has[-1][1], raising=False)
+    monkeypatch.setattr(os, "sched_param", int, raising=False)
+    monkeypatch.setattr(os, "SCHED_OTHER", 0, raising=False)
+
+    def give(_: int, policy: int, param: int) -> None:
+        has.append((policy, param))
+
+    monkeypatch.setattr(os, "sched_setscheduler", give, raising=False)
+
+    @real_time.ordinary_priority()
+    def fail() -> None:
+        assert has[-1] == (0, 0)
+        raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
+    assert has == [(1, 20), (0, 0), (1, 20)]
+
+
+def test_ordinary_work_stays_ordinary() -> None:
+    ended = []
+    real_time.ordinary_priority()(ended.append)("child")
+    assert ended == ["child"]

@@ -15,6 +15,7 @@ from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
+from spikingtac.live import real_time
 from spikingtac.live.factory import Factory
 from spikingtac.live.guard.arrivals import catch_up
 from spikingtac.live.guard.contact_loop import (
@@ -23,13 +24,6 @@ from spikingtac.live.guard.contact_loop import (
     GuardReport,
     Subscriber,
     failure_words,
-)
-from spikingtac.live.real_time import (
-    GUARD_PRIORITY,
-    exempt_from_collection,
-    keep_to_one_core,
-    lock_memory,
-    take_precedence,
 )
 from spikingtac.live.ring import SharedRing
 from spikingtac.live.stream_clock import StreamClock
@@ -94,15 +88,18 @@ class ContactProcess:
             self._last = json.loads(message)
         return self._last
 
+    @real_time.ordinary_priority()
     def alive(self) -> bool:
         """Return whether the process runs."""
         return self._process.is_alive()
 
+    @real_time.ordinary_priority()
     def kill(self) -> None:
         """End the process at once; the robot's own watchdog then has to stop the arm."""
         self._process.kill()
         self._process.join(SHUTDOWN_S)
 
+    @real_time.ordinary_priority()
     def close(self) -> None:
         """Let the process stop the arm and end, if it still runs, and release the shared memory.
 
@@ -156,9 +153,9 @@ class GuardStatus:
         hold up all of them: with precedence they keep to one.
         """
         arm.state()
-        self.precedes = take_precedence(GUARD_PRIORITY)
+        self.precedes = real_time.take_precedence(real_time.GUARD_PRIORITY)
         if self.precedes:
-            keep_to_one_core()
+            real_time.keep_to_one_core()
         status_message({**asdict(loop.report()), "health": "ok", "reason": ""})
 
     def tripped(self, watchdog: Watchdog) -> None:
@@ -258,8 +255,8 @@ def _prepare(stream: Iterator[Arrival], detector: ContactDetector) -> None:
         raise DeviceError("the event stream ended before the guard was ready")
     detector.update(first.window)
     detector.reset()
-    exempt_from_collection()
-    lock_memory()
+    real_time.exempt_from_collection()
+    real_time.lock_memory()
 
 
 def _obey_sigterm(watchdog: Watchdog) -> threading.Event:
