@@ -26,9 +26,8 @@ def step_back() -> None:
     try:
         if os.sched_getscheduler(0) != os.SCHED_FIFO:
             return
-        highest = (
-            os.sched_getparam(os.getpid()).sched_priority - 1
-        )  # a process' id: its main thread
+        # The id of a process is that of its main thread.
+        highest = os.sched_getparam(os.getpid()).sched_priority - 1
         if os.sched_getparam(0).sched_priority > highest >= 1:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
     except (AttributeError, OSError):  # another system than Linux

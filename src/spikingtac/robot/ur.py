@@ -260,10 +260,8 @@ class URArm:
 
     def _is_fresh(self) -> bool:
         """Return whether the controller's own time advanced lately."""
-        now_s = (
-            self._clock_s()
-        )  # first: a thread that is held up in between takes no report for old
-        stamp = self._receive.getTimestamp()
+        # The clock first: a thread that is held up in between takes no report for old.
+        now_s, stamp = self._clock_s(), self._receive.getTimestamp()
         if stamp != self._stamp:
             self._stamp, self._stamp_seen_s = stamp, now_s
         return now_s - self._stamp_seen_s <= self._config.patience_s

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import pytest
 
+from spikingtac.live import real_time
 from spikingtac.live.guard import contact_process
 from spikingtac.live.guard.contact_loop import ContactLoop
 from spikingtac.live.guard.contact_process import STATUS_BYTES, GuardStatus
@@ -27,8 +28,8 @@ def test_the_guard_keeps_to_a_core_only_where_it_precedes(
         asked.append(priority)
         return permitted
 
-    monkeypatch.setattr(contact_process, "take_precedence", take)
-    monkeypatch.setattr(contact_process, "keep_to_one_core", lambda: asked.append("core"))
+    monkeypatch.setattr(real_time, "take_precedence", take)
+    monkeypatch.setattr(real_time, "keep_to_one_core", lambda: asked.append("core"))
     arm = NotingArm(str(tmp_path / "notes"))
     watchdog = Watchdog(WatchdogConfig(), arm.stop, lambda: 0.0)
     ring = SharedRing.create(STATUS_BYTES)
