@@ -537,7 +537,7 @@ def record(args: argparse.Namespace) -> None:
     program += ["record", address, "-o", str(args.folder)]
     program += ["--json", "--overwrite", "--copy", str(pipe)]
     process = subprocess.Popen(program, stdout=subprocess.PIPE, text=True)
-    time.sleep(args.lead_s)
+    wait_until_taken(port)  # what is sent before that is lost to nobody's account
     sending = [
         sys.executable,
         __file__,
@@ -577,6 +577,12 @@ def record(args: argparse.Namespace) -> None:
     if args.output is not None:
         figures = {"sent": sent, "readable": readable, "held_mb": held_mb, "summary": told}
         args.output.write_text(json.dumps(figures), encoding="utf-8")
+
+
+def wait_until_taken(port: int) -> None:
+    """Wait until another program listens on a UDP port of this machine (Linux)."""
+    while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+        time.sleep(0.05)
 
 
 def stalling(stall_s: float, every_s: float, arguments: list[str]) -> int:
@@ -646,7 +652,6 @@ def main() -> None:
     kept.add_argument("folder", type=Path)
     kept.add_argument("--rate-mev-s", type=float, default=3.0)
     kept.add_argument("--seconds", type=float, default=60.0)
-    kept.add_argument("--lead-s", type=float, default=4.0)
     kept.add_argument("--stall-s", type=float, default=0.0)
     kept.add_argument("--every-s", type=float, default=30.0)
     kept.add_argument("-o", "--output", type=Path)
