@@ -190,6 +190,7 @@ def _scale_in_image(args: WatchArgs, tracks: Path) -> SkinScale | None:
     from spikingtac.tracks.tracks import Tracks
 
     try:
-        return Tracks.load(tracks).skin_scale
+        found = Tracks.load(tracks)
     except RecordingError:  # arrays alone, of another program
         return None
+    return found.skin_scale
