@@ -6,6 +6,7 @@ for it, to start nothing else in it, and to know for how long it has hung.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import threading
@@ -16,22 +17,36 @@ from typing import Any
 
 from spikingtac.errors import DeviceError
 
+SPIN_S = 0.02
+"""Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
+a controller that answers does so within them)."""
+
 
 def step_back() -> None:
-    """Let this process's main thread run before this one, where both have real-time priority.
+    """Let this process's main thread run before this one, where that has real-time priority.
 
     A native client may wait for its controller without letting go of the core (ur_rtde: up to 3 s);
     with equal priority nothing else of the process would run there meanwhile, its watchdog neither.
     """
     try:
-        if os.sched_getscheduler(0) != os.SCHED_FIFO:
+        if os.sched_getscheduler(os.getpid()) != os.SCHED_FIFO:  # the id of the main thread
             return
-        # The id of a process is that of its main thread.
         highest = os.sched_getparam(os.getpid()).sched_priority - 1
-        if os.sched_getparam(0).sched_priority > highest >= 1:
+        if highest >= 1:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
     except (AttributeError, OSError):  # another system than Linux
         return
+
+
+def step_down(thread: int = 0) -> None:
+    """Make a thread of this process, given by its native id, ordinary work; 0 is this one.
+
+    Among equals nobody lets go of the core either: the calls of another guard, for another arm, run
+    with the same priority, and its controller would miss its heartbeat.
+    """
+    with contextlib.suppress(AttributeError, OSError):  # another system, or the thread has ended
+        if os.sched_getscheduler(thread) == os.SCHED_FIFO:
+            os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
 
 @dataclass
@@ -82,7 +97,7 @@ class BoundedCalls:
         try:
             call = _Call(command, late)
             self._calls.put(call)
-            if not call.done.wait(max(until_s - self._clock_s(), 0.0)):
+            if not self._await(call, until_s):
                 call.abandoned = True
                 raise DeviceError(f"{self._name}: no answer within {limit_s} s")
         finally:
@@ -101,6 +116,13 @@ class BoundedCalls:
         self._calls.put(None)
         self._thread.join(limit_s)
         return not self._thread.is_alive()
+
+    def _await(self, call: _Call, until_s: float) -> bool:
+        """Wait for a call, which is ordinary work from a while on; return whether it was done."""
+        if call.done.wait(min(SPIN_S, max(until_s - self._clock_s(), 0.0))):
+            return True
+        step_down(self._thread.native_id or 0)
+        return call.done.wait(max(until_s - self._clock_s(), 0.0))
 
     def _run(self) -> None:
         while (call := self._calls.get()) is not None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from spikingtac.errors import DeviceError, MissingExtraError
-from spikingtac.robot.bounded_calls import step_back
+from spikingtac.robot.bounded_calls import step_down
 from spikingtac.robot.ur_ports import require_controller
 
 RECEIVED = [
@@ -70,7 +70,7 @@ def _ends(work: Callable[[], Any], limit_s: float) -> bool:
     """Run a native call in a thread and return whether it came back in time."""
 
     def run() -> None:
-        step_back()
+        step_down()  # it may wait without letting go of the core
         with contextlib.suppress(Exception):  # whatever a broken native client raises
             work()
 
