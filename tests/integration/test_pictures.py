@@ -29,6 +29,13 @@ def test_truth_and_track(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.slow
+def test_the_summary(tmp_path: Path) -> None:
+    made = tmp_path / "demo.png"
+    assert main(["view", "demo", "--seed", "1", "--seconds", "12", "--export", str(made)]) == 0
+    assert different_cells(made, IMAGES / made.name) < MOST_DIFFERENT_CELLS
+
+
+@pytest.mark.slow
 def test_the_animation(tmp_path: Path) -> None:
     made = tmp_path / "demo.gif"
     assert main(["view", "demo", "--seed", "1", "--seconds", "4.2", "--export", str(made)]) == 0

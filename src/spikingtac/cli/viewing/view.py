@@ -62,7 +62,8 @@ class Args:
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File for a summary picture: .png, .svg or .pdf."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun), .mp4 or .gif; --seconds limits it."""
+    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun), .mp4, .gif, or one picture (.png,
+    .svg, .pdf); --seconds limits it."""
     overwrite: bool = False
     """Replace files that are already there."""
     realtime: bool = False

@@ -59,16 +59,17 @@ def _pictures(stretch: Stretch, frame_ms: int, seconds: float | None) -> Iterato
         if not stretch.advance(frame_ms * 1000) or stretch.playback.frame is None:
             return
         if drawing is None:
-            drawing = SensorDrawing(axes, _picture(stretch))
+            drawing = SensorDrawing(axes, picture_of(stretch))
             canvas.draw()
             figure.set_layout_engine("none")  # what was laid out once stays
         else:
-            drawing.show(_picture(stretch))
+            drawing.show(picture_of(stretch))
         canvas.draw()
         yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
-def _picture(stretch: Stretch) -> Picture:
+def picture_of(stretch: Stretch) -> Picture:
+    """Return what a page would show now; something was tracked."""
     frame, store = stretch.playback.frame, stretch.playback.store
     calibration = stretch.view.calibration
     assert frame is not None

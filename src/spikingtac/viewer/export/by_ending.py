@@ -6,9 +6,10 @@ from pathlib import Path
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, nearest
+from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.viewer.session.source import ViewSource
 
-ENDINGS = (".mcap", ".rrd", ".mp4", ".gif")
+ENDINGS = (".mcap", ".rrd", ".mp4", ".gif", *PICTURE_ENDINGS)
 
 
 def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
@@ -16,7 +17,8 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
 
     Args:
         view: From :func:`spikingtac.viewer.session.opening.open_view_source`.
-        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun), ``.mp4`` or ``.gif``.
+        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun), ``.mp4``, ``.gif``, or one picture:
+            ``.png``, ``.svg``, ``.pdf``.
         seconds: Length of the stretch from its beginning; None is all of it.
 
     Raises:
@@ -38,6 +40,10 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             from spikingtac.viewer.export.mp4 import export_mp4
 
             return export_mp4(view, partial, seconds=seconds)
+        if target.suffix in PICTURE_ENDINGS:
+            from spikingtac.viewer.export.summary_picture import export_picture
+
+            return export_picture(view, partial, seconds=seconds)
         from spikingtac.viewer.export.gif import export_gif
 
         return export_gif(view, partial, seconds=seconds)
