@@ -85,6 +85,7 @@ def findings(rows: Sequence[Row]) -> list[str]:
     for case, part in (
         ("force/pooled", recorded_forces),
         ("wrench/all", twin_wrench),
+        *((f"wrench-{camera}/all", twin_wrench) for camera in twin_wrench.CAMERAS),
         ("touches/all", twin_touches),
         ("slip/all", twin_slip),
     ):

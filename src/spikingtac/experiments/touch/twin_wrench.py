@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.touch.baselines import MeanDisplacement
+from spikingtac.experiments.touch.tracked_wrench import N_MM_PER_NM, tracked_series
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.touch.elastic.surface_response import SkinConfig
@@ -19,7 +21,6 @@ from spikingtac.touch.force.wrench_series import WrenchSeries
 
 Field = NDArray[np.float64]
 
-N_MM_PER_NM = 1e3
 NOISE_PX = 0.1
 """Error of a marker's place, per axis, px: that of the tracker ``default`` (ours)."""
 STEPS = 3
@@ -30,6 +31,8 @@ TAUGHT = tuple(
 TESTED = ("finger-presses", "finger-slides", "finger-torsion", "comb-slides", "spoon-circles",
           "finger-rolls", "mixed", "drag-release")  # fmt: skip
 QUICK_TESTED = TESTED[:3]
+CAMERAS = ("typical", "noisy")
+"""Cameras through which the tested contacts are also seen, and tracked by ``default``."""
 METHODS = {
     "physics": "contacts drawn from the skin's equations; stiffness and lens are known, no label",
     "labelled": "force laws learned from labelled contacts of a ball and a punch",
@@ -46,15 +49,20 @@ METRICS = (
 def wrench_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
     """Return the scores of every method on every scene and on all together."""
     names = QUICK_TESTED if quick else TESTED
-    tested = [gel_series(name, seed + 100) for name in names]
+    tested = {"wrench": [gel_series(name, seed + 100) for name in names]}
+    for camera in CAMERAS:
+        seen = [tracked_series(name, seed + 100, camera) for name in names]
+        tested[f"wrench-{camera}"] = seen
     taught = [gel_series(name, seed) for name in TAUGHT]
     records = []
     for method in methods:
-        estimates = [estimate[:, :6] for estimate in _estimates(method, taught, tested)]
-        for name, series, estimate in zip(names, tested, estimates, strict=True):
-            records.append(_record(method, f"wrench/{name}", series.wrench, estimate, seed))
-        truth = np.concatenate([series.wrench for series in tested])
-        records.append(_record(method, "wrench/all", truth, np.concatenate(estimates), seed))
+        estimate_of = _estimator(method, taught, tested["wrench"][0].reference)
+        for group, series in tested.items():
+            estimates = [estimate_of(one)[:, :6] for one in series]
+            for name, one, estimate in zip(names, series, estimates, strict=True):
+                records.append(_record(method, f"{group}/{name}", one.wrench, estimate, seed))
+            truth = np.concatenate([one.wrench for one in series])
+            records.append(_record(method, f"{group}/all", truth, np.concatenate(estimates), seed))
     return records
 
 
@@ -84,13 +92,15 @@ def gel_series(name: str, seed: int) -> WrenchSeries:
     )
 
 
-def _estimates(method: str, taught: list[WrenchSeries], tested: list[WrenchSeries]) -> list[Field]:
+def _estimator(
+    method: str, taught: list[WrenchSeries], reference: Field
+) -> Callable[[WrenchSeries], Field]:
+    """Return what gives a method's wrenches ``(n, c)`` of a series."""
     if method == "mean-displacement":
-        law = MeanDisplacement(taught)
-        return [law.estimate(series) for series in tested]
-    drawn = [] if method == "labelled" else _drawn(tested[0].reference)
+        return MeanDisplacement(taught).estimate
+    drawn = [] if method == "labelled" else _drawn(reference)
     model = fit_force([] if method == "physics" else taught, drawn=drawn)
-    return [model.estimate(series)[0] for series in tested]
+    return lambda series: model.estimate(series)[0]
 
 
 def _drawn(reference: Field) -> list[WrenchSeries]:
