@@ -70,7 +70,8 @@ def track_to_file(
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         health = source.counters().summary()
-        meta = {**provenance_of(source, config), **calibration.scale(), "health": health}
+        provenance = provenance_of(source, config, file_digest(source.path))
+        meta = {**provenance, **calibration.scale(), "health": health}
         found = {"calibration_misfit": checked.misfit, **_ageing(runs.swing())}
         writer.close({**meta, **found})
     except BaseException:
@@ -130,12 +131,14 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
         )
 
 
-def provenance_of(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
+def provenance_of(
+    source: FileSource | CheckedSource, config: TrackingConfig, digest: str | None
+) -> dict[str, Any]:
     """Return what tracks tell about their making: configuration, input, version and losses."""
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,
-        "input_sha256": _file_digest(source.path) if source.path.is_file() else None,
+        "input_sha256": digest,
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }
@@ -170,6 +173,9 @@ class _Counts:
         }
 
 
-def _file_digest(path: Path) -> str:
+def file_digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None of a pipe."""
+    if not path.is_file():
+        return None
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,12 +62,13 @@ def track_in_pieces(
         folder=output.with_name(output.name + PIECES),
         settings={**settings, "cut_s": args.cut_s, "force": None},  # forces are told at the end
     )
+    digest = _digest_of(source.path)
     try:
         found = track_pieces(work, plan, CrewRunner(args), args.resume, advance)
     except KeyboardInterrupt:
         remark("interrupted; what is done is kept, go on with the same command and --resume")
         raise
-    summary = _write(args, source, output, found, plan)
+    summary = _write(args, source, output, found, plan, digest.result())
     remove_pieces(work.folder)
     return summary
 
@@ -83,8 +86,29 @@ def _cuttable(args: Args) -> Path:
     return recording
 
 
+def _digest_of(recording: Path) -> Future[str | None]:
+    """Compute the recording's digest beside the tracking: at the end every core would wait."""
+    from spikingtac.pipeline.recording_tracks import file_digest
+
+    digest: Future[str | None] = Future()
+
+    def compute() -> None:
+        try:
+            digest.set_result(file_digest(recording))
+        except OSError as error:
+            digest.set_exception(error)
+
+    threading.Thread(target=compute, name="digest", daemon=True).start()
+    return digest
+
+
 def _write(
-    args: Args, source: FileSource, output: Path, found: Pieced, plan: PlanPass
+    args: Args,
+    source: FileSource,
+    output: Path,
+    found: Pieced,
+    plan: PlanPass,
+    digest: str | None,
 ) -> dict[str, Any]:
     """Join the pieces into the tracks of the verb."""
     from spikingtac.markers.registry import make_law
@@ -101,7 +125,7 @@ def _write(
         "seam_worst_px": max((s.worst_px for s in found.seams), default=0.0),
     }
     meta = {
-        **provenance_of(source, tracking),
+        **provenance_of(source, tracking, digest),
         **calibration.scale(),
         "health": health,
         "calibration_misfit": found.misfit,
