@@ -103,12 +103,7 @@ def _digest_of(recording: Path) -> Future[str | None]:
 
 
 def _write(
-    args: Args,
-    source: FileSource,
-    output: Path,
-    found: Pieced,
-    plan: PlanPass,
-    digest: str | None,
+    args: Args, source: FileSource, output: Path, found: Pieced, plan: PlanPass, digest: str | None
 ) -> dict[str, Any]:
     """Join the pieces into the tracks of the verb."""
     from spikingtac.markers.registry import make_law
@@ -118,12 +113,7 @@ def _write(
     tracking, calibration = configured(args, args.calibration)
     health = plan.health()
     law = None if tracking.hysteresis == "none" else make_law(tracking)
-    seams = {
-        "pieces": len(found.seams) + 1,
-        "mended": found.mended,
-        "seam_mean_px": float(np.mean([s.mean_px for s in found.seams])) if found.seams else 0.0,
-        "seam_worst_px": max((s.worst_px for s in found.seams), default=0.0),
-    }
+    seams = _seams(found)
     meta = {
         **provenance_of(source, tracking, digest),
         **calibration.scale(),
@@ -147,6 +137,15 @@ def _write(
         "output": str(output),
         **seams,
         "kept": found.kept,
+    }
+
+
+def _seams(found: Pieced) -> dict[str, Any]:
+    return {
+        "pieces": len(found.seams) + 1,
+        "mended": found.mended,
+        "seam_mean_px": float(np.mean([s.mean_px for s in found.seams])) if found.seams else 0.0,
+        "seam_worst_px": max((s.worst_px for s in found.seams), default=0.0),
     }
 
 
