@@ -7,7 +7,7 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any
@@ -38,12 +38,15 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 _COPY_BYTES = 1 << 20
 
 
-def load_arrays(path: str | Path, what: str) -> dict[str, NDArray[Any]]:
+def load_arrays(
+    path: str | Path, what: str, only: Collection[str] | None = None
+) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz``.
 
     Args:
         path: The file.
         what: What it should hold, for the error.
+        only: The arrays to read, all of which must be there; None reads every one.
 
     Raises:
         RecordingError: The file is missing, damaged, or no archive of plain arrays; FormatError
@@ -52,6 +55,8 @@ def load_arrays(path: str | Path, what: str) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.endswith(".npy")]
+            if only is not None:
+                names = [f"{name}.npy" for name in only]
             return {name.removesuffix(".npy"): _array(archive, name, path) for name in names}
     except ARCHIVE_DAMAGE as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -95,6 +100,7 @@ class ColumnFile:
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
         self._spools: dict[str, tuple[IO[bytes], np.dtype[Any], list[int]]] = {}
+        self._lent: dict[str, tuple[int, Iterable[NDArray[Any]]]] = {}
         self._fixed: dict[str, NDArray[Any]] = {}
         self._closed = False
 
@@ -107,6 +113,16 @@ class ColumnFile:
             spool, dtype, shape = self._spools[name]
             spool.write(np.ascontiguousarray(values, dtype).tobytes())
             shape[0] += len(values)
+
+    def lend(self, name: str, count: int, rows: Iterable[NDArray[Any]]) -> None:
+        """Take a column's rows from where they lie, when the archive is written: once, not twice.
+
+        Args:
+            name: A column without rows, whose type and row shape :meth:`append` has set.
+            count: How many rows there are.
+            rows: Some rows at a time.
+        """
+        self._lent[name] = count, rows
 
     def set(self, name: str, values: NDArray[Any]) -> None:
         """Set a member that does not grow."""
@@ -135,8 +151,11 @@ class ColumnFile:
     def _write(self, path: Path) -> None:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
             for name, (spool, dtype, shape) in self._spools.items():
-                spool.seek(0)
                 with archive.open(_member(name), "w", force_zip64=True) as member:
+                    if name in self._lent:
+                        _write_lent(member, dtype, tuple(shape), *self._lent[name])
+                        continue
+                    spool.seek(0)
                     _write_header(member, dtype, tuple(shape))
                     while data := spool.read(_COPY_BYTES):
                         member.write(data)
@@ -144,6 +163,23 @@ class ColumnFile:
                 with archive.open(_member(name), "w", force_zip64=True) as member:
                     _write_header(member, values.dtype, values.shape)
                     member.write(values.tobytes())
+
+
+def _write_lent(
+    member: IO[bytes],
+    dtype: np.dtype[Any],
+    shape: tuple[int, ...],
+    count: int,
+    pieces: Iterable[NDArray[Any]],
+) -> None:
+    _write_header(member, dtype, (count, *shape[1:]))
+    for rows in pieces:
+        if rows.dtype != dtype or rows.shape[1:] != shape[1:]:
+            raise ValueError(f"rows are {rows.dtype} of shape {rows.shape[1:]}, not {dtype}")
+        member.write(np.ascontiguousarray(rows).data)
+        count -= len(rows)
+    if count:
+        raise ValueError(f"{abs(count)} rows are {'missing' if count > 0 else 'too many'}")
 
 
 def _member(name: str) -> zipfile.ZipInfo:

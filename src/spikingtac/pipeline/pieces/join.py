@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.markers.hysteresis import OutputLaw
 from spikingtac.pipeline.recording_tracks import force_estimator, wrench_columns
 from spikingtac.touch.force.model import ForceEstimator, ForceModel
-from spikingtac.tracks import Tracks, create_tracks
+from spikingtac.tracks import create_tracks
 from spikingtac.tracks.columns import COLUMN_TYPES, FIELDS, HEALTH_TYPES
 from spikingtac.tracks.files import NpzTracksWriter
 from spikingtac.types import MarkerFrame
 
 COUNTERS = tuple(name for name in HEALTH_TYPES if name != "rate_ev_s")
 """What counts from the beginning of a recording."""
+
+NARROW = ("t_us", *HEALTH_TYPES)
+"""Columns that have one number a time."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,13 +41,16 @@ class Stretch:
     from_us: int
     to_us: int | None
 
-    def load(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of the part, by their names in a file."""
-        tracks = Tracks.load(self.path)
-        first = int(tracks.t_us.searchsorted(self.from_us))
-        last = None if self.to_us is None else int(tracks.t_us.searchsorted(self.to_us))
-        names = ("t_us", *COLUMN_TYPES, *HEALTH_TYPES)
-        return {name: getattr(tracks, FIELDS.get(name, name))[first:last] for name in names}
+    def load(self, names: Collection[str]) -> dict[str, NDArray[Any]]:
+        """Return columns of the part by their names in a file, the times first.
+
+        Raises:
+            RecordingError: The file is damaged, or a column is not there.
+        """
+        columns = load_arrays(self.path, "tracks", {"t_us": None} | dict.fromkeys(names))
+        first = int(columns["t_us"].searchsorted(self.from_us))
+        last = None if self.to_us is None else int(columns["t_us"].searchsorted(self.to_us))
+        return {name: column[first:last] for name, column in columns.items()}
 
 
 @dataclass(slots=True)
@@ -61,11 +68,15 @@ class JoinSummary:
     largest_px: float
 
     def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Count some times."""
-        self.estimates += len(columns["t_us"])
-        self.coasted += columns["held"].sum(axis=0)
-        moved_px = np.hypot(*np.moveaxis(columns["displacement_px"], 2, 0))
-        self.largest_px = max(self.largest_px, float(moved_px.max(initial=0.0)))
+        """Count what some columns tell of some times."""
+        for name, values in columns.items():
+            if name == "t_us":
+                self.estimates += len(values)
+            elif name == "held":
+                self.coasted += values.sum(axis=0)
+            elif name == "displacement_px":
+                moved_px = np.hypot(values[:, :, 0], values[:, :, 1])
+                self.largest_px = max(self.largest_px, float(moved_px.max(initial=0.0)))
 
 
 def join(
@@ -78,7 +89,8 @@ def join(
 ) -> JoinSummary:
     """Write stretches one after the other; one of them is in memory at a time.
 
-    A law or a force whose value depends on the path is applied here, where the path is whole.
+    What goes into an archive as it is goes there column by column, without a copy in between. A law
+    or a force whose value depends on the path is applied here, where the path is whole.
 
     Args:
         stretches: Without gap or overlap, in order of time.
@@ -94,18 +106,27 @@ def join(
     estimator = force_estimator(force, output, len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     summary = JoinSummary(0, np.zeros(len(calibration.reference_px), np.int64), 0.0)
+    archive = writer if isinstance(writer, NpzTracksWriter) else None
+    lent = COLUMN_TYPES if archive is not None and law is None else {}
+    names = {*NARROW, *(COLUMN_TYPES.keys() - lent.keys())}
+    if estimator is not None:
+        names.add("detected_px")
     try:
-        for columns in _continued(stretches):
+        for columns in _continued(stretches, names):
             if law is not None:
                 _apply(law, columns, calibration.reference_px)
             if estimator is not None:
                 columns |= _wrenches(estimator, columns, calibration.reference_px)
+            columns = {name: values for name, values in columns.items() if name not in lent}
             summary.add(columns)
-            if isinstance(writer, NpzTracksWriter):
-                writer.write_columns(columns)
+            if archive is not None:
+                archive.write_columns(columns)
             else:
                 for frame in _frames(columns):
                     writer.write(frame)
+        if archive is not None:
+            for name in lent:
+                archive.lend_column(name, summary.estimates, _rows(stretches, name, summary))
         writer.close(meta)
     except BaseException:
         writer.abandon()
@@ -113,11 +134,21 @@ def join(
     return summary
 
 
-def _continued(stretches: Sequence[Stretch]) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield the columns, with counters that go on where each piece began to count anew."""
+def _rows(stretches: Sequence[Stretch], name: str, summary: JoinSummary) -> Iterator[NDArray[Any]]:
+    """Yield a column that goes into the file as it is, and count it."""
+    for stretch in stretches:
+        rows = stretch.load([name])[name]
+        summary.add({name: rows})
+        yield rows
+
+
+def _continued(
+    stretches: Sequence[Stretch], names: Collection[str]
+) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield columns, with counters that go on where each piece began to count anew."""
     reached = dict.fromkeys(COUNTERS, 0)
     for stretch in stretches:
-        columns = stretch.load()
+        columns = stretch.load(names)
         if len(columns["t_us"]):
             for name in COUNTERS:
                 columns[name] = columns[name] - columns[name][0] + reached[name]
