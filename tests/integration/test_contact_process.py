@@ -32,7 +32,7 @@ from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 """What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
 STALE_S = 2.0
-"""Far above the 25 ms that a robot is given, so that a busy machine's pauses are no silence."""
+"""Far above the 40 ms that a robot is given, so that a busy machine's pauses are no silence."""
 PATIENCE_S = 90.0
 STARTS = 6
 """A busy machine may let the controller's own watchdog end the first start: the guard refuses."""

@@ -70,7 +70,7 @@ def exempt_from_collection() -> None:
 def take_precedence(priority: int = PRIORITY) -> bool:
     """Let this process run before ordinary work, where that is permitted; return whether it is.
 
-    Within 25 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
+    Within 40 ms, which is when a watchdog trips, a busy machine may not give an ordinary thread its
     turn. All threads take part: one that waits for its turn while it holds the interpreter would
     hold up the others. Permission: root, or a line for the user in /etc/security/limits.conf
     (``rtprio``); who is permitted less than is asked for has :data:`PRIORITY`.

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 
 STALE_S = 0.5
-"""Waiting this long counts as a standstill, s; an arm is stopped after 25 ms (ours)."""
+"""Waiting this long counts as a standstill, s; an arm is stopped after 40 ms (ours)."""
 
 
 class StreamHealth:
