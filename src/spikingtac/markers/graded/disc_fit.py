@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.markers.edge_equations import SAME_BITS, normal_equations_kernel
 from spikingtac.markers.graded.fit_window import RING_PX
 from spikingtac.state_map.graded import PAD_PX
 
@@ -45,7 +46,7 @@ def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cover
     """Evaluate a polynomial of degree 11 by Estrin's scheme: Horner's waits for each product."""
     z2 = z * z
@@ -69,7 +70,7 @@ def _ring_kernel(
     return np.uint64(first), np.uint64(after - first)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _edge_kernel(
     place_px: NDArray[np.float32],
     ring: tuple[Any, Any],
@@ -103,43 +104,6 @@ def _edge_kernel(
         z = slope[j]
         residual[j] = level[j] - _polynomial_kernel(curve, z)
         slope[j] = _polynomial_kernel(steep, z)
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
-def _normal_equations_kernel(
-    edge: NDArray[np.float32],
-    count: Any,
-    moved_x: np.float32,
-    moved_y: np.float32,
-    per_soft2: np.float32,
-) -> tuple[Any, ...]:  # pragma: no cover - compiled
-    """Sum the robust normal equations of one marker; one straight loop, so that it vectorises.
-
-    ``moved`` is how far the centre went since ``edge`` was read, px; ``per_soft2`` is 1 / soft^2.
-    Returns the curvature (xx, xy, yy), the gradients (x, y, r, b, c), the curvature of r, and the
-    share of the edge that agrees.
-    """
-    ux, uy, residual, slope = edge[1], edge[2], edge[3], edge[4]
-    one = np.float32(1.0)
-    xx = xy = yy = gx = gy = gr = gb = gc = rr = weight = total = np.float32(0.0)
-    for j in range(count):
-        to_x, to_y, s = ux[j], uy[j], slope[j]
-        e = residual[j] - s * (to_x * moved_x + to_y * moved_y)
-        ws = s / (one + e * e * per_soft2)
-        wse = ws * e
-        wss = ws * s
-        xx += wss * to_x * to_x
-        xy += wss * to_x * to_y
-        yy += wss * to_y * to_y
-        gx += wse * to_x
-        gy += wse * to_y
-        gr += wse
-        gb += wse * (to_x * to_x - to_y * to_y)
-        gc += wse * (np.float32(2.0) * to_x * to_y)
-        rr += wss
-        weight += ws
-        total += s
-    return xx, xy, yy, gx, gy, gr, gb, gc, rr, weight / (total + np.float32(1e-6))
 
 
 @njit(cache=True, nogil=True)
@@ -212,9 +176,9 @@ def _fit_one_kernel(
     per_half = np.float32(2.0 / (outer_px - inner_px))
     r = np.float32(state[2] + 0.5 * (inner_px + outer_px))
     b, c = np.float32(state[3]), np.float32(state[4])
-    gr = gb = gc = rr = agreement = moved_x = moved_y = np.float32(0.0)
-    column = row = -1
-    fresh = False
+    gradient, rr, agreement = (0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
+    moved = np.float32(0.0), np.float32(0.0)
+    column, row, fresh = -1, -1, False
     for _ in range(iterations):
         if not fresh:
             at = _nearest_pixel_kernel(state, columns, rows)
@@ -224,19 +188,19 @@ def _fit_one_kernel(
                 _read_kernel(flat, middle, offset, ring, edge[0])
             x, y = np.float32(state[0] - column), np.float32(state[1] - row)
             _edge_kernel(place_px, ring, (x, y, r, b, c, per_half), coefficients, edge)
-            moved_x = moved_y = np.float32(0.0)
-        xx, xy, yy, gx, gy, gr, gb, gc, rr, agreement = _normal_equations_kernel(
-            edge, ring[1], moved_x, moved_y, np.float32(1.0 / SOFT_LEVEL**2)
+            moved = np.float32(0.0), np.float32(0.0)
+        curvature, gradient, rr, agreement = normal_equations_kernel(
+            edge, ring[1], moved, np.float32(1.0 / SOFT_LEVEL**2)
         )
         away = prior[0] - state[0], prior[1] - state[1]
-        step_x, step_y = _center_step_kernel((xx, xy, yy), (gx, gy), away, prior[2])
+        step_x, step_y = _center_step_kernel(curvature, gradient[:2], away, prior[2])
         state[0] += step_x
         state[1] += step_y
-        moved_x, moved_y = moved_x + np.float32(step_x), moved_y + np.float32(step_y)
+        moved = moved[0] + np.float32(step_x), moved[1] + np.float32(step_y)
         if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
             break
-        fresh = moved_x * moved_x + moved_y * moved_y < LINEAR_STEP_PX * LINEAR_STEP_PX
-    return gr, gb, gc, rr, agreement
+        fresh = moved[0] * moved[0] + moved[1] * moved[1] < LINEAR_STEP_PX * LINEAR_STEP_PX
+    return gradient[2], gradient[3], gradient[4], rr, agreement
 
 
 @njit(cache=True, nogil=True)

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
 
+COEFFICIENT_DECIMALS = 6
+"""Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so, and
+what is rounded off is the same everywhere (ours: single precision has seven digits)."""
 POLYNOMIAL_DEGREE = 11
 """S within 0.001 and dS/dq within 2 % of its largest value, for every contrast and edge whose flat
 ends :data:`FLAT_SHARE` cuts off."""
@@ -117,7 +120,7 @@ def _polynomials(
         ]
     ).reshape(-1, CURVE_POINTS)
     series = chebyshev.chebfit(unit, curves.T, POLYNOMIAL_DEGREE)
-    fitted = _powers(np.asarray(series, np.float64))
+    fitted = np.round(_powers(np.asarray(series, np.float64)), COEFFICIENT_DECIMALS)
     return fitted.T.reshape(len(profiles), 2, -1).astype(np.float32)
 
 

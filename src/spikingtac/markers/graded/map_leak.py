@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.markers.edge_equations import SAME_BITS
 from spikingtac.state_map.graded import PAD_PX
 
 USUAL_S = 0.2
@@ -71,7 +72,7 @@ class LeakTolerances:
         return np.where(fallen, ALL_LEVELS, self._tolerance if whole else self._wary_tolerance)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _entries_kernel(
     first_px: np.float32, dy: np.float32, shape: tuple[Any, ...], entry: NDArray[np.int32]
 ) -> None:  # pragma: no cover - compiled
@@ -91,7 +92,7 @@ def _entries_kernel(
         entry[k] = np.int32(place if place < last else last)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
 def _give_kernel(
     levels: NDArray[np.float32],
     sums: NDArray[np.float32],
@@ -111,7 +112,7 @@ def _give_kernel(
         levels[k] += new - old
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy")
 def leak_to_discs_kernel(
     padded: NDArray[np.float32],
     memory: NDArray[np.float32],

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.markers.edge_equations import SAME_BITS
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.centroid.cut_discs import cut_discs, uncut_kernel
 from spikingtac.markers.graded.disc_fit import round_outline
@@ -128,33 +129,48 @@ def _agreement_kernel(
         agreement[m] = min(share, 1.0 / max(share, 0.1))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+def _above_floor_kernel(a: Any, b: Any, floor: Any, weight: Any) -> tuple[Any, Any]:
+    """Return sum and difference of two pixels' levels above the floor, times their weight."""
+    zero = np.float32(0.0)
+    a, b = a - floor, b - floor
+    a, b = (a if a > zero else zero), (b if b > zero else zero)
+    return (a + b) * weight, (b - a) * weight
+
+
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+def _moment_kernel(mass: Any, j: Any) -> Any:
+    """Return the moment of a mass about column 0 of its block."""
+    return mass * np.float32(np.int32(j))
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"}, error_model="numpy", forceinline=True)
 def _moments_kernel(
     flat: NDArray[np.float32], middle: int, row_px: int, weight: NDArray[np.float32], floor: Any
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Return the sum of what lies above the floor, and its first moments about ``middle``.
 
-    The innermost loop has a length that the compiler knows, and no remainder: loops of 21 pixels
-    would cost more by their ends than by what they do.
+    Levels above the floor are multiples of its last bit, so that their sums are exact in double
+    precision, in whichever order the compiler takes them. The innermost loop has a length that it
+    knows, and no remainder: loops of 21 pixels would cost more by their ends than by what they do.
     """
-    zero = np.float32(0.0)
     half = np.uint64(weight.shape[1] // 2)
-    total = sum_x = sum_y = zero
+    total = sum_x = sum_y = 0.0
     for i in range(weight.shape[0]):
         above, below = np.uint64(middle - i * row_px) - half, np.uint64(middle + i * row_px) - half
         for first in range(np.uint64(0), np.uint64(weight.shape[1]), np.uint64(BLOCK_PX)):
-            mass = moment = tilt = zero
+            mass = moment = tilt = 0.0
             for j in range(np.uint64(BLOCK_PX)):
-                a, b = flat[above + first + j] - floor, flat[below + first + j] - floor
-                a, b = (a if a > zero else zero), (b if b > zero else zero)
-                both = (a + b) * weight[i, first + j]
-                mass += both
-                moment += both * np.float32(np.int32(j))
-                tilt += (b - a) * weight[i, first + j]
+                both, unlike = _above_floor_kernel(
+                    flat[above + first + j], flat[below + first + j], floor, weight[i, first + j]
+                )
+                mass += np.float64(both)
+                moment += np.float64(_moment_kernel(both, j))
+                tilt += np.float64(unlike)
             total += mass
-            sum_x += moment + mass * np.float32(np.int64(first) - np.int64(half))
-            sum_y += tilt * np.float32(i)
-    return float(total), float(sum_x), float(sum_y)
+            sum_x += moment + mass * float(np.int64(first) - np.int64(half))
+            sum_y += tilt * float(i)
+    return total, sum_x, sum_y
 
 
 @njit(cache=True, nogil=True)
