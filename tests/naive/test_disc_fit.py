@@ -109,10 +109,10 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
         edge,
     )
     moved = np.float32(moved_px[0]), np.float32(moved_px[1])
-    second, first_order, rr, agreement = edge_equations.normal_equations_kernel(
-        edge, np.uint64(count), moved, np.float32(1.5625)
-    )
-    got = [*second, *first_order, rr, agreement]
+    read = edge, np.uint64(count), moved, np.float32(1.5625), window.unit[0]
+    second, center = edge_equations.center_equations_kernel(*read)
+    outline, rr, agreement = edge_equations.outline_equations_kernel(*read)
+    got = [*second, *center, *outline, rr, agreement]
     dx, dy = window.place_px[:, first : first + count].astype(float)
     rho, phi = np.hypot(dx - x, dy - y), np.arctan2(dy - y, dx - x)
     z = np.clip((rho - r - b * np.cos(2 * phi) - c * np.sin(2 * phi)) / half, -1.0, 1.0)
@@ -130,6 +130,15 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
     ]
     expected = [*curvature[:3], *gradients, curvature[3], ws.sum() / slope.sum()]
     np.testing.assert_allclose(got, expected, atol=0.01, rtol=1e-3)
+
+
+@pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
+def test_a_unit_lets_the_sums_of_every_pixel_fit_into_32_bits(profile: DiscProfile) -> None:
+    window = fit_window([profile], SIZE[0], 3.5)
+    steepest = max(1.0, -profile.slope(np.linspace(-4.0, 4.0, 4001)).min())
+    most = window.unit[0] * window.offset.size * steepest**2
+    assert np.log2(window.unit[0]) % 1.0 == 0.0
+    assert edge_equations.LARGEST_SUM / 3.0 < most < edge_equations.LARGEST_SUM * 1.1
 
 
 @pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])

@@ -17,7 +17,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.edge_equations import SAME_BITS, normal_equations_kernel
+from spikingtac.markers.edge_equations import (
+    SAME_BITS,
+    center_equations_kernel,
+    outline_equations_kernel,
+)
 from spikingtac.markers.graded.fit_window import RING_PX
 from spikingtac.state_map.graded import PAD_PX
 
@@ -160,7 +164,7 @@ def _fit_one_kernel(
     window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]],
     edge: NDArray[np.float32],
     state: NDArray[np.float64],
-    curves: tuple[NDArray[np.float32], float, float, int],
+    curves: tuple[Any, ...],
     prior: tuple[float, float, float],
 ) -> tuple[Any, ...]:  # pragma: no cover - compiled
     """Move one marker's centre to the best fit.
@@ -171,13 +175,13 @@ def _fit_one_kernel(
     """
     flat, columns, rows = levels
     offset, place_px, within = window
-    coefficients, inner_px, outer_px, iterations = curves
+    coefficients, inner_px, outer_px, unit, iterations = curves
     ring = _ring_kernel(within, state, inner_px, outer_px)
     per_half = np.float32(2.0 / (outer_px - inner_px))
     r = np.float32(state[2] + 0.5 * (inner_px + outer_px))
     b, c = np.float32(state[3]), np.float32(state[4])
-    gradient, rr, agreement = (0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
-    moved = np.float32(0.0), np.float32(0.0)
+    per_soft2 = np.float32(1.0 / SOFT_LEVEL**2)
+    moved = read_to = np.float32(0.0), np.float32(0.0)
     column, row, fresh = -1, -1, False
     for _ in range(iterations):
         if not fresh:
@@ -189,18 +193,16 @@ def _fit_one_kernel(
             x, y = np.float32(state[0] - column), np.float32(state[1] - row)
             _edge_kernel(place_px, ring, (x, y, r, b, c, per_half), coefficients, edge)
             moved = np.float32(0.0), np.float32(0.0)
-        curvature, gradient, rr, agreement = normal_equations_kernel(
-            edge, ring[1], moved, np.float32(1.0 / SOFT_LEVEL**2)
-        )
+        curvature, gradient = center_equations_kernel(edge, ring[1], moved, per_soft2, unit)
         away = prior[0] - state[0], prior[1] - state[1]
-        step_x, step_y = _center_step_kernel(curvature, gradient[:2], away, prior[2])
+        step_x, step_y = _center_step_kernel(curvature, gradient, away, prior[2])
         state[0] += step_x
         state[1] += step_y
-        moved = moved[0] + np.float32(step_x), moved[1] + np.float32(step_y)
+        read_to, moved = moved, (moved[0] + np.float32(step_x), moved[1] + np.float32(step_y))
         if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
             break
         fresh = moved[0] * moved[0] + moved[1] * moved[1] < LINEAR_STEP_PX * LINEAR_STEP_PX
-    return gradient[2], gradient[3], gradient[4], rr, agreement
+    return outline_equations_kernel(edge, ring[1], read_to, per_soft2, unit)
 
 
 @njit(cache=True, nogil=True)
@@ -209,7 +211,7 @@ def fit_discs_kernel(
     center_px: NDArray[np.float64],
     outline_px: NDArray[np.float64],
     window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]],
-    curves: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], int],
+    curves: tuple[Any, ...],
     prior: tuple[NDArray[np.float64], float],
     follow: tuple[NDArray[np.float64], float, float],
     agreement: NDArray[np.float64],
@@ -221,8 +223,8 @@ def fit_discs_kernel(
         center_px: ``(m, 2)`` start and result, px.
         outline_px: ``(m, 3)`` r, b and c of each disc, px.
         window: Offsets, places and counts of :class:`FitWindow`.
-        curves: Coefficients, inner and outer ends (px) of :class:`FitWindow`; Gauss-Newton steps
-            at most.
+        curves: Coefficients, inner and outer ends (px) and units of :class:`FitWindow`;
+            Gauss-Newton steps at most.
         prior: ``(m, 2)`` where the neighbours expect each marker, px, and its weight as a share of
             the fit's own curvature.
         follow: ``(m,)`` radii at rest, px; largest change of the outline as a share of them; share
@@ -230,7 +232,7 @@ def fit_discs_kernel(
         agreement: ``(m,)`` result: share of the edge that agrees with the fit, 0 to 1.
     """
     rest_px, most_share, gain = follow
-    coefficients, inner_px, outer_px, iterations = curves
+    coefficients, inner_px, outer_px, unit, iterations = curves
     levels = padded.ravel(), padded.shape[1], padded.shape[0]
     edge = np.empty((5, window[0].size), np.float32)
     state = np.empty(5)
@@ -239,8 +241,10 @@ def fit_discs_kernel(
         for k in range(3):  # a slice assignment would compile for seconds, and runs no faster
             state[2 + k] = outline_px[m, k]
         expected = prior[0][m, 0], prior[0][m, 1], prior[1]
-        curve = coefficients[m], inner_px[m], outer_px[m], iterations
-        gr, gb, gc, rr, agreement[m] = _fit_one_kernel(levels, window, edge, state, curve, expected)
+        curve = coefficients[m], inner_px[m], outer_px[m], unit[m], iterations
+        (gr, gb, gc), rr, agreement[m] = _fit_one_kernel(
+            levels, window, edge, state, curve, expected
+        )
         center_px[m, 0], center_px[m, 1] = state[0], state[1]
         step, most = gain / (rr + 1e-3), most_share * rest_px[m]
         r, b, c = state[2] + step * gr, state[3] + 2.0 * step * gb, state[4] + 2.0 * step * gc

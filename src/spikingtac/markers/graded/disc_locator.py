@@ -116,13 +116,13 @@ class DiscLocator:
         gain: float,
         some: slice,
     ) -> None:
-        coefficients, inner_px, outer_px, iterations = self._curves
+        *of_each, iterations = self._curves
         fit_discs_kernel(
             padded,
             center_px[some],
             self.outline_px[some],
             self._pixels,
-            (coefficients[some], inner_px[some], outer_px[some], iterations),
+            (*(values[some] for values in of_each), iterations),
             (prior[0][some], prior[1]),
             (self._radius_px[some], self._config.outline_share, gain),
             self._agreement[some],

@@ -10,12 +10,14 @@ exponential.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import DiscProfile
+from spikingtac.markers.edge_equations import LARGEST_SUM
 from spikingtac.state_map.graded import PAD_PX
 
 COEFFICIENT_DECIMALS = 6
@@ -48,6 +50,8 @@ class FitWindow:
             -dS/dq over -1 (at the inner end) to 1.
         inner_px: ``(m,)`` where each edge begins, px outside of the radius (negative).
         outer_px: ``(m,)`` where it ends, px outside of the radius.
+        unit: ``float32[m]`` whole steps in which a weight of one is counted, so that the sums of
+            all its pixels fit into 32 bits.
     """
 
     offset: NDArray[np.int64]
@@ -56,17 +60,16 @@ class FitWindow:
     coefficients: NDArray[np.float32]
     inner_px: NDArray[np.float64]
     outer_px: NDArray[np.float64]
+    unit: NDArray[np.float32]
 
     @property
     def pixels(self) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
         """Offsets, places and counts, as the fit takes them."""
         return self.offset, self.place_px, self.within
 
-    def curves(
-        self, iterations: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64], int]:
+    def curves(self, iterations: int) -> tuple[Any, ...]:
         """Return the profiles as the fit takes them, with the number of its steps at most."""
-        return self.coefficients, self.inner_px, self.outer_px, iterations
+        return self.coefficients, self.inner_px, self.outer_px, self.unit, iterations
 
 
 def fit_window(profiles: list[DiscProfile], width_px: int, reach_px: float) -> FitWindow:
@@ -87,14 +90,30 @@ def fit_window(profiles: list[DiscProfile], width_px: int, reach_px: float) -> F
     dx, dy, distance = dx[order], dy[order], distance[order]
     stretches_px = [_steep_stretch_px(profile, reach_px) for profile in profiles]
     inner_px, outer_px = (np.array(ends) for ends in zip(*stretches_px, strict=True))
+    coefficients = _polynomials(profiles, inner_px, outer_px)
     return FitWindow(
         offset=(dy * row_px + dx).astype(np.int64),
         place_px=np.stack([dx, dy]).astype(np.float32),
         within=np.searchsorted(distance, np.arange(0.0, farthest_px + RING_PX, RING_PX)),
-        coefficients=_polynomials(profiles, inner_px, outer_px),
+        coefficients=coefficients,
         inner_px=inner_px,
         outer_px=outer_px,
+        unit=_units(coefficients, len(order)),
     )
+
+
+def _units(coefficients: NDArray[np.float32], pixels: int) -> NDArray[np.float32]:
+    """Return ``(m,)`` steps that a weight of one is counted in.
+
+    They are powers of two, which no rounding of a processor's own moves.
+    """
+    z = np.linspace(-1.0, 1.0, CURVE_POINTS)
+    slope = np.zeros((len(coefficients), CURVE_POINTS))
+    for factor in coefficients[:, 1, ::-1].T:
+        slope = slope * z + factor[:, None]
+    steepest = np.maximum(np.abs(slope).max(axis=1), 1.0)
+    most = LARGEST_SUM / (pixels * steepest**2)
+    return np.exp2(np.floor(np.log2(most))).astype(np.float32)
 
 
 def _steep_stretch_px(profile: DiscProfile, reach_px: float) -> tuple[float, float]:
@@ -121,7 +140,8 @@ def _polynomials(
     ).reshape(-1, CURVE_POINTS)
     series = chebyshev.chebfit(unit, curves.T, POLYNOMIAL_DEGREE)
     fitted = np.round(_powers(np.asarray(series, np.float64)), COEFFICIENT_DECIMALS)
-    return fitted.T.reshape(len(profiles), 2, -1).astype(np.float32)
+    # Row after row: what reads them is vectorised only where they lie beside each other.
+    return fitted.T.reshape(len(profiles), 2, -1).astype(np.float32, order="C")
 
 
 def _powers(series: NDArray[np.float64]) -> NDArray[np.float64]:
