@@ -49,7 +49,7 @@ class LeakTolerances:
 
         Args:
             tolerance: ``(m,)`` levels that are left alone in a stream that is known to be whole.
-            wary_tolerance: The same in one that may not be.
+            wary_tolerance: The same in one of which nothing is known.
             largest_fall: Agreement below its usual value by more than this has fallen.
         """
         self._tolerance, self._wary_tolerance = tolerance, wary_tolerance
@@ -57,19 +57,20 @@ class LeakTolerances:
         self._usual: NDArray[np.float64] | None = None
 
     def update(
-        self, agreement: NDArray[np.float64], dt_s: float, *, whole: bool
+        self, agreement: NDArray[np.float64], dt_s: float, doubt: float
     ) -> NDArray[np.float64]:
         """Take in ``(m,)`` agreements; return ``(m,)`` levels.
 
         Args:
             agreement: Agreement of the fits with the map, 0 to 1.
             dt_s: Time since the last call, s.
-            whole: Whether all events are known to arrive.
+            doubt: How doubtful it is that all events arrive, 0 to 1.
         """
         usual = agreement if self._usual is None else self._usual
         fallen = agreement < usual - self._largest_fall
         self._usual = usual + (1.0 - np.exp(-dt_s / USUAL_S)) * (agreement - usual)
-        return np.where(fallen, ALL_LEVELS, self._tolerance if whole else self._wary_tolerance)
+        tolerance = self._tolerance + doubt * (self._wary_tolerance - self._tolerance)
+        return np.where(fallen, ALL_LEVELS, tolerance)
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)

@@ -62,7 +62,8 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
         calibration: What the slides taught so far.
     """
     locator = DiscLocator(DiscLocatorConfig(), calibration)
-    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0, backlash=0.0), calibration)
+    plain = MaintenanceConfig(lag_us=0.0, backlash=0.0, turn_backlash=0.0)
+    tracker = GradedTracker(locator, plain, calibration)
     estimate = recording_lag(source, tracker, calibration)
     return estimate.lag_us if estimate.samples else None
 

@@ -9,7 +9,7 @@ from spikingtac.markers.graded.event_loss import FIRST_SHARE, EventLoss
 from spikingtac.types import EventPacket
 
 STEP = 1.0 / 7.0
-"""Seven steps per swing: six and a half events, and half of one in the dead band."""
+"""Six events of a full swing, and one step of dead band: 1 / (6 + 1)."""
 SIZE = (320, 40)
 REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
 CALIBRATION = Calibration(
@@ -20,7 +20,7 @@ CALIBRATION = Calibration(
     step_on=STEP,
     step_off=STEP,
 )
-EVENTS_PER_PX = 4 * 7.0 * 6.5
+EVENTS_PER_PX = 4 * 7.0 * 6.0 * events_kept.EXTRA_EVENTS
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
 STROKE_PX = 8.0
@@ -43,8 +43,8 @@ def at_markers(counts: np.ndarray) -> EventPacket:
     return packet(x, y)
 
 
-def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
-    """Move some markers and lose events; return the share that is believed in the end."""
+def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
+    """Move some markers and lose events; return what has watched them."""
     watch, rng = EventLoss(CALIBRATION), np.random.default_rng(1)
     position, velocity = REFERENCE_PX.copy(), np.zeros((10, 2))
     velocity[:moving, 0] = SPEED_PX_S
@@ -59,23 +59,31 @@ def last_share(kept: float, moving: int = 10, seconds: float = 3.0) -> float:
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
         told = watch.update(position, velocity, watch.take(1e-3))
         assert told is None or told == watch.share
-    return watch.share
+    assert watch.judged
+    return watch
 
 
 @pytest.mark.parametrize("moving", [1, 10])
 def test_a_whole_stream_is_found_whole(moving: int) -> None:
-    assert last_share(1.0, moving) == 1.0
+    assert watched(1.0, moving).share == 1.0
 
 
 @pytest.mark.parametrize("moving", [1, 10])
 @pytest.mark.parametrize("kept", [0.8, 0.7, 0.5, 0.3])
 def test_the_share_that_arrives_is_found(kept: float, moving: int) -> None:
     """Also where one marker moves and nine rest: a touch moves few."""
-    assert last_share(kept, moving) == pytest.approx(kept, abs=0.04)
+    assert watched(kept, moving).share == pytest.approx(kept, abs=0.04)
+
+
+def test_the_doubt_shrinks_when_the_share_is_known() -> None:
+    assert EventLoss(CALIBRATION).doubt == 1.0
+    assert not EventLoss(CALIBRATION).judged
+    doubts = [watched(kept).doubt for kept in (1.0, 0.7, 0.3)]
+    np.testing.assert_allclose(doubts, [0.0, 0.45, 1.0], atol=0.06)
 
 
 def test_texture_that_adds_events_is_not_loss() -> None:
-    assert last_share(1.6) == 1.0
+    assert watched(1.6).share == 1.0
 
 
 def test_silence_and_standing_still_say_nothing() -> None:
@@ -117,9 +125,13 @@ def test_the_kernels_do_what_their_plain_twins_do() -> None:
         position = REFERENCE_PX + rng.normal(0, 8, (10, 2))
         velocity = rng.normal(0, 1, (10, 2)) * 10.0 ** rng.uniform(0, 3, (10, 1))
         noise, per_px = rng.uniform(50, 6000, 10), rng.uniform(100, 300, 10)
+        silent, settled = rng.uniform(0.5, 2.0, 10), rng.uniform()
         roam, dt, turned = 9.0, 1e-3, turn.copy()
         got = events_kept._motion_kernel(
-            (position, velocity, REFERENCE_PX, turned), (counts, noise, per_px), (roam, 6.0), dt
+            (position, velocity, REFERENCE_PX, turned),
+            (counts, noise, per_px, silent),
+            (roam, 6.0, settled),
+            dt,
         )
         speed = np.hypot(*velocity.T)
         asked = (speed > events_kept.SLOW_PX_S) & (speed < events_kept.FAST_PX_S)
@@ -127,9 +139,10 @@ def test_the_kernels_do_what_their_plain_twins_do() -> None:
         asked &= np.hypot(*(position - REFERENCE_PX).T) < roam
         way = position - turn
         asked &= np.hypot(*way.T) > 6.0
+        unheard = np.exp(-np.hypot(*way.T) / silent)
         turns = ((way * velocity).sum(axis=1) < 0.0) | (speed >= events_kept.FAST_PX_S)
         turn[turns] = position[turns]
-        expected = (per_px * speed)[asked].sum() * dt
+        expected = (per_px * speed * (1.0 - settled * unheard))[asked].sum() * dt
         arrived = (counts - noise * dt)[asked].sum()
         np.testing.assert_allclose(got, (speed.mean(), expected, arrived), rtol=1e-12)
         np.testing.assert_array_equal(turned, turn)

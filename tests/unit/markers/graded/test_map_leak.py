@@ -22,19 +22,20 @@ CALIBRATION = Calibration(
 def test_nothing_leaks_around_a_marker_whose_agreement_has_just_fallen() -> None:
     tolerances = LeakTolerances(KNOWN, WARY, LARGEST_FALL)
     usual = np.array([0.98, 0.70])
-    np.testing.assert_array_equal(tolerances.update(usual, STEP_S, whole=True), KNOWN)
-    np.testing.assert_array_equal(tolerances.update(usual, STEP_S, whole=False), WARY)
+    np.testing.assert_array_equal(tolerances.update(usual, STEP_S, 0.0), KNOWN)
+    np.testing.assert_array_equal(tolerances.update(usual, STEP_S, 1.0), WARY)
+    np.testing.assert_allclose(tolerances.update(usual, STEP_S, 0.5), 0.5 * (KNOWN + WARY))
     fallen = usual - [2.0 * LARGEST_FALL, 0.5 * LARGEST_FALL]
-    found = tolerances.update(fallen, STEP_S, whole=True)
+    found = tolerances.update(fallen, STEP_S, 0.0)
     np.testing.assert_array_equal(found, [ALL_LEVELS, KNOWN[1]])
 
 
 def test_an_agreement_that_stays_low_becomes_usual() -> None:
     tolerances = LeakTolerances(KNOWN, WARY, LARGEST_FALL)
-    tolerances.update(np.ones(2), STEP_S, whole=True)
+    tolerances.update(np.ones(2), STEP_S, 0.0)
     fallen = np.full(2, 1.0 - 2.0 * LARGEST_FALL)
     waited_s = 0.0
-    while (tolerances.update(fallen, STEP_S, whole=True) == ALL_LEVELS).all():
+    while (tolerances.update(fallen, STEP_S, 0.0) == ALL_LEVELS).all():
         waited_s += STEP_S
     # It falls to the half of the way in ln 2 time constants.
     np.testing.assert_allclose(waited_s, np.log(2.0) * USUAL_S, atol=2 * STEP_S)

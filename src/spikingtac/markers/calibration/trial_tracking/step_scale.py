@@ -146,7 +146,7 @@ def track(
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
     locator = DiscLocator(DiscLocatorConfig(), bright)
-    tracker = GradedTracker(locator, MaintenanceConfig(backlash=0.0), bright)
+    tracker = GradedTracker(locator, MaintenanceConfig(backlash=0.0, turn_backlash=0.0), bright)
     t_us, center_px = [], []
     for window in _windows(events, len(calibration.reference_px)):
         tracker.absorb(window)
