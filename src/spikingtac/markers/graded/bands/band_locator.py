@@ -150,5 +150,5 @@ def band_maintenance(maintenance: MaintenanceConfig) -> MaintenanceConfig:
     what has not fired pulls at it only where the disc would leave the band.
     """
     return dataclasses.replace(
-        maintenance, leak_per_s=0.0, ease_per_s=0.0, adapt_to_loss=False, backlash=0.0
+        maintenance, leak_per_s=0.0, outline_return_per_s=0.0, adapt_to_loss=False, backlash=0.0
     )
