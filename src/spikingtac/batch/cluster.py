@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TLS_FILES = ("ca.pem", "cert.pem", "key.pem")
 """Certificate of the authority, own certificate, own key."""
 DEFAULT_PORT = 8786
-"""Port of ``dask scheduler`` unless told otherwise."""
+"""Port of ``dask scheduler`` by default."""
 CONNECT_S = 10.0
 """Time for one attempt to connect."""
 PATIENCE_S = 60.0

@@ -38,7 +38,7 @@ class Parameters:
     Args:
         publisher: The participant.
         node: Absolute name of the node.
-        settings: What can be changed, and what is only told.
+        settings: What can be changed, and what can only be read.
 
     Attributes:
         services: To be served.

@@ -56,7 +56,7 @@ class Settings:
 
     Args:
         config: What holds at first.
-        fixed: What is told but cannot be changed, by name.
+        fixed: What can be read but not changed, by name.
         prepare: Makes ready what a change of the tracking needs; what it returns is called between
             two frames.
     """

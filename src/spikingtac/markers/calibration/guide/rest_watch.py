@@ -1,4 +1,4 @@
-"""Whether the skin rests now, told from the rate of events so far."""
+"""Whether the skin rests now, judged by the rate of events so far."""
 
 from __future__ import annotations
 

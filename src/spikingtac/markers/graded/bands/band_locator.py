@@ -26,7 +26,7 @@ a motion that begins within one estimate."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BandLocatorConfig:
-    """What the band fit can be told.
+    """Settings of the band fit.
 
     Attributes:
         iterations: Gauss-Newton steps per marker and estimate at most (ours).
