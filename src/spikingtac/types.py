@@ -100,7 +100,7 @@ class EventPacket:
         )
 
     def sound(self) -> EventPacket:
-        """Return the packet, whose columns are known to fit from now on: nobody checks them again.
+        """Check the columns once and return the packet, marked as checked.
 
         Raises:
             ConfigError: The columns differ in length, or an event lies outside of the sensor.

@@ -1,4 +1,4 @@
-"""The parameters of a node: the services that ``ros2 param list``, ``get``, ``set`` and others ask.
+"""The parameters of a node: the services behind ``ros2 param list``, ``get``, ``set`` and others.
 
 Source: rcl_interfaces, and the behaviour of rclcpp's ``parameter_service.cpp``: what is asked for
 and unknown has the type "not set", and is left out of the types and descriptions.

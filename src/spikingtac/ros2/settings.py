@@ -52,7 +52,7 @@ class LiveConfig:
 
 
 class Settings:
-    """The settings of one publisher; asked for in one thread, applied in another.
+    """The settings of one publisher; requested in one thread, applied in another.
 
     Args:
         config: What holds at first.
@@ -109,7 +109,7 @@ class Settings:
         self._changes.append(change)
 
     def apply(self) -> None:
-        """Do what was asked for since the last frame; called by who publishes."""
+        """Apply what was requested since the last frame; called by the publishing thread."""
         while self._changes:
             self._changes.popleft()()
 

@@ -48,7 +48,7 @@ class Args:
 
 
 def run(args: Args) -> int:
-    """Find the maps, write what follows them, and tell their errors."""
+    """Find the maps, write the aligned files, and report the errors."""
     from spikingtac.events.manifest import name_of
 
     second = args.second

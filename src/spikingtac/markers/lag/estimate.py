@@ -40,7 +40,7 @@ _LEAST_RUNGS = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LagConfig:
-    """What is believed before any event is seen, and which events count.
+    """Prior values, and which events count.
 
     Attributes:
         default_us: Returned where nothing can be seen (ours: between 500 us in good light and
