@@ -15,13 +15,15 @@ import numpy as np
 import spikingtac as st
 
 SCENE, SEED, RATE_HZ = "spoon-circles", 3, 1_000.0
+SLIDES_S = 5.4
+"""Four of the eight slides are enough for a calibration."""
 
 
 def main(picture: str) -> None:
     """Draw the marker that moves farthest: truth, track, and the difference."""
     with tempfile.TemporaryDirectory() as folder:
         slides, contact = Path(folder) / "slides", Path(folder) / "contact"
-        st.simulate(st.load_scene("bootstrap"), slides, seed=SEED)
+        st.simulate(st.load_scene("bootstrap"), slides, seed=SEED, duration_s=SLIDES_S)
         st.simulate(st.load_scene(SCENE), contact, seed=SEED)
         calibration = st.calibrate(st.open_events(slides))
         tracker = st.make_tracker(st.load_config("default").tracking, calibration)

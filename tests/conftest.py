@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 
 from numba_cache import prepare_cache
+from stand_ins.made_once import FOLDER_VARIABLE
 
 # One test runs on each core: more threads make small products of matrices ten times as slow.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,6 +28,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the controller set
     chosen = os.environ.get("NUMBA_CACHE_DIR", PROJECT / ".numba_cache")
     os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
+    os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="spikingtac-tests-")
+    atexit.register(shutil.rmtree, os.environ[FOLDER_VARIABLE], ignore_errors=True)
 
 
 if sys.dont_write_bytecode:  # a program would compile the package at each of some 200 starts

@@ -143,7 +143,7 @@ def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
 
 
 def require_free(path: str | Path, overwrite: bool) -> None:
-    """Refuse to replace a file that nobody said may be replaced, before any work is done.
+    """Refuse to replace an existing file without permission, before any work is done.
 
     Raises:
         ConfigError: The file is there and ``overwrite`` is not given, the path is a folder, or its

@@ -21,7 +21,7 @@ PRESETS = ("default", "fast", "paper")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Config:
-    """Everything that can be told to the pipeline.
+    """All settings of the pipeline.
 
     Attributes:
         tracking: How markers are followed.

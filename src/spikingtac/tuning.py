@@ -56,7 +56,7 @@ class Control:
 
 
 def controls(config: Any, prefix: str = "") -> Iterator[Control]:
-    """Yield a control for each field of a dataclass that says how it may be tuned."""
+    """Yield a control for each field of a dataclass whose metadata has a range or choices."""
     for field in dataclasses.fields(config):
         value, name = getattr(config, field.name), prefix + field.name
         if dataclasses.is_dataclass(value):

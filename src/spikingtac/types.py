@@ -25,9 +25,6 @@ Polarity = Literal["white", "dark"]
 LawName = Literal["none", "paper", "anchored"]
 """Laws of the output position, by name."""
 
-EDGE_DTYPE = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), (("p", "on"), "?")])
-"""Structured dtype at the edges, equal to that of the aedat and faery packages."""
-
 
 @dataclass(frozen=True, slots=True)
 class EventPacket:
@@ -103,7 +100,7 @@ class EventPacket:
         )
 
     def sound(self) -> EventPacket:
-        """Return the packet, whose columns are known to fit from now on: nobody checks them again.
+        """Check the columns once and return the packet, marked as checked.
 
         Raises:
             ConfigError: The columns differ in length, or an event lies outside of the sensor.
@@ -140,26 +137,6 @@ class EventPacket:
                     f"events at {name} from {column.min()} to {column.max()} px lie outside of the "
                     f"{self.size[0]}x{self.size[1]} px sensor; drop them, or give the true size"
                 )
-
-    def to_structured(self) -> NDArray[Any]:
-        """Return the events as one array of :data:`EDGE_DTYPE`."""
-        out = np.empty(len(self), EDGE_DTYPE)
-        out["t"], out["x"], out["y"], out["p"] = self.t, self.x, self.y, self.p
-        return out
-
-    @classmethod
-    def from_structured(cls, events: NDArray[Any], size: tuple[int, int]) -> EventPacket:
-        """Build a packet from an array with the fields t, x, y and p (``on`` is accepted)."""
-        t = events["t"].astype(np.int64)
-        return cls(
-            x=events["x"].astype(np.uint16),
-            y=events["y"].astype(np.uint16),
-            p=events["p"].astype(np.bool_),
-            t=t,
-            t_start_us=int(t[0]) if len(t) else 0,
-            t_end_us=int(t[-1]) + 1 if len(t) else 0,
-            size=size,
-        )
 
     @classmethod
     def concatenate(cls, packets: list[EventPacket]) -> EventPacket:

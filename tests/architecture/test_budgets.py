@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2] / "src" / "spikingtac"
-FILES = sorted(PACKAGE.rglob("*.py"))
+from stand_ins.source_trees import FILES, PACKAGE, text_of, tree_of
+
 FILE_LINES = 300
 FUNCTION_LINES = 40
 PARAMETERS = 6
@@ -20,8 +20,9 @@ def named(path: Path) -> str:
     return str(path.relative_to(PACKAGE))
 
 
-def functions(tree: ast.AST) -> Iterator[Function]:
-    return (node for node in ast.walk(tree) if isinstance(node, Function))
+@cache
+def functions(path: Path) -> list[Function]:
+    return [node for node in ast.walk(tree_of(path)) if isinstance(node, Function)]
 
 
 def length_without_docstring(function: Function) -> int:
@@ -61,16 +62,6 @@ def is_overload_of_documented(node: Function | ast.ClassDef) -> bool:
     )
 
 
-@cache
-def text_of(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
-
-
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(text_of(path))
-
-
 def complaints(of_file: Callable[[Path], list[str]]) -> list[str]:
     """Return what a rule finds in all files, each with the file's name."""
     return [f"{named(path)}: {found}" for path in FILES for found in of_file(path)]
@@ -82,21 +73,21 @@ def length_of_file(path: Path) -> list[str]:
 
 
 def long_functions(path: Path) -> list[str]:
-    lengths = ((item.name, length_without_docstring(item)) for item in functions(tree_of(path)))
+    lengths = ((item.name, length_without_docstring(item)) for item in functions(path))
     return [f"{name} has {lines} lines" for name, lines in lengths if lines > FUNCTION_LINES]
 
 
 def wide_functions(path: Path) -> list[str]:
     return [
         f"{item.name} takes {len(parameters(item))} parameters"
-        for item in functions(tree_of(path))
+        for item in functions(path)
         if len(parameters(item)) > PARAMETERS and not is_kernel(item)
     ]
 
 
 def bare_names(path: Path) -> list[str]:
     bare = []
-    for function in functions(tree_of(path)):
+    for function in functions(path):
         if function.returns is None and not is_kernel(function):
             bare.append(f"{function.name} -> ?")
         if not is_kernel(function):

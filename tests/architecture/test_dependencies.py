@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from stand_ins.source_trees import FILES, tree_of
+
 PROJECT = Path(__file__).resolve().parents[2]
-PACKAGE = PROJECT / "src" / "spikingtac"
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
@@ -43,8 +44,8 @@ BY_NAME_ONLY = {
 def imported() -> set[str]:
     """Return the distributions that the package imports, wherever the import stands."""
     names: set[str] = set()
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path in FILES:
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Import):
                 names |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:

@@ -6,9 +6,8 @@ depends on what the cache holds: tracks differed by 3e-5 px between a cold and a
 """
 
 import ast
-from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2] / "src" / "spikingtac"
+from stand_ins.source_trees import FILES, PACKAGE, text_of, tree_of
 
 
 def compiled(tree: ast.AST) -> list[tuple[ast.FunctionDef, dict[str, ast.expr]]]:
@@ -23,8 +22,7 @@ def compiled(tree: ast.AST) -> list[tuple[ast.FunctionDef, dict[str, ast.expr]]]
 
 
 def test_regrouped_sums_are_compiled_into_their_callers() -> None:
-    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
-    trees = {path: ast.parse(text) for path, text in texts.items() if "njit" in text}
+    trees = {path: tree_of(path) for path in FILES if "njit" in text_of(path)}
     kernels = [(path, *kernel) for path, tree in trees.items() for kernel in compiled(tree)]
     called = {
         node.func.id

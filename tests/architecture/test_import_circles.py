@@ -1,4 +1,4 @@
-"""No import circle among modules or among the folders of a package, and no crowded folder.
+"""No import circle among modules or among the folders of a package.
 
 An import counts wherever it stands: at a module's head, inside a function, or under
 ``TYPE_CHECKING``. A circle that is broken by a late import is a circle to its reader.
@@ -6,13 +6,11 @@ An import counts wherever it stands: at a module's head, inside a function, or u
 
 import ast
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-SOURCES = Path(__file__).resolve().parents[2] / "src"
-PACKAGE = SOURCES / "spikingtac"
-MOST_FILES = 14
-"""Python files of one folder, ``__init__.py`` not counted."""
+from stand_ins.source_trees import FILES, SOURCES, tree_of
 
 STUDIES = ("bench", "experiment", "run_study")
 """Modules of ``cli.studies`` that may import experiments."""
@@ -24,7 +22,7 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+MODULES = {name_of(path): path for path in FILES}
 PACKAGES = {name for name, path in MODULES.items() if path.name == "__init__.py"}
 
 
@@ -39,12 +37,12 @@ def imported(tree: ast.AST) -> Iterator[str]:
                 yield whole if whole in MODULES else node.module
 
 
+@cache
 def module_graph() -> Graph:
     """Return module -> modules that it imports; the package's list of public names is left out."""
     graph: Graph = {}
     for name, path in MODULES.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        graph[name] = {one for one in imported(tree) if one in MODULES and one != name}
+        graph[name] = {one for one in imported(tree_of(path)) if one in MODULES and one != name}
     graph["spikingtac"] = set()
     return graph
 
@@ -95,15 +93,6 @@ def test_only_the_verbs_on_studies_import_experiments() -> None:
         and any(target.startswith("spikingtac.experiments") for target in targets)
     }
     assert found <= {f"spikingtac.cli.studies.{name}" for name in STUDIES}
-
-
-def test_no_folder_is_crowded() -> None:
-    count: dict[str, int] = {}
-    for path in PACKAGE.rglob("*.py"):
-        if path.name != "__init__.py":
-            folder = str(path.parent.relative_to(SOURCES))
-            count[folder] = count.get(folder, 0) + 1
-    assert {folder: files for folder, files in count.items() if files > MOST_FILES} == {}
 
 
 def test_a_circle_is_found() -> None:

@@ -22,6 +22,8 @@ from spikingtac.types import EventPacket
 from stand_ins.small_twin import HOLD_US, RETURN_US, calibration, touches
 
 REPEATS, HOLDS = 6, 32
+SLOWLY = "--rate-hz", "200"
+"""Enough where pieces are compared with each other, and not with the truth."""
 ERROR_PX = 0.35
 """Above the error of the whole (0.2 px), below that of a marker looked for in a wrong place."""
 
@@ -97,8 +99,9 @@ def test_pieces_give_what_the_whole_gives(
 
 def test_a_law_with_a_memory_sees_the_whole_path(repeated: tuple[Path, np.ndarray]) -> None:
     folder, _ = repeated
-    assert track(folder, "law.npz", "--cut-s", "5", "--workers", "1", "--hysteresis", "paper") == 0
-    assert track(folder, "law-whole.npz", "--hysteresis", "paper") == 0
+    law = ("--hysteresis", "paper", *SLOWLY)
+    assert track(folder, "law.npz", "--cut-s", "5", "--workers", "1", *law) == 0
+    assert track(folder, "law-whole.npz", *law) == 0
     joined, whole = Tracks.load(folder / "law.npz"), Tracks.load(folder / "law-whole.npz")
     before = joined.t_us < joined.meta["seams"]["cuts_us"][0]
     np.testing.assert_allclose(joined.position_px[before], whole.position_px[before], atol=1e-3)
@@ -109,16 +112,16 @@ def test_an_interrupted_run_goes_on(
     repeated: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, _ = repeated
-    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1") == 0
+    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY) == 0
     expected = (folder / "again.npz").read_bytes()
     (folder / "again.npz").unlink()
     # What an interruption leaves: some pieces, and the lines that tell of them.
     pieces = folder / "again.npz.pieces"
     kept = _interrupted(folder, pieces)
     capsys.readouterr()
-    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1") == 2
+    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY) == 2
     assert "--resume" in capsys.readouterr().err
-    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", "--resume") == 0
+    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY, "--resume") == 0
     assert json.loads(capsys.readouterr().out)["kept"] == kept
     assert (folder / "again.npz").read_bytes() == expected
     assert not pieces.exists()
@@ -128,7 +131,7 @@ def _interrupted(folder: Path, pieces: Path) -> int:
     """Run until the join, which fails; keep the journal's first line only."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("spikingtac.pipeline.pieces.join.create_tracks", _no_room)
-        assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1") == 3
+        assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY) == 3
     journal = pieces / JOURNAL
     lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
     journal.write_text(lines[0] + lines[1][:20], encoding="utf-8")
@@ -167,7 +170,7 @@ def test_forces_go_on_over_the_cuts(repeated: tuple[Path, np.ndarray], tmp_path:
     series = WrenchSeries(whole.t_us[::25], at_rest, moved, wrench, "px", "whole")
     model = fit_force([series], creep=CreepConfig(fractions=(0.2,), times_s=(2.0,)))
     save_force(model, tmp_path / "force.json")
-    options = ["--cut-s", "5", "--workers", "1", "--force", str(tmp_path / "force.json")]
+    options = ["--cut-s", "5", "--workers", "1", "--force", str(tmp_path / "force.json"), *SLOWLY]
     assert track(folder, "forces.npz", *options) == 0
     joined = Tracks.load(folder / "forces.npz")
     assert len(joined.meta["seams"]["cuts_us"]) == 2

@@ -16,8 +16,8 @@ SHOWN = ("view", "demo")
 """Verbs that show a page until they are ended."""
 SHORT = "--seconds", "1"
 """What such verbs show here, and what they export."""
-FOUR_SLIDES = "--duration-s", "5.4"
-"""Half of the scene "bootstrap", of which a calibration needs no more."""
+SHORTER = {"bootstrap": ("--duration-s", "5.4"), "finger-torsion": ("--duration-s", "4.2")}
+"""Scene -> what is simulated here: four of eight slides, and a finger that turned both ways."""
 
 
 def pieces(page: str) -> Iterator[tuple[str, str]]:
@@ -63,8 +63,8 @@ def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
                 continue
             if verb in SHOWN:
                 rest += SHORT if "--export" in rest else ("--headless", *SHORT, "--port", "0")
-            elif [verb, *rest[:1]] == ["simulate", "bootstrap"]:
-                rest += FOUR_SLIDES
+            elif verb == "simulate":
+                rest += SHORTER[rest[0]]
             assert main([verb, *rest]) == 0, piece
         ran += 1
     return ran

@@ -1,6 +1,6 @@
 """A small simulated sensor, its slides for a calibration, and touches whose truth is known.
 
-Rendered once per process with fixed seeds: sixteen markers on 176 x 176 px, a camera of the preset
+Rendered once per run with fixed seeds: sixteen markers on 176 x 176 px, a camera of the preset
 ``typical``, four seconds of slides and two and a half of touches.
 """
 
@@ -18,6 +18,7 @@ from spikingtac.events.source import PacketSource
 from spikingtac.schema import build
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.sim.scene.truth import TruthChunk
+from stand_ins.made_once import made_once
 
 SLIDES_SEED, TOUCHES_SEED = 1, 1
 LAST_LEAD_S = 0.25
@@ -127,8 +128,16 @@ def _slides_of_a_plate(dx_mm: float, dy_mm: float) -> dict[str, Any]:
     return {"indenter": PLATE, "pause_s": 0.15, "motion": motion}
 
 
-def _filmed(tree: dict[str, Any], seed: int) -> Film:
-    source = SceneSource(build(Scene, tree, "small twin"), seed=seed)
+def slides_scene() -> Scene:
+    """Return four slides of the whole skin, to and fro."""
+    ways = ((OUT_MM, 0.0), (-OUT_MM, 0.0), (0.0, OUT_MM), (0.0, -OUT_MM))
+    contacts = [_slides_of_a_plate(*way) for way in ways]
+    tree = SENSOR | {"lead_in_s": 0.2, "lead_out_s": LAST_LEAD_S, "contacts": contacts}
+    return build(Scene, tree, "small twin")
+
+
+def _filmed(scene: Scene, seed: int) -> Film:
+    source = SceneSource(scene, seed=seed)
     steps = list(source.steps())
     return Film(
         tuple(step.packet for step in steps),
@@ -141,20 +150,18 @@ def _filmed(tree: dict[str, Any], seed: int) -> Film:
 
 @cache
 def slides() -> Film:
-    """Return four slides of the whole skin, to and fro."""
-    ways = ((OUT_MM, 0.0), (-OUT_MM, 0.0), (0.0, OUT_MM), (0.0, -OUT_MM))
-    contacts = [_slides_of_a_plate(*way) for way in ways]
-    tree = SENSOR | {"lead_in_s": 0.2, "lead_out_s": LAST_LEAD_S, "contacts": contacts}
-    return _filmed(tree, SLIDES_SEED)
+    """Return the events and the truth of :func:`slides_scene`."""
+    return made_once("small_twin_slides", lambda: _filmed(slides_scene(), SLIDES_SEED))
 
 
 @cache
 def touches() -> Film:
     """Return slow and fast motion, a release and a twist, of the sensor of :func:`slides`."""
-    return _filmed(TOUCHES, TOUCHES_SEED)
+    scene = build(Scene, TOUCHES, "small twin")
+    return made_once("small_twin_touches", lambda: _filmed(scene, TOUCHES_SEED))
 
 
 @cache
 def calibration() -> Calibration:
     """Return what a user would have: the calibration from the slides' events, not the truth."""
-    return calibrate(slides().source())
+    return made_once("small_twin_calibration", lambda: calibrate(slides().source()))

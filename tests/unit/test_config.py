@@ -53,6 +53,17 @@ def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
         load_config(path)
 
 
+def test_keys_of_former_versions_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        "[tracking.care]\nwary_tolerance = 0.7\nease_per_s = 0.9\n"
+        "[tracking.care.custody]\nagreement = 0.4\n"
+    )
+    maintenance = load_config(path).tracking.maintenance
+    assert (maintenance.lossy_leak_tolerance, maintenance.outline_return_per_s) == (0.7, 0.9)
+    assert maintenance.track_management.agreement == 0.4
+
+
 def test_unknown_names_get_the_nearest() -> None:
     with pytest.raises(ConfigError, match="did you mean 'default'"):
         load_config("defualt")

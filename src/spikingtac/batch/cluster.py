@@ -1,4 +1,4 @@
-"""A Dask cluster as the crew: who may be connected to, and what happens when parts of it are lost.
+"""A Dask cluster as the worker pool: connections, and what happens when parts of it are lost.
 
 Whoever reaches a Dask scheduler can run code on its workers, and Dask has no password: so it is
 reached on this machine, or over TLS with certificates on both sides.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TLS_FILES = ("ca.pem", "cert.pem", "key.pem")
 """Certificate of the authority, own certificate, own key."""
 DEFAULT_PORT = 8786
-"""Port of ``dask scheduler`` unless told otherwise."""
+"""Port of ``dask scheduler`` by default."""
 CONNECT_S = 10.0
 """Time for one attempt to connect."""
 PATIENCE_S = 60.0
@@ -95,10 +95,10 @@ def run_on_cluster(
     """
     waiting = deque(jobs)
     client = connect(address, tls, CONNECT_S)
-    flight, crew = _Flight(), _Crew(patience_s)
+    flight, workers = _Flight(), _Workers(patience_s)
     try:
         while waiting or flight.jobs:
-            most = crew.most_in_flight(client)
+            most = workers.most_in_flight(client)
             try:
                 room = most - len(flight.jobs)
                 if waiting and room >= most // REFILL:
@@ -119,7 +119,7 @@ class _ConnectionLostError(Exception):
     """The scheduler cannot be reached."""
 
 
-class _Crew:
+class _Workers:
     """The workers, looked at from time to time."""
 
     def __init__(self, patience_s: float) -> None:

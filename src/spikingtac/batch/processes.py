@@ -38,13 +38,13 @@ def run_in_processes(jobs: Iterable[FileJob], workers: int | None) -> Iterator[O
         os.environ.setdefault(name, "1")
     waiting, deaths = _Waiting(jobs), Counter[str]()
     most = len(jobs) if isinstance(jobs, Sequence) else cpu_count()
-    crew = [_Worker() for _ in range(max(1, min(workers or cpu_count(), cpu_count(), most)))]
+    pool = [_Worker() for _ in range(max(1, min(workers or cpu_count(), cpu_count(), most)))]
     try:
-        while waiting or any(worker.job for worker in crew):
-            for worker in crew:
+        while waiting or any(worker.job for worker in pool):
+            for worker in pool:
                 if worker.job is None and waiting:
                     worker.begin(waiting.pop())
-            for worker in _ready(crew, 0.0 if waiting.look_ahead() else None):
+            for worker in _ready(pool, 0.0 if waiting.look_ahead() else None):
                 job, outcome = worker.end()
                 if outcome is None:
                     deaths[job.key] += 1
@@ -53,10 +53,10 @@ def run_in_processes(jobs: Iterable[FileJob], workers: int | None) -> Iterator[O
                         continue
                     outcome = _given_up(job)
                 yield outcome
-        for worker in crew:
+        for worker in pool:
             worker.dismiss()
     finally:
-        for worker in crew:
+        for worker in pool:
             worker.kill()
 
 
@@ -85,9 +85,9 @@ class _Waiting:
         self._found.append(job)
 
 
-def _ready(crew: Sequence[_Worker], timeout_s: float | None) -> list[_Worker]:
-    ready = wait([worker.pipe for worker in crew if worker.job], timeout_s)
-    return [worker for worker in crew if worker.pipe in ready]
+def _ready(pool: Sequence[_Worker], timeout_s: float | None) -> list[_Worker]:
+    ready = wait([worker.pipe for worker in pool if worker.job], timeout_s)
+    return [worker for worker in pool if worker.pipe in ready]
 
 
 def _given_up(job: FileJob) -> Outcome:

@@ -12,8 +12,6 @@ from spikingtac.atomic_files import replacing
 from spikingtac.batch.job import Figure, Outcome
 
 NAME = "results"
-OWN_COLUMNS = ("source", "output", "status", "error", "outliers", "seconds")
-"""Columns of every table, before the figures of the verb."""
 
 
 def rows_of(

@@ -91,7 +91,7 @@ class PropheseeCamera(Camera):
         return self._about | self._words.describe()
 
     def biases(self) -> dict[str, int]:
-        """Return the sensor's biases; empty where it tells none."""
+        """Return the sensor's biases; empty where it reports none."""
         facility = self._device.get_i_ll_biases() if self._device is not None else None
         if facility is None:
             return {}

@@ -47,12 +47,12 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
 
     if not given:
         raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
-    check_crew(args.workers, args.scheduler, args.tls)
+    check_workers(args.workers, args.scheduler, args.tls)
     asked = args.workers is not None or args.scheduler is not None or args.resume
     return asked or is_many(given)
 
 
-def check_crew(workers: int | None, scheduler: str | None, tls: Path | None) -> str | None:
+def check_workers(workers: int | None, scheduler: str | None, tls: Path | None) -> str | None:
     """Return the address of the cluster that is asked for, with its port; None for processes.
 
     Args:
@@ -95,7 +95,7 @@ def run_many(batch: Batch, args: ManyArgs) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise."""
     from spikingtac.batch.run import run_batch
 
-    runner = CrewRunner(args)
+    runner = PoolRunner(args)
     name = f"{batch.name}: {len(batch.recordings)} recordings"
     try:
         with progress(name) as advance:
@@ -110,12 +110,12 @@ def run_many(batch: Batch, args: ManyArgs) -> int:
     return 1 if result.failed else 0
 
 
-class CrewRunner:
+class PoolRunner:
     """Chooses the workers; a wrong address is refused before anything is written."""
 
     def __init__(self, args: ManyArgs) -> None:
         self._args = args
-        self._address = check_crew(args.workers, args.scheduler, args.tls)
+        self._address = check_workers(args.workers, args.scheduler, args.tls)
 
     def __call__(self, jobs: Iterable[FileJob]) -> Iterator[Outcome]:
         """Yield the outcome of every job, from a cluster or from worker processes."""

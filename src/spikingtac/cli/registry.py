@@ -1,4 +1,4 @@
-"""The verbs of the command line: name, one line of help, and where each lives.
+"""The verbs of the command line: name, one line of help, and module.
 
 The table is static, so that ``spikingtac --help`` answers without importing any verb.
 """

@@ -79,7 +79,7 @@ class EventCountDetector:
         self.in_contact, self._quiet = False, 0
 
     def details(self) -> ContactDetails | None:
-        """Return None: a count tells neither onset nor place."""
+        """Return None: a count gives neither onset nor place."""
         return None
 
     def summary(self) -> DetectorSummary:

@@ -88,7 +88,7 @@ class SelfCalibratingDetector:
                 detector.reset()
 
     def details(self) -> ContactDetails | None:
-        """Return None: a count tells neither onset nor place."""
+        """Return None: a count gives neither onset nor place."""
         return None
 
     def summary(self) -> DetectorSummary:

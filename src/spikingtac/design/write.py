@@ -35,7 +35,7 @@ Advance = Callable[[float], None]
 
 
 def require_free_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse to replace a design that nobody said may be replaced.
+    """Refuse to replace an existing design without permission.
 
     Raises:
         ConfigError: The folder holds a design, or the path is a file.

@@ -6,51 +6,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
-
-US_PER_S = 1_000_000
 
 
 def flip_polarity(packet: EventPacket) -> EventPacket:
     """Exchange ON and OFF: dark markers on light ground then read as white ones on dark."""
     return replace(packet, p=~packet.p)
-
-
-def crop(packet: EventPacket, left: int, top: int, width: int, height: int) -> EventPacket:
-    """Keep a rectangle, whose upper left corner becomes the origin.
-
-    Args:
-        packet: Events.
-        left: First column that stays, px.
-        top: First row that stays, px.
-        width: Columns that stay, px.
-        height: Rows that stay, px.
-
-    Raises:
-        ConfigError: The rectangle does not lie on the sensor.
-    """
-    if min(left, top) < 0 or min(width, height) < 1:
-        raise ConfigError(f"crop {left},{top} {width}x{height} px is no rectangle on a sensor")
-    if left + width > packet.size[0] or top + height > packet.size[1]:
-        raise ConfigError(
-            f"crop {left},{top} {width}x{height} px leaves the sensor of "
-            f"{packet.size[0]}x{packet.size[1]} px"
-        )
-    x, y = packet.x.astype(np.int64) - left, packet.y.astype(np.int64) - top
-    kept = packet.select((x >= 0) & (x < width) & (y >= 0) & (y < height))
-    return EventPacket(
-        kept.x - np.uint16(left),
-        kept.y - np.uint16(top),
-        kept.p,
-        kept.t,
-        kept.t_start_us,
-        kept.t_end_us,
-        (width, height),
-        kept.checked,
-    )
 
 
 def time_slice(
@@ -71,59 +34,6 @@ def time_slice(
         if start < end:
             first, last = np.searchsorted(packet.t, (start, end))
             yield packet.part(int(first), int(last), start, end)
-
-
-class HotPixelFinder:
-    """Counts events per pixel in a quiet stretch and names the pixels that fire far too often.
-
-    Args:
-        size: ``(width, height)`` of the sensor, px.
-    """
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self._counts = np.zeros(size[1] * size[0], np.int64)
-        self._size = size
-        self._first_us: int | None = None
-        self._last_us = 0
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Count a packet's events.
-
-        Raises:
-            ConfigError: The packet comes from a sensor of another size, or leaves it.
-        """
-        packet.require_map(self._size[::-1])
-        if self._first_us is None:
-            self._first_us = packet.t_start_us
-        self._last_us = packet.t_end_us
-        flat = packet.y.astype(np.int64) * self._size[0] + packet.x
-        self._counts += np.bincount(flat, minlength=len(self._counts))
-
-    def hot(self, rate_hz: float) -> NDArray[np.bool_]:
-        """Return the mask ``(height, width)`` of pixels with more than ``rate_hz`` events a second.
-
-        The sensors' data sheets put the background at about 0.1 Hz/px; hot pixels fire at 10 to
-        500 Hz (the presets of the digital twin), so 5 Hz over some seconds tells them apart.
-
-        Raises:
-            ConfigError: The rate is not positive.
-        """
-        if not rate_hz > 0:
-            raise ConfigError(f"rate_hz is {rate_hz}, it must be positive")
-        duration_s = (self._last_us - (self._first_us or 0)) / US_PER_S
-        limit = rate_hz * duration_s
-        hot = (self._counts > limit) & (self._counts > 1)
-        return hot.reshape(self._size[1], self._size[0])
-
-
-def without_pixels(packet: EventPacket, mask: NDArray[np.bool_]) -> EventPacket:
-    """Drop the events of the pixels that are True in the mask ``(height, width)``.
-
-    Raises:
-        ConfigError: The mask is of another size than the sensor.
-    """
-    packet.require_map(mask.shape)
-    return packet.select(~mask[packet.y, packet.x])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,7 +60,7 @@ def slot_rate_ev_s(t_us: int, first_us: int, count_between: Callable[[int, int],
 
 
 class HealthMeter:
-    """Follows a stream and tells its health at any time, mostly as the object that it told before.
+    """Follows a stream and reports its health; the object is reused while nothing changes.
 
     Args:
         losses: What the source counts while it is read.

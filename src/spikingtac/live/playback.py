@@ -90,7 +90,7 @@ class Playback:
 
     @property
     def in_contact(self) -> bool:
-        """Whether the contact detector tells a contact at the position."""
+        """Whether the contact detector reports a contact at the position."""
         return self._detector is not None and self._detector.in_contact
 
     def aim(self, t_us: int) -> None:

@@ -46,7 +46,7 @@ class Granted:
 
 
 def meet_deadlines() -> Granted:
-    """Ask for everything that helps; to be called before the stream begins.
+    """Request all measures that the system permits; to be called before the stream begins.
 
     A process that is refused all of it works as before, and so does one on another system than
     Linux. What it has started before keeps its own priority and cores. It keeps to one core only

@@ -1,7 +1,7 @@
-"""What a tracker does once in a while, each chore at its own phase of a common period.
+"""Maintenance tasks of a tracker, each at its own phase of a common period.
 
-At 10,000 estimates a second the slowest step is the one that the 99th percentile tells of, so that
-no step should have two chores to do. Ours.
+The phases spread the tasks over the steps: at 10,000 estimates a second, a step with two of them
+would set the 99th percentile of the latency. Ours.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ class PeriodicTask:
 
         Args:
             period_us: Time between two turns, us; 0 is every estimate.
-            phase: Share of the period by which its later turns stand apart from those of a task
-                with phase 0.
+            phase: Delay of its later turns after those of a task of phase 0, as a share of the
+                period.
         """
         self._period_us = period_us
         self._second_us = round(phase * period_us) or period_us
@@ -26,7 +26,7 @@ class PeriodicTask:
     def turn_s(self, t_us: int) -> float | None:
         """Return the time since the last turn, s (0 at the first), if one is due at ``t_us``, us.
 
-        None says that none is. A turn that is due counts as taken.
+        None if none is due. A turn that is due counts as taken.
         """
         if t_us < self._due_us:
             return None

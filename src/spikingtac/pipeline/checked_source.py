@@ -1,4 +1,4 @@
-"""A source of events that tells when they do not fit the calibration."""
+"""A source of events that reports when they do not fit the calibration."""
 
 from __future__ import annotations
 

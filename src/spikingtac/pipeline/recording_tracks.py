@@ -134,7 +134,7 @@ def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) ->
 def provenance_of(
     source: FileSource | CheckedSource, config: TrackingConfig, digest: str | None
 ) -> dict[str, Any]:
-    """Return what tracks tell about their making: configuration, input, version and losses."""
+    """Return the metadata of tracks: configuration, input, version and losses."""
     return {
         "config": {"tracking": to_mapping(config)},
         "input": source.path.name,

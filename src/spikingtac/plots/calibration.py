@@ -1,4 +1,4 @@
-"""A picture of a calibration: the markers as they look, good and doubtful ones told apart."""
+"""A picture of a calibration: the markers as they look, doubtful ones in another colour."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def dashboard(host: str, command: str, limit_s: float) -> str:
 
 
 def require_controller(host: str, limit_s: float) -> None:
-    """Ask for a sign of life on every port that the driver uses.
+    """Check that every port that the driver uses answers.
 
     ur_rtde waits for a controller that accepts connections and then says nothing, with the whole
     interpreter stopped meanwhile. So it is asked first, within a limit.

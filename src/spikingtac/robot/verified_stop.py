@@ -1,4 +1,4 @@
-"""A stop that is believed when the arm's own reports say so, and is told more firmly until then.
+"""A stop that is repeated, more firmly each time, until the arm's own reports confirm it.
 
 "Sent" is not "stopped": a controller may acknowledge a command and not brake. So the reported speed
 is watched. Where it does not fall in time, the next means is used; where the last one has failed,

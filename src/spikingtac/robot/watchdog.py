@@ -58,7 +58,7 @@ class Watchdog:
         stop: Tells the arm to stop and returns at once; called at each trip, also when it was
             called before.
         clock_s: A monotonic clock, s.
-        on_trip: Called at the first trip, after the stop was told, and again when
+        on_trip: Called at the first trip, after the stop was sent, and again when
             :attr:`stop_failure` changes; it must not block. What it raises is ignored.
         confirm: Waits until the arm rests, and raises where it does not. What it or ``stop`` raises
             is kept in :attr:`stop_failure`, and every later :meth:`check` stops again.
@@ -110,7 +110,7 @@ class Watchdog:
                 self._trip(Health.TIME_JUMP, reason)
 
     def stop_failed(self, error: Exception) -> None:
-        """Say that a stop which was told elsewhere, at a contact, did not stop the arm."""
+        """Report that a stop which was sent elsewhere, at a contact, did not stop the arm."""
         with self._lock:
             if self.health is Health.OK:
                 self.health, self.reason = Health.NOT_STOPPED, "the arm did not stop at a contact"

@@ -90,7 +90,7 @@ def dds_topic(topic: str) -> str:
 
 
 class DdsPublisher:
-    """Publishes messages; one that nobody reads costs what its bytes cost.
+    """Publishes messages; without a reader, a message costs no more than its bytes.
 
     Args:
         config: Domain and interface.
@@ -154,7 +154,7 @@ class DdsPublisher:
         return self._kept[-1]
 
     def publish(self, topic: str, values: Mapping[str, Any]) -> None:
-        """Send a message; nobody who reads slowly is waited for.
+        """Send a message, without waiting for slow readers.
 
         Raises:
             DeviceError: It could not be sent.

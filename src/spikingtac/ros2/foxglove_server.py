@@ -1,4 +1,4 @@
-"""A Foxglove server: the topics of ROS 2 over a web socket, for who has the app and no ROS.
+"""A Foxglove server: the topics of ROS 2 over a web socket, for users of the app without ROS.
 
 Messages are those of :mod:`spikingtac.ros2.dds`, byte by byte, with ROS 2's definitions as schemas,
 so that Foxglove's panels show them as they show a bag. Settings are Foxglove's parameters.
@@ -48,7 +48,7 @@ class FoxgloveConfig:
 
 
 class FoxglovePublisher:
-    """Serves messages to the clients that subscribe; nobody who reads slowly is waited for.
+    """Serves messages to the clients that subscribe, without waiting for slow ones.
 
     Args:
         config: Where it listens.
@@ -108,7 +108,7 @@ class FoxglovePublisher:
             self._listener.states[channel.id()] = (channel, None)
 
     def publish(self, topic: str, values: Mapping[str, Any]) -> None:
-        """Send a message; one that nobody has subscribed to is not even encoded."""
+        """Send a message; without a subscriber it is not even encoded."""
         message, channel = self._channels[topic]
         kept = channel.id() in self._listener.states
         if not kept and not channel.has_sinks():

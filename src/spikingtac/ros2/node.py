@@ -20,7 +20,7 @@ GID_BYTES = {"jazzy": 16, "humble": 24}
 
 
 class Node:
-    """Tells ROS 2 that a participant's topics and services are those of a node.
+    """Announces a participant's topics and services to ROS 2 as those of a node.
 
     Args:
         publisher: The participant, with all its topics and services.

@@ -1,4 +1,4 @@
-"""The parameters of a node: the services that ``ros2 param list``, ``get``, ``set`` and others ask.
+"""The parameters of a node: the services behind ``ros2 param list``, ``get``, ``set`` and others.
 
 Source: rcl_interfaces, and the behaviour of rclcpp's ``parameter_service.cpp``: what is asked for
 and unknown has the type "not set", and is left out of the types and descriptions.
@@ -38,7 +38,7 @@ class Parameters:
     Args:
         publisher: The participant.
         node: Absolute name of the node.
-        settings: What can be changed, and what is only told.
+        settings: What can be changed, and what can only be read.
 
     Attributes:
         services: To be served.

@@ -32,7 +32,7 @@ Answer = Callable[[Any], Mapping[str, Any]]
 
 
 class Service:
-    """Answers requests when it is told to look for them.
+    """Answers waiting requests when it is called.
 
     Args:
         publisher: The participant.

@@ -52,11 +52,11 @@ class LiveConfig:
 
 
 class Settings:
-    """The settings of one publisher; asked for in one thread, applied in another.
+    """The settings of one publisher; requested in one thread, applied in another.
 
     Args:
         config: What holds at first.
-        fixed: What is told but cannot be changed, by name.
+        fixed: What can be read but not changed, by name.
         prepare: Makes ready what a change of the tracking needs; what it returns is called between
             two frames.
     """
@@ -109,7 +109,7 @@ class Settings:
         self._changes.append(change)
 
     def apply(self) -> None:
-        """Do what was asked for since the last frame; called by who publishes."""
+        """Apply what was requested since the last frame; called by the publishing thread."""
         while self._changes:
             self._changes.popleft()()
 

@@ -243,7 +243,7 @@ class _Nobody:
 
 
 def rehearse(layout: Layout) -> None:
-    """Publish a press to nobody, so that nothing is left to compile at the first frame.
+    """Publish a press without readers, so that nothing is left to compile at the first frame.
 
     Without, the first frames leave late: by a second, measured on tracks of 64 markers.
     """

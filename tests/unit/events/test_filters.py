@@ -14,7 +14,6 @@ from spikingtac.events import filters
 from spikingtac.events.filters import (
     BackgroundActivityConfig,
     BackgroundActivityFilter,
-    HotPixelFinder,
     RandomDrop,
 )
 from spikingtac.types import EventPacket
@@ -22,8 +21,6 @@ from spikingtac.types import EventPacket
 SIZE = (12, 9)
 FILTERS = {
     "flip": lambda: filters.flip_polarity,
-    "crop": lambda: lambda packet: filters.crop(packet, 2, 1, 7, 8),
-    "hot": lambda: lambda packet: filters.without_pixels(packet, np.eye(9, 12, dtype=bool)),
     "activity": lambda: BackgroundActivityFilter(BackgroundActivityConfig(window_us=40), SIZE),
     "drop": lambda: RandomDrop(0.4, seed=5),
 }
@@ -76,40 +73,10 @@ def test_background_activity_equals_its_twin(seed: int) -> None:
     assert 0 < len(expected) < 400
 
 
-def test_hot_pixels_are_found_and_dropped() -> None:
-    quiet = events(1, 200)
-    n = 500
-    hot = EventPacket(
-        np.full(n, 3, np.uint16),
-        np.full(n, 4, np.uint16),
-        np.ones(n, np.bool_),
-        np.arange(n, dtype=np.int64) * 2_000,
-        0,
-        1_000_000,
-        SIZE,
-    )
-    finder = HotPixelFinder(SIZE)
-    for part in (quiet.part(0, 150, 0, 0), hot):
-        finder.absorb(part)
-    mask = finder.hot(rate_hz=50)
-    assert np.argwhere(mask).tolist() == [[4, 3]]
-    assert len(filters.without_pixels(hot, mask)) == 0
-
-
 def test_flip_is_its_own_inverse() -> None:
     whole = events(2, 50)
     assert (filters.flip_polarity(whole).p == ~whole.p).all()
     assert as_tuples([filters.flip_polarity(filters.flip_polarity(whole))]) == as_tuples([whole])
-
-
-def test_crop_moves_the_origin() -> None:
-    cropped = filters.crop(events(3, 300), 2, 1, 7, 8)
-    assert cropped.size == (7, 8)
-    assert int(cropped.x.max()) == 6
-    assert int(cropped.y.min()) == 0
-    for rectangle in [(-1, 0, 3, 3), (0, 0, 0, 3), (6, 0, 7, 3), (0, 2, 3, 8)]:
-        with pytest.raises(ConfigError, match="crop"):
-            filters.crop(events(3, 3), *rectangle)
 
 
 def test_time_slice_is_half_open() -> None:
@@ -136,5 +103,3 @@ def test_random_drop_keeps_its_share() -> None:
 def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="window_us"):
         BackgroundActivityConfig(window_us=0)
-    with pytest.raises(ConfigError, match="rate_hz"):
-        HotPixelFinder(SIZE).hot(0)

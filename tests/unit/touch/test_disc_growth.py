@@ -109,7 +109,7 @@ def test_calibrations_without_a_swing_are_refused_with_a_reason():
     dull = dataclasses.replace(CALIBRATION, step_off=0.8)
     assert "80 % of the full swing" in (why_no_growth(dull) or "")
     for unfit in (by_hand, dull):
-        with pytest.raises(ConfigError, match="growth of the discs cannot be told"):
+        with pytest.raises(ConfigError, match="growth of the discs cannot be measured"):
             DiscGrowthGauge(unfit)
 
 

@@ -1,1 +1,1 @@
-"""Recording a camera: files that grow, a manifest beside them, and a copy for who watches."""
+"""Recording a camera: files that grow, a manifest beside them, and a live copy for viewers."""

@@ -1,4 +1,4 @@
-"""A live copy of a recording for whoever watches: RAW into a named pipe, never waited for.
+"""A live copy of a recording for viewers: RAW into a named pipe, without waiting for its reader.
 
 A reader that stalls or leaves costs the recording nothing. What it does not take is counted, and
 the copy goes on with words that need nothing of what was left out.

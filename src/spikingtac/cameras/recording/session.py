@@ -1,4 +1,4 @@
-"""One recording from its beginning to its end: a camera, the disk, and whoever watches."""
+"""One recording from its beginning to its end: a camera, the disk, and the viewers of a copy."""
 
 from __future__ import annotations
 

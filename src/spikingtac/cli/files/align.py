@@ -34,12 +34,12 @@ class Args:
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
-    """How the two clocks meet: host (recorded by one host), motion (what both felt), or auto: the
-    host where it is known."""
+    """How the two clocks are aligned: host (one host recorded both), motion (both saw the same
+    motion), or auto: by the host where it is known, otherwise by the motion."""
     poses: Path | None = None
     """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
     poses_clock: PoseClock = "auto"
-    """What their times are: unix (time of day), monotonic (of the host), sensor, or motion: not
+    """Clock of their times: unix (time of day), monotonic (of the host), sensor, or motion: not
     known, found by how the first three columns move."""
     overwrite: bool = False
     """Replace what is there."""
@@ -48,7 +48,7 @@ class Args:
 
 
 def run(args: Args) -> int:
-    """Find the maps, write what follows them, and tell their errors."""
+    """Find the maps, write the aligned files, and report the errors."""
     from spikingtac.events.manifest import name_of
 
     second = args.second

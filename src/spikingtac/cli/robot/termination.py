@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 EXIT_TERMINATED = 143
-"""128 + SIGTERM, what a shell reports of a program that was told to end."""
+"""128 + SIGTERM, what a shell reports of a program that was terminated."""
 
 
 @contextmanager

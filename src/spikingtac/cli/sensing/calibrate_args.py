@@ -44,12 +44,12 @@ class Args(ManyArgs):
     polarity: Literal["auto"] | Polarity = "auto"
     """White markers on dark ground, or dark on light; found by itself unless given."""
     method: Method = "rest-mean"
-    """How rests become a reference; bounding-box is the published one."""
+    """How the reference is computed from the rests; bounding-box is the published one."""
     allow_missing: int | None = None
-    """So many markers may be missing: they are put where the others expect them. A third of them
+    """Largest number of missing markers: they are put where the others expect them. A third of them
     may be missing unless given."""
     plot: Path | None = None
-    """Picture to write: the markers as circles, good and doubtful ones told apart."""
+    """Picture to write: the markers as circles, good and doubtful ones in different colours."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     guide: bool = False

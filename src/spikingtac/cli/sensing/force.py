@@ -49,7 +49,7 @@ class Args:
     """With --shear-modulus-kpa: the skin's thickness, mm."""
     camera_distance_mm: float | None = None
     """With --shear-modulus-kpa: from the centre of the camera's lens to the skin at rest, mm. What
-    is pressed nearer to the camera moves outwards in the image; unless given, that is left out."""
+    is pressed nearer to the camera moves outwards in the image; that is neglected unless given."""
     calibration: Path | None = None
     """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
     creep_fractions: tuple[float, ...] = ()

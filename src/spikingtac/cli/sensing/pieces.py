@@ -17,8 +17,8 @@ from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.pipeline.pieces.crew import Pieced
     from spikingtac.pipeline.pieces.plan import PlanPass
+    from spikingtac.pipeline.pieces.tracking import Pieced
 
 WORK = "spikingtac.cli.sensing.pieces:track_one_piece"
 """What a worker calls for each piece."""
@@ -41,10 +41,10 @@ def track_in_pieces(
         ConfigError: The recording cannot be cut, or an option does not go with it.
     """
     from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.cli.many import CrewRunner
+    from spikingtac.cli.many import PoolRunner
     from spikingtac.events.open import open_events
-    from spikingtac.pipeline.pieces.crew import PieceWork, remove_pieces, track_pieces
     from spikingtac.pipeline.pieces.plan import PlanPass
+    from spikingtac.pipeline.pieces.tracking import PieceWork, remove_pieces, track_pieces
     from spikingtac.pipeline.recording_tracks import force_estimator, require_same_size
 
     recording = _cuttable(args)
@@ -64,7 +64,7 @@ def track_in_pieces(
     )
     digest = _digest_of(source.path)
     try:
-        found = track_pieces(work, plan, CrewRunner(args), args.resume, advance)
+        found = track_pieces(work, plan, PoolRunner(args), args.resume, advance)
     except KeyboardInterrupt:
         remark("interrupted; what is done is kept, go on with the same command and --resume")
         raise
@@ -150,7 +150,7 @@ def _seams(found: Pieced) -> dict[str, Any]:
 
 
 def track_one_piece(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
-    """Track one piece, or mend it, and return what the crew needs to know."""
+    """Track one piece, or mend it, and return what the others need to know."""
     from spikingtac.events.open import open_events
     from spikingtac.pipeline.pieces.piece import PieceTracking, mend_piece, track_piece
     from spikingtac.pipeline.pieces.plan import Piece

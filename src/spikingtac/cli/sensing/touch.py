@@ -122,7 +122,7 @@ def _run_many(args: Args) -> int:
     from spikingtac.config import load_config
 
     if args.vibration:
-        raise ConfigError("--vibration is told of one recording at a time; name one")
+        raise ConfigError("--vibration works on one recording at a time; name one")
     folder = require_folder(args.output, "touch")
     load_config(args.preset)  # what is wrong for all of them is refused before any work is done
     preset = Path(args.preset)

@@ -45,7 +45,7 @@ def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, 
 
 
 def peak_values(peak: Peak | None) -> dict[str, Any]:
-    """Return growth and indentation of a touch as plain values, None where they are not told."""
+    """Return growth and indentation of a touch as plain values, None where they are unknown."""
     if peak is None:
         return dict.fromkeys(("growth", "growth_std", "indentation_mm", "indentation_std_mm"))
     return {
@@ -64,7 +64,7 @@ def slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
     """Return what slipped first, and when, ms from ``first_us``."""
     first = _first_slip(slips)
     if first["slips"] is None:
-        return "not told"
+        return "unknown"
     if first["gross_us"] is not None:
         return f"all from {(first['gross_us'] - first_us) / 1e3:.0f}"
     if first["incipient_us"] is not None:
@@ -167,5 +167,5 @@ def _pressed(row: dict[str, Any]) -> str:
     if row["indentation_mm"] is not None:
         return f"{row['indentation_mm']:.2f} +- {row['indentation_std_mm']:.2f}"
     if row["growth"] is None:
-        return "not told"
+        return "unknown"
     return f"discs {100 * row['growth']:+.0f} %"

@@ -38,9 +38,9 @@ class WatchArgs(ManyArgs):
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     vibration: bool = False
-    """Tell the strongest line of vibration in every second, straight from the events."""
+    """Report the strongest line of vibration in every second, measured from the events."""
     camera_distance_mm: float | None = None
-    """From the lens's centre of projection to the skin at rest, mm: tells the indentation."""
+    """From the lens's centre of projection to the skin at rest, mm; needed for the indentation."""
     strict: bool = False
     """Refuse a damaged recording instead of repairing it."""
 
@@ -81,10 +81,10 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
     if is_series(path):
         series = load_series(path).in_image()
         if args.vibration:
-            raise ConfigError(f"--vibration is told from events; {path.name!r} holds tracks")
+            raise ConfigError(f"--vibration is measured from events; {path.name!r} holds tracks")
         if args.camera_distance_mm is not None:
             raise ConfigError(
-                f"--camera-distance-mm: indentation is told from events; {path.name!r} holds tracks"
+                f"--camera-distance-mm: indentation comes from events; {path.name!r} holds tracks"
             )
         in_mm = series.unit == "mm"
         return Watched(
@@ -172,7 +172,7 @@ def _indentation(
 
     why = why_no_growth(calibration)
     if why is not None:
-        remark(f"note: the growth of the discs is not told: {why}")
+        remark(f"note: the growth of the discs is not reported: {why}")
         return None
     return IndentationMonitor(calibration, camera_distance_mm)
 

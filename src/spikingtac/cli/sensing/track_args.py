@@ -53,7 +53,7 @@ class Args(ManyArgs):
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     force: Path | None = None
-    """force.json: tell the wrench of every frame, too; make one with: spikingtac force fit."""
+    """force.json: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
     strict: bool = False
     """Refuse a damaged recording instead of mending it, and the calibration of another sensor
     instead of a warning."""

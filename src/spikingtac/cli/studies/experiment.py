@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.many import check_crew
+from spikingtac.cli.many import check_workers
 from spikingtac.cli.studies.run_study import run_study
 from spikingtac.errors import ConfigError
 from spikingtac.experiments.registry import EXPERIMENTS, choices_text, runner_of
@@ -51,7 +51,7 @@ class Args:
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
     study = runner_of(EXPERIMENTS, args.name, "experiment")
-    scheduler = check_crew(args.workers, args.scheduler, args.tls)
+    scheduler = check_workers(args.workers, args.scheduler, args.tls)
     if scheduler is not None:
         _require_cluster(args.name, scheduler, args.tls)
         # The workers have folders of their own in which they run.

@@ -20,7 +20,7 @@ class Args:
     """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
 
     one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
-    """tracks.npz; its times count."""
+    """tracks.npz; errors are computed at its times."""
     other: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OTHER")]
     """Other tracks.npz, a truth.npz, or a recording folder that holds one."""
     plot: Path | None = None

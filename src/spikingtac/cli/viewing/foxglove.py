@@ -44,9 +44,9 @@ class Args:
     without_events: bool = False
     """Do not serve the events."""
     wait_s: float = 0.0
-    """Wait so long for a first subscriber of the field before the first frame."""
+    """Longest wait for a first subscriber of the field before the first frame, s."""
     seconds: float | None = None
-    """End after so many seconds."""
+    """Duration, s; without end unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False

@@ -39,7 +39,7 @@ class Args:
     """End of an animation, s since the first estimate; a second after the largest displacement
     unless given."""
     slow: float = 1.0
-    """How many times slower than it was an animation goes."""
+    """Slow-motion factor of an animation: at 2 it lasts twice as long as what it shows."""
     theme: ThemeName = "light"
     """Colours: light for paper, dark for screens."""
     width: WidthName = "single"

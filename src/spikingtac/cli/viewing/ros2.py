@@ -46,18 +46,18 @@ class Args:
     interface: str = "lo"
     """Network interface to publish on; lo is this machine alone."""
     reliable: bool = False
-    """Send again what readers missed, instead of best effort as sensors do."""
+    """Resend what readers missed, instead of the best effort that is usual for sensors."""
     without_events: bool = False
     """Do not publish the events."""
     distance_mm: float | None = None
-    """Distance from the lens to the skin: with the calibration's scale, the camera info has a focal
-    length."""
+    """Distance from the lens to the skin, mm: gives the camera info a focal length, with the scale
+    of the calibration."""
     release: Literal["jazzy", "humble"] = "jazzy"
-    """ROS 2 of those who listen: it decides how the node is announced; jazzy is Iron and later."""
+    """ROS 2 release of the subscribers: jazzy stands for Iron and later."""
     wait_s: float = 0.0
-    """Wait so long for a first reader of the field before the first frame."""
+    """Longest wait for a first reader of the field before the first frame, s."""
     seconds: float | None = None
-    """End after so many seconds."""
+    """Duration, s; without end unless given."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False

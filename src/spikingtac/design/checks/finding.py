@@ -27,7 +27,7 @@ class Finding:
 
     @property
     def passed(self) -> bool:
-        """True where the value is within its limit; a billionth is forgiven to rounding."""
+        """True where the value is within its limit, up to a rounding error of one billionth."""
         excess = self.value - self.needed
         return (excess if self.at_least else -excess) >= -1e-9
 

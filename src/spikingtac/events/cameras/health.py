@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 RECENT_S = 2.0
-"""Stretch over which the rate is told, s."""
+"""Time over which the rate is averaged, s."""
 LATEST = 1 << 15
-"""Deliveries whose intervals are told: the latest 30 s at 1 kHz."""
+"""Deliveries whose intervals are reported: the latest 30 s at 1 kHz."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -21,7 +21,7 @@ Known = Callable[[], ClockMapping | None]
 
 
 class LiveMap:
-    """Puts the times of one camera on the clock of another one, through the host that hears both.
+    """Puts the times of one camera on the clock of another, through the host that receives both.
 
     What is known of the clocks grows while they run. A correction is spread over a second, so that
     times stay in order and nearly keep their intervals.

@@ -122,7 +122,7 @@ def through_host(own: ClockMapping, base: ClockMapping) -> TimeMap:
 def through_moments(
     own_us: NDArray[Any], base_us: NDArray[Any], learned_from: str = "taps", floor_us: float = 0.0
 ) -> TimeMap:
-    """Return the map through moments that both clocks have told; mistaken ones are left out.
+    """Return the map through moments that both clocks have timed; outliers are left out.
 
     Args:
         own_us: ``(n,)`` times of the moments on the mapped clock, us; at least one.

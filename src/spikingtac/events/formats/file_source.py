@@ -22,7 +22,7 @@ Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 """Columns x, y, p and t of some consecutive events."""
 
 CHUNK_EVENTS = 1 << 17
-"""About how many events a packet holds unless told otherwise."""
+"""About how many events a packet holds by default."""
 
 SIZES_PX = ((320, 320), (346, 260), (640, 480), (1280, 720))
 """Sensors that are assumed where a file names no size: the first that holds its events."""

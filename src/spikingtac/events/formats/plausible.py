@@ -19,7 +19,7 @@ _STEP_LIMIT = 1 << 14
 
 
 def implausible_share(data: bytes, candidate: str, size: tuple[int, int] | None) -> float:
-    """Return the share of words that cannot be meant, 1 where nothing speaks for the candidate."""
+    """Return the share of implausible words, 1 where no evidence supports the candidate."""
     width, height = size or (1 << 11, 1 << 11)
     encoding, _, order = candidate.partition("/")
     if encoding == "evt3":

@@ -61,7 +61,7 @@ class RunOptions:
         return " ".join(words)
 
     def pool(self, tasks: int) -> AbstractContextManager[Executor]:
-        """Return the crew of a run, to be entered: worker processes here, or a cluster.
+        """Return the worker pool of a run, to be entered: worker processes here, or a cluster.
 
         Args:
             tasks: Number of tasks: more processes would be idle.

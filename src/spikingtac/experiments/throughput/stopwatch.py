@@ -157,7 +157,7 @@ def _later(window: EventPacket, shift_us: int) -> EventPacket:
 
 
 def largest_memory_mb() -> float:
-    """Return the largest memory of this process so far, MB; NaN where the system does not tell."""
+    """Return the largest memory of this process so far, MB; NaN where that is unknown."""
     if sys.platform == "win32":
         return float("nan")
     import resource

@@ -68,7 +68,7 @@ def _slow(slide: Slide) -> bool:
 
 
 def alarms_of(method: str, watched: WatchedSlide) -> tuple[list[int], list[int]]:
-    """Return the times, us, at which a method tells incipient and gross slips."""
+    """Return the times, us, at which a method reports incipient and gross slips."""
     if method == "shift-stops":
         return [], shift_stops(watched)
     monitor, slips = SlipMonitor(watched.reference_px), []

@@ -70,7 +70,7 @@ def run_all(
 
     Args:
         jobs: The jobs, the longest first.
-        pool_of: Returns the crew for a number of tasks, to be entered.
+        pool_of: Returns the worker pool for a number of tasks, to be entered.
         advance: Is called with the fraction that is done, 0 to 1.
 
     Returns:

@@ -32,14 +32,14 @@ from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, Watchdog
 
 STATUS_BYTES = 1 << 14
 LONGEST_REASON = 1_000
-"""Characters of a reason that are told; JSON needs at most 12 bytes for each."""
+"""Largest number of characters of a reason; JSON needs at most 12 bytes for each."""
 STATUS_PERIOD_S = 0.02
 """Period at which the guard checks controller and parent, and publishes its status."""
 CUT_MARK = "... (cut)"
 """End of a reason that was too long for the status."""
 SHUTDOWN_S = 5.0
 INSISTENCE_S = 4.0
-"""Time for which a guard that was told to end stops an arm that moves on again and again; less than
+"""Time for which a guard that has to end stops an arm that moves on again and again; less than
 :data:`SHUTDOWN_S`, after which its parent ends it."""
 INSISTENCE_PERIOD_S = 0.002
 """Pause between these stops: one that fails at once, since the controller is gone, would keep a

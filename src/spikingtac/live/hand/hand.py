@@ -60,7 +60,7 @@ class FingerHealth:
 
 
 class Hand:
-    """Follows several sensors at once; what happens to one does no harm to the others.
+    """Follows several sensors at once, each in its own process; a failure of one harms no other.
 
     The latest frame of each finger can be read at any time and costs some microseconds: nobody
     waits for anybody. Frames that were not read are gone.

@@ -84,7 +84,7 @@ class BufferedEvents:
 
 
 class BufferedSource:
-    """Buffered events as a source, to be read as often as is wanted, also where a camera was not.
+    """Buffered events as a source that can be read repeatedly, unlike a camera.
 
     Args:
         events: The events.

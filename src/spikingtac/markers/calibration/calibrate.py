@@ -74,7 +74,7 @@ twin's tracks err by 0.017 px more, and those on v2e by 0.007 px less)."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CalibrationConfig:
-    """What the calibration may be told; nothing needs to be.
+    """Settings of a calibration; every one has a default.
 
     Attributes:
         grid: ``(rows, columns)``, or None to find it.

@@ -190,7 +190,7 @@ def lead_kernel(
     agreement: NDArray[np.float64],
     nearest: NDArray[np.int64],
 ) -> None:
-    """Draw discs that are not believed towards where their believed neighbours went."""
+    """Draw discs of doubtful fits towards where their reliable neighbours went."""
     for m in range(len(center)):
         if agreement[m] >= FEWEST_AGREEMENT:
             continue

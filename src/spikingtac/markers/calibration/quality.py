@@ -91,7 +91,7 @@ def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
 def judge(
     changes: NDArray[np.float64], events: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> Quality:
-    """Tell measured markers from those that the recording does not show.
+    """Separate measured markers from those that the recording does not show.
 
     Args:
         changes: ``(m, 2)`` weighted squares of the level changes around each marker: those that

@@ -24,7 +24,7 @@ within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor)."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DiscLocatorConfig:
-    """What the disc fit can be told.
+    """Settings of the disc fit.
 
     Attributes:
         iterations: Gauss-Newton steps per marker and estimate at most (ours: two suffice on

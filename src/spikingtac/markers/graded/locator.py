@@ -1,4 +1,4 @@
-"""What the tracker asks of a locator: disc fit, band fit or centroid."""
+"""The protocol of locators: disc fit, band fit or centroid."""
 
 from __future__ import annotations
 

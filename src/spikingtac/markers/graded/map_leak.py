@@ -42,17 +42,17 @@ class LeakTolerances:
     def __init__(
         self,
         tolerance: NDArray[np.float64],
-        wary_tolerance: NDArray[np.float64],
+        lossy_tolerance: NDArray[np.float64],
         largest_fall: float,
     ) -> None:
         """Begin without a usual agreement.
 
         Args:
             tolerance: ``(m,)`` levels that are left alone in a stream that is known to be whole.
-            wary_tolerance: The same in one of which nothing is known.
+            lossy_tolerance: The same in one of which nothing is known.
             largest_fall: Agreement below its usual value by more than this has fallen.
         """
-        self._tolerance, self._wary_tolerance = tolerance, wary_tolerance
+        self._tolerance, self._lossy_tolerance = tolerance, lossy_tolerance
         self._largest_fall = largest_fall
         self._usual: NDArray[np.float64] | None = None
 
@@ -69,7 +69,7 @@ class LeakTolerances:
         usual = agreement if self._usual is None else self._usual
         fallen = agreement < usual - self._largest_fall
         self._usual = usual + (1.0 - np.exp(-dt_s / USUAL_S)) * (agreement - usual)
-        tolerance = self._tolerance + doubt * (self._wary_tolerance - self._tolerance)
+        tolerance = self._tolerance + doubt * (self._lossy_tolerance - self._tolerance)
         return np.where(fallen, ALL_LEVELS, tolerance)
 
 

@@ -51,19 +51,19 @@ class MaintenanceConfig:
     """What the tracker does beside locating, for every locator.
 
     Attributes:
-        period_us: Time between two turns of each periodic task, us; 0 is every estimate (ours: at
-            4 ms the tracks are as accurate as at 1 ms, and at 1 kHz each step has one task).
+        period_us: Period of each maintenance task, us; 0 runs all of them at every estimate (ours:
+            at 4 ms the tracks are as accurate as at 1 ms, and at 1 kHz each step runs one task).
         leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
             what noise and lost events leave in the map (ours).
         leak_tolerance: Disagreement that is left alone in a stream that is known to be whole, in
             mean steps of the marker (ours).
-        wary_tolerance: The same before enough motion was seen to tell, and where most events are
+        lossy_leak_tolerance: The same before enough motion was seen, and where most events are
             lost; in between where some are. A disc that lags behind its marker for want of events
             must not erase the map's evidence of it (ours).
         leak_reach_px: How far outside of a disc the leak works, px (ours).
-        ease_per_s: Rate at which the edges of resting discs return to their calibrated outlines,
-            1/s (ours: over fifty contacts on a training seed the error stays at 0.12 px; without it
-            it grows to 0.15 px, and the radii by 0.35 px).
+        outline_return_per_s: Rate at which the edges of resting discs return to their calibrated
+            outlines, 1/s (ours: over fifty contacts on a training seed the error stays at 0.12 px;
+            without it it grows to 0.15 px, and the radii by 0.35 px).
         leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
         lag_us: Delay of the events behind the motion, us; None takes the calibration's.
         backlash: By how much a fit stays behind its marker in steady motion, as a share of the way
@@ -78,9 +78,14 @@ class MaintenanceConfig:
     period_us: int = 4_000
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
     leak_tolerance: float = field(default=0.3, metadata={"range": (0.0, 3.0)})
-    wary_tolerance: float = field(default=1.0, metadata={"range": (0.0, 3.0)})
+    lossy_leak_tolerance: float = field(
+        default=1.0, metadata={"range": (0.0, 3.0), "former_names": ("wary_tolerance",)}
+    )
     leak_reach_px: float = 3.5
-    ease_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
+    outline_return_per_s: float = field(
+        default=0.3,
+        metadata={"range": (0.0, 10.0), "unit": "1/s", "former_names": ("ease_per_s",)},
+    )
     leak_groups: int = 8
     lag_us: float | None = None
     backlash: float = field(default=0.15, metadata={"range": (0.0, 1.0)})
@@ -91,7 +96,8 @@ class MaintenanceConfig:
     )
 
     def __post_init__(self) -> None:
-        rates, tolerances = ("leak_per_s", "ease_per_s"), ("leak_tolerance", "wary_tolerance")
+        rates = ("leak_per_s", "outline_return_per_s")
+        tolerances = ("leak_tolerance", "lossy_leak_tolerance")
         plays = ("backlash", "turn_backlash")
         for name in ("period_us", *rates, *tolerances, "leak_reach_px", *plays):
             if getattr(self, name) < 0:
@@ -194,7 +200,7 @@ class GradedTracker:
         self._turn = 0
         self._leak_tolerances = LeakTolerances(
             self._maintenance_config.leak_tolerance * self._mean_step,
-            self._maintenance_config.wary_tolerance * self._mean_step,
+            self._maintenance_config.lossy_leak_tolerance * self._mean_step,
             self._locator.largest_fall,
         )
         self._filter = MotionFilter(self._calibration.reference_px)
@@ -235,7 +241,7 @@ class GradedTracker:
     def _leak(self, dt_s: float, agreement: NDArray[np.float64]) -> None:
         """Let the map around some markers leak towards their discs; resting discs ease theirs."""
         settings, time_s = self._maintenance_config, dt_s * self._groups
-        if time_s <= 0.0 or not (settings.leak_per_s or settings.ease_per_s):
+        if time_s <= 0.0 or not (settings.leak_per_s or settings.outline_return_per_s):
             return
         tolerance = self._leak_tolerances.update(agreement, dt_s, self._doubt)
         self._turn = (self._turn + 1) % self._groups
@@ -258,7 +264,7 @@ class GradedTracker:
             (position_px, self._filter.velocity_px_s[some], outline_px),
             self._calibration.radius_px[some],
             tables,
-            (1.0 - np.exp(-settings.ease_per_s * time_s), AT_REST_PX_S),
+            (1.0 - np.exp(-settings.outline_return_per_s * time_s), AT_REST_PX_S),
         )
 
     def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:

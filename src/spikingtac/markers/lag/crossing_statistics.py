@@ -1,4 +1,4 @@
-"""Where the edge stands at each rung of the ladder of events, as means with uncertainties.
+"""Mean places of an edge at each event that its crossing causes, with uncertainties.
 
 A rung is one polarity and one number of event within a passage;
 :mod:`spikingtac.markers.lag.crossings` collects them, :mod:`spikingtac.markers.lag.estimate`

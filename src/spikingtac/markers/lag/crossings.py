@@ -1,10 +1,10 @@
 """Where a marker's tracked edge stands when the pixels that it passes fire.
 
 The raw material of :mod:`spikingtac.markers.lag.estimate`. A pixel passed by an edge fires a
-ladder of events, one for each step of its log intensity. Of every passage that began with the edge
+series of events, one for each step of its log intensity. Of every passage that began with the edge
 well on the other side and went on in one direction, the place q of the tracked edge (distance of
 the pixel from the disc's rim, negative inside) is collected for each event, apart for the two
-polarities, for the event's number on the ladder and for the edge's speed over the pixel.
+polarities, for the event's number in the series and for the edge's speed over the pixel.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Crossings:
     dark side of the edge, for dark markers too.
 
     Attributes:
-        count: ``(2, ORDERS, speeds, PLACE_BINS)`` events by polarity, number on the ladder, speed
+        count: ``(2, ORDERS, speeds, PLACE_BINS)`` events by polarity, number in the series, speed
             bin and bin of q from -REACH_PX to REACH_PX.
         speed_sum_px_s: ``(2, ORDERS, speeds)`` sum of the edge's speeds, px/s.
     """
@@ -80,7 +80,7 @@ class _Track(NamedTuple):
 
 
 class _Pixels(NamedTuple):
-    recent_us: NDArray[np.int64]  # (height, width, _MEMORY) times of the running ladder's events
+    recent_us: NDArray[np.int64]  # (height, width, _MEMORY) times of the running series
     run: NDArray[np.int64]  # (height, width) events of one polarity in a row, signed
 
 

@@ -40,7 +40,7 @@ _LEAST_RUNGS = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LagConfig:
-    """What is believed before any event is seen, and which events count.
+    """Prior values, and which events count.
 
     Attributes:
         default_us: Returned where nothing can be seen (ours: between 500 us in good light and
@@ -109,12 +109,12 @@ def estimate_lag(
     """
     config = config or LagConfig()
     unseen = LagEstimate(config.default_us, config.default_uncertainty_us, float("nan"), 0)
-    ladder = _usable(
+    statistics = _usable(
         crossing_statistics(crossings, config.least_count, config.floor_px), edge, config
     )
-    if min(np.count_nonzero(ladder.facing == side) for side in (-1, 1)) < _LEAST_RUNGS:
+    if min(np.count_nonzero(statistics.facing == side) for side in (-1, 1)) < _LEAST_RUNGS:
         return unseen
-    fits = np.array([_fit_us(ladder, edge, dark, config) for dark in config.dark])
+    fits = np.array([_fit_us(statistics, edge, dark, config) for dark in config.dark])
     lag_us, white_us, _ = fits.mean(axis=0)
     uncertainty_us = float(
         np.sqrt((fits[:, 2] ** 2).mean() + fits[:, 0].var() + config.floor_us**2)
@@ -122,26 +122,30 @@ def estimate_lag(
     if not uncertainty_us < config.default_uncertainty_us:
         return unseen
     return LagEstimate(
-        max(0.0, float(lag_us)), uncertainty_us, float(white_us), int(ladder.count.sum())
+        max(0.0, float(lag_us)), uncertainty_us, float(white_us), int(statistics.count.sum())
     )
 
 
-def _usable(ladder: CrossingStatistics, edge: EdgeProfile, config: LagConfig) -> CrossingStatistics:
-    level = edge.level(ladder.resting_px())
-    return ladder.select((level > config.lowest_level) & (level < config.highest_level))
+def _usable(
+    statistics: CrossingStatistics, edge: EdgeProfile, config: LagConfig
+) -> CrossingStatistics:
+    level = edge.level(statistics.resting_px())
+    return statistics.select((level > config.lowest_level) & (level < config.highest_level))
 
 
 def _fit_us(
-    ladder: CrossingStatistics, edge: EdgeProfile, dark: float, config: LagConfig
+    statistics: CrossingStatistics, edge: EdgeProfile, dark: float, config: LagConfig
 ) -> tuple[float, float, float]:
     """Return (lag, tau_white, uncertainty of the lag) for one dark current, us."""
     white_s = np.geomspace(config.shortest_us, config.longest_us, _TRIALS) / _US_PER_S
     # The rungs' levels come from their resting places, which the overshoot shifts a little.
-    at_rest_px = ladder.resting_px()
-    solved, misfit, _ = _solve(ladder, _overshoots(ladder, edge, at_rest_px, dark, white_s))
+    at_rest_px = statistics.resting_px()
+    solved, misfit, _ = _solve(statistics, _overshoots(statistics, edge, at_rest_px, dark, white_s))
     rungs = len(at_rest_px)
-    at_rest_px = ladder.facing * solved[:rungs, int(np.argmin(misfit))]
-    solved, misfit, variance = _solve(ladder, _overshoots(ladder, edge, at_rest_px, dark, white_s))
+    at_rest_px = statistics.facing * solved[:rungs, int(np.argmin(misfit))]
+    solved, misfit, variance = _solve(
+        statistics, _overshoots(statistics, edge, at_rest_px, dark, white_s)
+    )
     weight = np.exp(-0.5 * (misfit - misfit.min()))
     weight /= weight.sum()
     lag_s = solved[rungs]
@@ -151,20 +155,20 @@ def _fit_us(
 
 
 def _solve(
-    ladder: CrossingStatistics, expected_px: NDArray[np.float64]
+    statistics: CrossingStatistics, expected_px: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Return ``(r + 2, trials)`` solutions, their misfits, and the variance of row r, the lag.
 
     Rows: resting places along the motion, lag, skew. Misfits and variance are scaled so that the
     best solution fits as well as it should.
     """
-    rungs = len(ladder.facing)
-    design = np.zeros((len(ladder.rung), rungs + 2))
-    design[np.arange(len(ladder.rung)), ladder.rung] = 1.0
-    design[:, rungs] = -ladder.speed_px_s
-    design[:, rungs + 1] = ladder.facing[ladder.rung] * ladder.speed_px_s
-    design /= ladder.error_px[:, None]
-    target = (ladder.along_px[:, None] - expected_px) / ladder.error_px[:, None]
+    rungs = len(statistics.facing)
+    design = np.zeros((len(statistics.rung), rungs + 2))
+    design[np.arange(len(statistics.rung)), statistics.rung] = 1.0
+    design[:, rungs] = -statistics.speed_px_s
+    design[:, rungs + 1] = statistics.facing[statistics.rung] * statistics.speed_px_s
+    design /= statistics.error_px[:, None]
+    target = (statistics.along_px[:, None] - expected_px) / statistics.error_px[:, None]
     solved = np.asarray(np.linalg.lstsq(design, target, rcond=None)[0], np.float64)
     misfit = ((target - design @ solved) ** 2).sum(axis=0)
     freedom = max(1, design.shape[0] - design.shape[1] - 1)
@@ -174,22 +178,22 @@ def _solve(
 
 
 def _overshoots(
-    ladder: CrossingStatistics,
+    statistics: CrossingStatistics,
     edge: EdgeProfile,
     resting_px: NDArray[np.float64],
     dark: float,
     white_s: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return ``(n, trials)`` overshoots of the ladder's entries, px, from a table over kappa."""
-    kappa_px = ladder.speed_px_s[:, None] * white_s
+    """Return ``(n, trials)`` overshoots of the entries, px, from a table over kappa."""
+    kappa_px = statistics.speed_px_s[:, None] * white_s
     low, high = np.log(kappa_px.min()), np.log(kappa_px.max())
     places = np.linspace(low, high, int((high - low) * _TABLE_PER_E_FOLD) + 2)
     overshoot = np.empty_like(kappa_px)
     for facing in (-1.0, 1.0):
-        rungs = np.flatnonzero(ladder.facing == facing)
+        rungs = np.flatnonzero(statistics.facing == facing)
         levels = edge.level(resting_px[rungs])
         table_px = overshoot_px(edge, facing < 0.0, levels, np.exp(places), dark)
         for rung, column in zip(rungs, (table_px / np.exp(places)[:, None]).T, strict=True):
-            of = ladder.rung == rung
+            of = statistics.rung == rung
             overshoot[of] = kappa_px[of] * np.interp(np.log(kappa_px[of]), places, column)
     return overshoot

@@ -7,7 +7,7 @@ doi:10.1109/CVPRW53098.2021.00144), in one dimension:
 
 with L the log intensity from 0 (ground) to 1 (marker), I the light relative to white and B the dark
 current (or veiling light) in the same unit. In a slow passage each level is late by its own tau; a
-fast one smears the ladder. Everything depends on kappa = speed * tau_white only, in px.
+fast one smears the events. Everything depends on kappa = speed * tau_white only, in px.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Piece:
 
 
 class PlanPass:
-    """One pass over a recording that says where it is cut, while it goes on.
+    """One pass over a recording that yields the places where it is cut as it finds them.
 
     Cuts and beginnings lie at events, in the least busy moment around, so that few markers move
     fast there.

@@ -33,7 +33,7 @@ class Distance:
 
     @property
     def small(self) -> bool:
-        """Whether both ways tell the same."""
+        """Whether both ways agree."""
         return self.mean_px <= MEAN_TOLERANCE_PX and self.worst_px <= WORST_TOLERANCE_PX
 
 

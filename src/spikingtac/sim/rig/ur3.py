@@ -127,7 +127,7 @@ class UR3Twin:
         self._brake(self._command_time_s())
 
     def confirm_stop(self) -> None:
-        """Return at once: the twin always obeys, and its time passes elsewhere."""
+        """Return at once: the twin always stops, and its time advances elsewhere."""
 
     def state(self) -> ArmState:
         """Return the state of the arm at the last controller cycle."""

@@ -1,4 +1,4 @@
-"""Contacts that nobody has to measure: random patches on an elastic layer and their forces.
+"""Contacts that need no measurement: random patches on an elastic layer and their forces.
 
 Where the skin's stiffness is known, its equations say how the markers move under any pressure and
 shear. A force model that learns from such contacts needs no force sensor.

@@ -1,1 +1,1 @@
-"""What the field of displacements says: gradients, strain, shear, torsion."""
+"""Quantities of the displacement field: gradients, strain, shear, torsion."""

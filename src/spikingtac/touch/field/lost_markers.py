@@ -74,7 +74,7 @@ class LostMarkers:
 def deviation_kernel(
     displacement: Field, near: NDArray[np.int64], factor: float, least: float, off: Field
 ) -> None:
-    """Fill how far each marker is from its neighbourhood, over what is believed.
+    """Fill how far each marker is from its neighbourhood, over the largest plausible distance.
 
     Args:
         displacement: ``(m, 2)``.

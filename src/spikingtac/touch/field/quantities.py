@@ -1,4 +1,4 @@
-"""What a whole displacement field says, each number with its uncertainty."""
+"""Quantities of a whole displacement field, each with its uncertainty."""
 
 from __future__ import annotations
 

@@ -43,11 +43,6 @@ class Wrench:
         return self.values[:3]
 
     @property
-    def moment_nm(self) -> Field:
-        """``(c - 3,)`` moment, Nm; empty where none was learned."""
-        return self.values[3:]
-
-    @property
     def extrapolated(self) -> bool:
         """True where the model was never taught anything like this field."""
         return self.distance > 1.0

@@ -1,4 +1,4 @@
-"""What the indentation under a marker is told from: motion and growth of its neighbourhood.
+"""Features that give the indentation under a marker: motion and growth of its neighbourhood.
 
 A disc grows as the image of the skin about it does, by half of the divergence. So growth alone does
 not tell a skin that is spread from one that is nearer, nor does the divergence between the markers:

@@ -26,7 +26,7 @@ LARGEST_STEP = 0.5
 
 
 def why_no_growth(calibration: Calibration) -> str | None:
-    """Return why growth cannot be told with a calibration; None where it can."""
+    """Return why growth cannot be measured with a calibration; None where it can."""
     lacking = [name for name in NEEDED if getattr(calibration, name) is None]
     if lacking:
         return (
@@ -68,7 +68,7 @@ class RestingDiscs:
         """
         why = why_no_growth(calibration)
         if why is not None:
-            raise ConfigError(f"the growth of the discs cannot be told: {why}")
+            raise ConfigError(f"the growth of the discs cannot be measured: {why}")
         width, height = calibration.size
         discs = disc_profiles(calibration)
         radius_px = np.asarray(calibration.radius_px, np.float64)

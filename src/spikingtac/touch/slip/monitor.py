@@ -17,7 +17,7 @@ Field = NDArray[np.float64]
 
 
 class SlipMonitor:
-    """Watches one sensor's contact and tells its slips, causally.
+    """Watches one sensor's contact and reports its slips, causally.
 
     Example:
         >>> touches = TouchDetector(reference_px)  # doctest: +SKIP

@@ -28,7 +28,7 @@ class AlarmConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipConfig:
-    """When slip is told. Set on 75 drawn contacts that the law was not fitted to.
+    """When slip is reported. Set on 75 drawn contacts that the law was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.

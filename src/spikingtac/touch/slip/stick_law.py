@@ -31,7 +31,7 @@ FILE = "stick_law.json"
 
 
 class Stuck(NamedTuple):
-    """What a law says of a contact.
+    """The output of a law for a contact.
 
     Attributes:
         share: Share of the contact that sticks, 0 to 1.
@@ -102,7 +102,7 @@ class StickCourse:
         self._next_us: list[int] | None = None
 
     def update(self, t_us: int, features: Field) -> Stuck:
-        """Take in the features ``(FEATURES,)`` of a frame and return what the law says."""
+        """Take in the features ``(FEATURES,)`` of a frame and return the law's output."""
         if self._next_us is None:
             self._next_us = [t_us] * len(self._memories)
         for number, network in enumerate(self._law.networks):

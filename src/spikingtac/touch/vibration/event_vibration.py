@@ -85,7 +85,7 @@ class VibrationLine:
 
 
 class EventVibrationMonitor:
-    """Keeps the events of the last second at the rims and tells their line when asked.
+    """Keeps the events of the last second at the rims and computes their line on request.
 
     Example:
         >>> monitor = EventVibrationMonitor(calibration)  # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""The strongest line in the spectrum of a velocity, told from the noise around it.
+"""The strongest line in the spectrum of a velocity, distinguished from the noise around it.
 
 A Hann window keeps a line within three bins; its frequency between bins follows from the logarithms
 of their amplitudes (F. J. Harris, "On the use of windows for harmonic analysis", Proc. IEEE 66,

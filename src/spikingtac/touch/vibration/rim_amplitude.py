@@ -36,7 +36,7 @@ FINER = 2
 EVALUATIONS = 8
 """Steps of a fit at the most."""
 LEAST_EVENTS = 0.1
-"""Events of the most active cell per cycle below which an amplitude is not told (ours)."""
+"""Events of the most active cell per cycle below which no amplitude is given (ours)."""
 GUESSES_PX = (0.27, 0.9)
 """Amplitudes from which fits begin, px: the better of the two is kept."""
 DIFFERENCE = 1e-3

@@ -1,4 +1,4 @@
-"""Vibration of the skin: spectrum of the markers' motion, its strongest line, told from rest.
+"""Vibration of the skin: spectrum of the markers' motion, and its strongest line, if any.
 
 The mean displacement of the markers carries what all share; its noise is smaller than a marker's
 by the root of their number. A Hann window keeps a line's energy within three bins; its frequency
@@ -68,7 +68,7 @@ class Spectrum:
 
 
 class VibrationMonitor:
-    """Keeps the last frames and makes their spectrum when asked.
+    """Keeps the last frames and computes their spectrum on request.
 
     Example:
         >>> monitor = VibrationMonitor(1_000.0)

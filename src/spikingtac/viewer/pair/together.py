@@ -1,4 +1,4 @@
-"""Two sessions played as one: what a page asks of time goes to both."""
+"""Two sessions played as one: commands of playback go to both."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ LARGEST_BINS = 250
 
 
 class FeltLayer:
-    """Takes every estimate and tells the page what was felt last."""
+    """Takes every estimate and gives the page the latest quantities of touch."""
 
     def __init__(
         self, reference_px: NDArray[np.float64], rate_hz: float, force: ForceModel

@@ -30,7 +30,7 @@ class TrackRecorder(Protocol):
 
 
 class NullTrackRecorder:
-    """The :class:`TrackRecorder` of a session whose tracks nobody asked for."""
+    """The :class:`TrackRecorder` of a session that writes no tracks."""
 
     def take(self, frame: MarkerFrame) -> None:
         """Let the estimate go."""

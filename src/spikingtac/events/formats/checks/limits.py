@@ -1,4 +1,4 @@
-"""What any input may claim: sizes are believed up to a limit, whatever a file says of itself."""
+"""Limits of what is read: sizes that a file states are accepted up to a limit only."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ HORIZON = 32
 
 
 def may_be_filled(data: NDArray[np.uint8]) -> bool:
-    """Return whether bytes may hold a stretch of fill; quick, for it is asked of all bytes."""
+    """Return whether bytes may hold a stretch of fill; quick, since all bytes are tested."""
     samples = data[: len(data) // 8 * 8].view(np.uint64)[::_SAMPLE_STRIDE]
     return bool((samples == 0).any() or (samples == _ONES).any())
 

@@ -1,4 +1,4 @@
-"""Find the grid in a cloud of points: rows, columns, who is missing and who does not belong.
+"""Find the grid in a cloud of points: rows, columns, missing markers and points that are none.
 
 Labels grow from point to point with a local pitch, so that rotation (to about 20 degrees),
 perspective and barrel distortion need no model; a smooth model over all labels then throws out what

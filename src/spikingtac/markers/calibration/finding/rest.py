@@ -33,7 +33,7 @@ FIRST_BONUS = 0.5
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RestConfig:
-    """How silence is told from motion; all values are ours.
+    """How rest is distinguished from motion; all values are ours.
 
     Attributes:
         bin_us: Events are counted in bins of this length. 10 ms hold a hundred events of a quiet

@@ -1,1 +1,1 @@
-"""What a calibration would still need, told while events come."""
+"""What a calibration still needs, updated while events come."""

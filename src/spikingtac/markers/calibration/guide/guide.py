@@ -93,7 +93,7 @@ class GuideView:
 
 
 class CalibrationGuide:
-    """Follows events and tells at any time which markers still have to move.
+    """Follows events and reports at any time which markers still have to move.
 
     Args:
         size: ``(width, height)`` of the sensor, px.

@@ -1,4 +1,4 @@
-"""A source of events that tells, while it is read, what a calibration still lacks."""
+"""A source of events that reports, while it is read, what a calibration still lacks."""
 
 from __future__ import annotations
 

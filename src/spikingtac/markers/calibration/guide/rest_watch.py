@@ -1,4 +1,4 @@
-"""Whether the skin rests now, told from the rate of events so far."""
+"""Whether the skin rests now, judged by the rate of events so far."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ percentile) to some three above it."""
 
 
 class RestWatch:
-    """Counts events in bins and tells quiet ones from motion, as the calibration does afterwards.
+    """Counts events in bins and separates rest from motion, as the calibration does afterwards.
 
     Attributes:
         rests: Rests so far, the present one included.

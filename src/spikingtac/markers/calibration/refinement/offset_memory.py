@@ -18,7 +18,7 @@ RIM_LEVELS = (0.03, 0.97)
 
 @dataclass(frozen=True, slots=True)
 class OffsetMemory:
-    """Which states tell the offset of a pixel's level, which noise and wrong steps let drift.
+    """Which states determine the offset of a pixel's level; it drifts by noise and wrong steps.
 
     Attributes:
         states: The offset is a mean over so many states around (exponential weights).

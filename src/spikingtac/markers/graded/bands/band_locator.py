@@ -26,7 +26,7 @@ a motion that begins within one estimate."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BandLocatorConfig:
-    """What the band fit can be told.
+    """Settings of the band fit.
 
     Attributes:
         iterations: Gauss-Newton steps per marker and estimate at most (ours).
@@ -152,7 +152,7 @@ def band_maintenance(maintenance: MaintenanceConfig) -> MaintenanceConfig:
     return dataclasses.replace(
         maintenance,
         leak_per_s=0.0,
-        ease_per_s=0.0,
+        outline_return_per_s=0.0,
         adapt_to_loss=False,
         backlash=0.0,
         turn_backlash=0.0,

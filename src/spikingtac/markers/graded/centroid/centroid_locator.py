@@ -26,7 +26,7 @@ from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CentroidLocatorConfig:
-    """What the centroid can be told.
+    """Settings of the centroid.
 
     Attributes:
         reach_px: Margin of the window outside of the largest disc, px (ours).

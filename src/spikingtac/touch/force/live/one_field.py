@@ -57,7 +57,7 @@ class _Normal(NamedTuple):
 
 
 class OneField:
-    """Tells the wrench of single fields."""
+    """Estimates the wrench of single fields."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ def one_field_kernel(
     features: Field,
     out: Field,
 ) -> float:
-    """Tell the wrench of one field.
+    """Return the wrench of one field.
 
     Args:
         field: ``(size,)`` displacements over the training rms.

@@ -97,5 +97,5 @@ def _calibrate(
 
 
 def named(calibration: Calibration, recording: str) -> Calibration:
-    """Return a calibration that says which recording it was learned from."""
+    """Return a calibration with the name of the recording that it was learned from."""
     return replace(calibration, provenance={**calibration.provenance, "recording": recording})

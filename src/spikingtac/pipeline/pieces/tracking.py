@@ -1,4 +1,4 @@
-"""A recording that a crew tracks in pieces: plan, track, compare at the seams, mend, join."""
+"""A recording tracked in pieces by several workers: plan, track, compare seams, mend, join."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Runner = Callable[[Iterable[FileJob]], Iterator[Outcome]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PieceWork:
-    """What the crew does.
+    """What the workers do.
 
     Attributes:
         work: ``module:function`` of a piece, see :class:`spikingtac.batch.job.FileJob`.
@@ -90,21 +90,21 @@ def track_pieces(
     settings = {"version": package_version(), "recording": str(work.recording), **work.settings}
     new = begin_run(work.folder, settings, resume)
     with Journal(work.folder) as journal:
-        crew = _Crew(work, plan, runner, journal)
+        run = _Run(work, plan, runner, journal)
         try:
-            crew.track(advance)
-            mended = crew.mend()
+            run.track(advance)
+            mended = run.mend()
         except SpikingTacError:
-            if new and not crew.done:  # no worker was reached: nothing is to be resumed
+            if new and not run.done:  # no worker was reached: nothing is to be resumed
                 remove_pieces(work.folder)
             raise
     return Pieced(
-        stretches=crew.stretches(),
-        cuts_us=crew.cuts_us(),
-        seams=crew.seams,
+        stretches=run.stretches(),
+        cuts_us=run.cuts_us(),
+        seams=run.seams,
         mended=mended,
-        kept=crew.kept,
-        misfit=crew.misfit,
+        kept=run.kept,
+        misfit=run.misfit,
     )
 
 
@@ -113,7 +113,7 @@ def remove_pieces(folder: Path) -> None:
     shutil.rmtree(folder)
 
 
-class _Crew:
+class _Run:
     """The pieces of one recording and what became of each."""
 
     def __init__(self, work: PieceWork, plan: PlanPass, runner: Runner, journal: Journal) -> None:
@@ -175,7 +175,7 @@ class _Crew:
         return found
 
     def _run(self, jobs: Iterable[FileJob]) -> Iterator[Outcome]:
-        """Yield what was kept and what the crew does; what is done is written down at once."""
+        """Yield what was kept and what the workers do; what is done is written down at once."""
         kept: list[Outcome] = []
 
         def open_jobs() -> Iterator[FileJob]:
