@@ -98,6 +98,12 @@ class Calibration:
         return dataclasses.replace(self, **changed)
 
     @property
+    def steps_scaled_apart(self) -> bool:
+        """Whether tracking asked for another ratio of ON to OFF steps than events tell."""
+        scales = self.provenance.get("step_scale")
+        return isinstance(scales, list | tuple) and len(set(scales)) > 1
+
+    @property
     def skin_scale(self) -> SkinScale | None:
         """From pixels to the skin, or None where no pitch was given."""
         return None if self.px_per_mm is None else SkinScale(self.px_per_mm, self.lens)

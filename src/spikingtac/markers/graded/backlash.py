@@ -21,7 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.appearance import Appearance
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.markers.graded.appearance import appearance_of
 
 SHORT_PLAY = 0.2
 """Half of the way in which the direction of motion is told anew, in crossings (ours: 0.1 to 0.3 are
@@ -32,8 +33,7 @@ LONG_PLAY = 4.0
 the training scenes)."""
 
 MOST_CROSSING_PX = 1.25
-"""Longest crossing: that of a pale marker (contrast 1.9). Where steps were scaled beyond what
-events stand for (recorded gel: 3.8 times), their width says nothing of the play."""
+"""Longest crossing: that of a pale marker (contrast 1.9)."""
 
 LEAP_PX = 2.0
 """A fit that goes farther than this at once was found elsewhere: its way says nothing."""
@@ -42,15 +42,19 @@ SLOPE_POINTS = 401
 """Points at which the slope of an edge is asked for its steepest."""
 
 
-def crossing_px(appearance: Appearance) -> NDArray[np.float64]:
+def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
     """Return the way in which the steepest part of each marker's edge crosses one step.
 
     Args:
-        appearance: Steps and edges of the markers.
+        calibration: Steps and edges of the markers.
 
     Returns:
-        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`.
+        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`; 0 where the steps were scaled apart (recorded
+        gel: 3.8 and 0.64 times), since they are no longer what events stand for.
     """
+    appearance = appearance_of(calibration)
+    if calibration.steps_scaled_apart:
+        return np.zeros(len(appearance.profiles))
     steepest = np.array(
         [
             np.abs(p.slope(np.linspace(-p.reach_px, p.reach_px, SLOPE_POINTS))).max()

@@ -77,6 +77,9 @@ SILENT_CROSSINGS = 2.4
 """Way after a turn in which the silent pixels become fewer by a factor e, in ways in which an edge
 crosses a step (ours: 2.6 on training scenes, 1.9 on v2e's gel, simulated)."""
 
+LEAST_SILENT_PX = 0.1
+"""The same way at least, px: far below the shortest stroke that is asked."""
+
 EXTRA_EVENTS = 1.05
 """Events in steady motion over those of full swings: noise near a threshold adds some (1.04 to 1.09
 on training scenes, 1.05 on v2e's sensors, simulated)."""
@@ -114,7 +117,7 @@ class EventLoss:
         appearance = appearance_of(calibration)
         swing_events = EXTRA_EVENTS * _swing_events(appearance)
         self._events_per_px = 2.0 * calibration.radius_px * swing_events
-        self._silent_px = SILENT_CROSSINGS * crossing_px(appearance)
+        self._silent_px = np.maximum(SILENT_CROSSINGS * crossing_px(calibration), LEAST_SILENT_PX)
         self._reference_px = calibration.reference_px
         self._owner = nearest_marker(calibration.reference_px, calibration.size)
         count = len(calibration.reference_px)

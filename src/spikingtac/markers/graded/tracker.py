@@ -133,7 +133,7 @@ class GradedTracker:
         self._map = locator.initial_map(calibration)
         self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
-        self._crossings_px = crossing_px(appearance)
+        self._crossings_px = crossing_px(calibration)
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
         self._start()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.backlash import (
     MOST_CROSSING_PX,
     SHORT_PLAY,
@@ -89,17 +88,22 @@ def test_a_marker_that_was_found_elsewhere_tells_nothing_of_its_way() -> None:
 
 def test_a_crossing_grows_with_step_and_width_and_is_bounded() -> None:
     sensor = replace(calibration(), step_on=0.05, step_off=0.05)
-    small = crossing_px(appearance_of(sensor))
+    small = crossing_px(sensor)
     assert (small > 0.0).all()
     assert (small < MOST_CROSSING_PX).all()
-    larger = crossing_px(appearance_of(replace(sensor, step_on=0.075, step_off=0.075)))
+    larger = crossing_px(replace(sensor, step_on=0.075, step_off=0.075))
     np.testing.assert_allclose(larger, 1.5 * small)
-    narrow, wide = (
-        crossing_px(appearance_of(replace(sensor, edge_px=edge_px))) for edge_px in (0.6, 0.9)
-    )
+    narrow, wide = (crossing_px(replace(sensor, edge_px=edge_px)) for edge_px in (0.6, 0.9))
     np.testing.assert_allclose(wide, 1.5 * narrow, rtol=0.02)
     pale = replace(sensor, step_on=0.9, step_off=0.9, edge_px=2.0)
-    assert (crossing_px(appearance_of(pale)) == MOST_CROSSING_PX).all()
+    assert (crossing_px(pale) == MOST_CROSSING_PX).all()
+
+
+def test_steps_that_were_scaled_apart_tell_no_crossing() -> None:
+    alike = replace(calibration(), provenance={"step_scale": [0.8, 0.8]})
+    np.testing.assert_array_equal(crossing_px(alike), crossing_px(calibration()))
+    apart = replace(calibration(), provenance={"step_scale": [3.8, 0.64]})
+    assert not crossing_px(apart).any()
 
 
 @pytest.mark.parametrize("name", ["backlash", "turn_backlash"])

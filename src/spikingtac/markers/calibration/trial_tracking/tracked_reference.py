@@ -34,8 +34,7 @@ def with_tracked_reference(
         rests_us: ``(rests, 2)`` when nothing touched the skin, us since the start of the recording.
             The first one is left out: at it the tracker stands where it was put.
     """
-    on, off = calibration.provenance["step_scale"]
-    if on == off or len(rests_us) < 2:
+    if not calibration.steps_scaled_apart or len(rests_us) < 2:
         return calibration
     after_us = rests_us[1:]
     t_us, center_px = track(events, calibration)
