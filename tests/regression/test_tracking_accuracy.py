@@ -67,9 +67,9 @@ class Run:
         return -1e6 * float((error * velocity).sum() / (velocity**2).sum())
 
 
-def tracked(preset: str, packets: Sequence[EventPacket], lag_us: float | None = None) -> Run:
+def tracked(preset: str, packets: Sequence[EventPacket], **maintenance: float | None) -> Run:
     config = load_config(preset).tracking
-    config = replace(config, maintenance=replace(config.maintenance, lag_us=lag_us))
+    config = replace(config, maintenance=replace(config.maintenance, **maintenance))
     frames = list(follow(packets, make_tracker(config, calibration()), config.rate_hz))
     t_us = np.array([frame.t_us for frame in frames])
     detected_px = np.array([frame.detected_px for frame in frames])
@@ -129,6 +129,14 @@ def test_fast_motion_is_followed(preset: str) -> None:
 def test_resting_markers_rest(preset: str) -> None:
     run = whole_run(preset)
     assert run.away_px[run.speed_px_s < RESTING_PX_S].mean() < 0.14  # 0.07 and 0.10
+
+
+def test_what_a_fit_stays_behind_after_a_turn_is_made_good() -> None:
+    with_it, without = (
+        run.away_px[run.speed_px_s > RESTING_PX_S].mean()
+        for run in (whole_run("default"), tracked("default", touches().packets, turn_backlash=0.0))
+    )
+    assert with_it < 0.985 * without  # 0.127 and 0.132 px
 
 
 @pytest.mark.parametrize("preset", PRESETS)
