@@ -22,6 +22,7 @@ from spikingtac.touch.field.lost_markers import LostMarkers
 from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.patch import Patch, deformed_patch
+from spikingtac.touch.touches.spread import spread_kernel
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
@@ -178,10 +179,11 @@ class TouchDetector:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         local, strength = self._gradient.strength_of(away)
-        touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
+        largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
+        touch.peak_px = max(touch.peak_px, largest_px)
         if strength > touch.peak:
             touch.peak, touch.peak_us, touch.peak_local = strength, t_us, local
-        end_us = self._ended_us(touch, t_us, self._left(touch, away, strength))
+        end_us = self._ended_us(touch, t_us, self._left(touch, spread, strength))
         if end_us is None:
             return None
         told = self._told(touch, end_us)
@@ -190,13 +192,12 @@ class TouchDetector:
         self._memory.clear()
         return told
 
-    def _left(self, touch: _Open, away: Field, strength: float) -> float:
+    def _left(self, touch: _Open, spread: float, strength: float) -> float:
         """Return the share of the touch's peak that is left, in strength or in spread.
 
         A few markers that are lost in a sudden release strain the field for ever; most of the
         markers are back nevertheless.
         """
-        spread = _spread(away)
         touch.peak_spread = max(touch.peak_spread, spread)
         left = strength / max(touch.peak, 1e-12)
         if touch.peak_spread < SPREAD_FACTOR * self._config.least_displacement_px:
@@ -272,10 +273,3 @@ class TouchDetector:
             area_px2=patch.area,
             outline_px=patch.outline,
         )
-
-
-def _spread(away: Field) -> float:
-    """Return within which distance of the common displacement most markers ``(m, 2)`` lie."""
-    middle = np.sort(away, axis=0)[len(away) // 2]
-    distance = ((away - middle) ** 2).sum(axis=1)
-    return float(np.sqrt(np.sort(distance)[int(SPREAD_MARKERS * len(away))]))
