@@ -24,7 +24,7 @@ class SlipMonitor:
         >>> monitor = SlipMonitor(reference_px)  # doctest: +SKIP
         >>> for frame in frames:  # doctest: +SKIP
         ...     touches.update(frame)
-        ...     slip = monitor.update(frame.t_us, touches.displacement_px, touches.touching)
+        ...     slip = monitor.update(frame.t_us, touches.tracked_px, touches.touching)
         ...     print(monitor.state)
 
     Attributes:

@@ -7,7 +7,7 @@ import pytest
 
 from spikingtac.experiments.touch.slides import KINDS, TAUGHT, TESTED, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
-from spikingtac.experiments.touch.twin_slip import alarms_of, shift_stops, truth_of
+from spikingtac.experiments.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_without_camera
 from spikingtac.sim.scene.timeline import Timeline
 
@@ -85,6 +85,15 @@ def test_what_a_standing_body_holds_is_not_judged_after_a_slip(slid: WatchedSlid
     holding = slid.t_us > slid.t_us[-1] - 380_000
     before_release = slid.t_us < slid.t_us[-1] - 320_000
     assert not slid.judged[holding & before_release].any()
+
+
+def test_alarms_of_a_body_that_stands_count_where_it_is_held(slid: WatchedSlide) -> None:
+    known = held_truth_of(slid)
+    holding = (slid.t_us > slid.t_us[-1] - 380_000) & (slid.t_us < slid.t_us[-1] - 320_000)
+    released = slid.t_us > slid.t_us[-1] - 280_000
+    assert known.judged[holding].all()
+    assert not known.judged[released].any()
+    assert not known.slow
 
 
 def test_the_simpler_way_tells_where_a_shift_stops() -> None:
