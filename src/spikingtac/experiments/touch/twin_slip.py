@@ -35,7 +35,7 @@ STOP_SPAN = 20
 LEAST_GROWTH_PX = 0.1
 """Growth of the mean shift in that time above which the skin moves, px (ours: five times its
 error)."""
-FALSE_ALARMS = ("false_incipient", "false_gross", "sticking_s")
+FALSE_ALARMS = ("false_incipient", "false_gross", "false_gross_sticking", "sticking_s")
 """Scores of a contact that is held."""
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll")
 """Kinds in which a body does not slide as a whole for long; only false alarms count there."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import exp, log
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.touch.slip.features import SPANS_US, slip_features
+from spikingtac.touch.slip.features import LEAST_SPEED, SPANS_US, SPEEDS, slip_features
 from spikingtac.touch.slip.field_summary import SIZE, WIDTHS, FieldSummary
 
 Field = NDArray[np.float64]
@@ -21,6 +23,9 @@ CENTER_NUMBERS = 2
 STILL = 0.008
 """Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (ours: a
 tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms)."""
+PAUSED = 0.017
+"""Speed over the middle span, as a share of the usual one, below which it stands still, too: 0.03
+px in 40 ms (ours: 0.008 to 0.03 are alike; the errors of a tracker make 0.005)."""
 
 
 class FeatureStream:
@@ -36,7 +41,9 @@ class FeatureStream:
         (46,)
 
     Attributes:
-        still: Whether the skin stood still over the longest span.
+        still: Whether the skin stood still over the longest span or, more strictly, the middle one.
+        slowing: Logarithm of the field's speed over the shortest span by that over the longest.
+        speed: That over the longest, as a share of the usual speed.
     """
 
     def __init__(self, reference: Field) -> None:
@@ -55,7 +62,7 @@ class FeatureStream:
     def reset(self) -> None:
         """Forget every frame."""
         self._count = 0
-        self.still = True
+        self.still, self.slowing, self.speed = True, 0.0, 0.0
         self._starts = np.zeros(len(SPANS_US), np.int64)
 
     def update(self, t_us: int, displacement: Field) -> Field | None:
@@ -76,8 +83,12 @@ class FeatureStream:
         change = spans_kernel(
             self._times, self._rows, self._count, self._spans_us, self._starts, self._before
         )
-        self.still = change < len(WIDTHS) * STILL**2
-        return slip_features(now, self._before, self._spans)
+        features = slip_features(now, self._before, self._spans)
+        short, middle, long = (float(features[place]) for place in SPEEDS)
+        paused = middle < log(PAUSED + LEAST_SPEED)
+        self.still = paused or change < len(WIDTHS) * STILL**2
+        self.slowing, self.speed = short - long, exp(long) - LEAST_SPEED
+        return features
 
 
 @njit(cache=True, nogil=True)

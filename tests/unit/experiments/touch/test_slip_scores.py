@@ -35,8 +35,16 @@ def test_late_alarms_are_late() -> None:
 def test_alarms_of_a_contact_that_sticks_are_false() -> None:
     scores = slip_scores(truth(), [50_000], [200_000])
     assert scores["false_incipient"] == scores["false_gross"] == 1.0
+    assert scores["false_gross_sticking"] == 1.0
     assert scores["gross_in_time"] == scores["lead_20ms"] == 0.0
     assert "gross_delay_ms" not in scores
+
+
+def test_an_alarm_of_a_contact_that_slips_in_part_is_early_rather_than_false() -> None:
+    share = np.where(np.arange(1_000) < 400, 1.0, 0.5)
+    known = Truth(np.arange(0, 1_000_000, 1_000), share, np.ones(1_000, np.bool_), slow=True)
+    scores = slip_scores(known, [], [600_000])
+    assert (scores["false_gross"], scores["false_gross_sticking"]) == (1.0, 0.0)
 
 
 def test_an_early_warning_of_a_slip_is_not_false() -> None:
