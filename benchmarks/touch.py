@@ -58,7 +58,7 @@ def main() -> None:
         monitor.update(frame.t_us, frame.detected_px - calibration.reference_px)
         stamps.append(perf_counter())
         indentation.absorb(packet)
-        indentation.update(frame, detector.touches.displacement_px, detector.touches.touching)
+        indentation.update(frame, detector.touches.tracked_px, detector.touches.touching)
         stamps.append(perf_counter())
         costs.append(np.diff(stamps).tolist())
     table = 1e6 * np.array(costs[WARM_UP_STEPS:])
