@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.slip import features as slip
+from spikingtac.touch.slip.feature_stream import spans_kernel
 from spikingtac.touch.slip.field_summary import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
 
 Array = np.ndarray
@@ -82,3 +83,20 @@ def test_a_field_at_rest_has_features() -> None:
         found, features(nothing, np.zeros((3, SIZE)), np.array([0.01, 0.04, 0.16]))
     )
     assert np.isfinite(found).all()
+
+
+def test_spans_begin_at_the_last_frame_before_them() -> None:
+    rng, capacity = np.random.default_rng(7), 64
+    times, summaries = np.cumsum(rng.integers(500, 6_000, 300)), rng.normal(size=(300, SIZE))
+    slots, rows = np.zeros(capacity, np.int64), np.zeros((capacity, SIZE))
+    spans = np.array([10_000, 40_000, 400_000])  # the last is longer than what is remembered
+    starts, before = np.zeros(3, np.int64), np.zeros((3, SIZE))
+    for k in range(300):
+        slots[k % capacity], rows[k % capacity] = times[k], summaries[k]
+        square = spans_kernel(slots, rows, k + 1, spans, starts, before)
+        oldest = max(0, k + 1 - capacity)
+        at = [max(np.searchsorted(times, times[k] - span, "right") - 1, oldest) for span in spans]
+        np.testing.assert_array_equal(starts, at)
+        np.testing.assert_array_equal(before, summaries[at])
+        expected = ((summaries[k] - summaries[at[2]])[:-2] ** 2).sum()
+        assert square == pytest.approx(expected, rel=1e-12)

@@ -10,8 +10,8 @@ from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.score import r_squared
 
 SERIES = ("contacts_175756", "contacts_180422", "contacts_180917")
-POOLED = {False: (0.96, 0.95, 0.875), True: (0.963, 0.969, 0.875)}
-"""Depth or not -> R2 of Fx, Fy, Fz over the pooled series; measured 0.962, 0.954, 0.881, and with
+POOLED = {False: (0.96, 0.955, 0.875), True: (0.963, 0.969, 0.875)}
+"""Depth or not -> R2 of Fx, Fy, Fz over the pooled series; measured 0.962, 0.956, 0.881, and with
 depth 0.965, 0.972, 0.880."""
 
 

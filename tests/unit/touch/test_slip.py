@@ -99,6 +99,47 @@ def test_a_skin_that_stands_still_rings_no_alarm() -> None:
     assert monitor.finish(300_000) is None
 
 
+def test_a_skin_that_pauses_rings_no_alarm_though_it_moved_not_long_ago() -> None:
+    moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
+    law = Told([1.0] * 145 + [0.0] * 155)
+    monitor = SlipMonitor(REFERENCE, AT_ONCE, law)  # type: ignore[arg-type]
+    for k in range(300):  # stands from 100 ms on; the law says slip from 146 ms on
+        assert monitor.update(k * 1_000, moved[k], touching=True) is None
+    assert monitor.finish(300_000) is None
+
+
+@pytest.mark.parametrize(
+    ("stops", "speed", "share", "told"),
+    [
+        (False, 2e-4, 0.22, False),
+        (True, 2e-4, 0.22, True),
+        (True, 2e-4, 0.3, False),
+        (False, 4e-5, 0.3, False),
+        (True, 4e-5, 0.3, True),
+    ],
+)
+def test_less_evidence_suffices_where_the_field_has_stopped_following(
+    stops: bool, speed: float, share: float, told: bool
+) -> None:
+    config = SlipConfig(incipient=AT_ONCE.incipient, settle_us=0)
+    steps = np.where((np.arange(300) > 200) & stops, 0.1, 1.0)
+    moved = speed * np.cumsum(steps)[:, None, None] * REFERENCE
+    monitor = SlipMonitor(REFERENCE, config, Told([share] * 300))  # type: ignore[arg-type]
+    for k in range(300):
+        monitor.update(k * 1_000, moved[k], touching=True)
+    slip = monitor.finish(300_000)
+    assert slip is not None
+    assert (slip.gross_us is not None) == told
+    if slip.gross_us is not None:
+        assert 200_000 < slip.gross_us < 215_000
+
+
+@pytest.mark.parametrize("name", ["stopped_probability", "slow_probability", "stopped_share"])
+def test_settings_of_a_stopped_field_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        SlipConfig(**{name: 1.0})  # type: ignore[arg-type]
+
+
 def test_an_alarm_ends_well_below_where_it_began() -> None:
     alarm = Alarm(AlarmConfig(probability=0.6, hold_us=0, end_share=0.5))
     said = [alarm.update(k, p) or alarm.on for k, p in enumerate([0.5, 0.7, 0.4, 0.31, 0.29, 0.5])]
@@ -299,7 +340,7 @@ def test_the_sticking_share_follows_cattaneo_and_mindlin_to_its_half() -> None:
     assert np.nanmin(told[450:600]) > 0.9
     expected = (1.0 - LOADS) ** (2.0 / 3.0)
     error = (np.array(told[600:1000]) - expected)[expected > 0.5]
-    assert np.sqrt((error**2).mean()) < 0.1
+    assert np.sqrt((error**2).mean()) < 0.12
 
 
 def test_a_dragged_touch_tells_its_incipient_slip() -> None:

@@ -156,3 +156,25 @@ def test_markers_that_are_lost_in_the_release_do_not_hold_the_touch() -> None:
     found = touches(stuck(f) for f in watch(lambda t: 4 * pulse(t, 0.8, 2.0), 4.0))
     assert len(found) == 1
     assert found[0].end_us is not None
+
+
+def test_markers_at_a_sharp_rim_are_tracked_though_they_look_lost() -> None:
+    away2 = ((REFERENCE - REFERENCE[27]) ** 2).sum(axis=1, keepdims=True) / (0.5 * PITCH_PX) ** 2
+    sharp = 12.0 * np.exp(-0.5 * away2) * (1.0, 0.0)  # a small body that is dragged
+
+    def dragged(frame: MarkerFrame) -> MarkerFrame:
+        place = frame.detected_px + min(max(1e-6 * frame.t_us - 7.5, 0.0), 1.0) * sharp
+        place[50] += 20.0, 5.0  # a tracker that holds on to something else
+        return dataclasses.replace(frame, detected_px=place)
+
+    detector, frames = TouchDetector(REFERENCE), [*map(dragged, watch(lambda t: 0.0, 2.0))]
+    steps, last = [], detector.tracked_px
+    for frame in frames:
+        detector.update(frame)
+        steps.append(np.abs(detector.tracked_px - last).max())
+        last = detector.tracked_px
+    assert detector.touching
+    np.testing.assert_allclose(detector.tracked_px[27], [12.0, 0.0], atol=0.5)
+    assert np.abs(detector.displacement_px[27]).max() < 6.0
+    assert np.abs(detector.tracked_px[50]).max() < 1.0
+    assert max(steps[10:]) < 0.5

@@ -176,7 +176,7 @@ def _listed(watched: Watched) -> _Found:
         first_us = frame.t_us if first_us is None else first_us
         held = detector.update(frame)
         if monitor is not None:
-            monitor.update(frame, touches.displacement_px, touches.touching)
+            monitor.update(frame, touches.tracked_px, touches.touching)
         if held is not None:
             found.append(held)
             peaks.append(None if monitor is None else monitor.take_peak())

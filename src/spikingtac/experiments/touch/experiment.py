@@ -88,6 +88,7 @@ def findings(rows: Sequence[Row]) -> list[str]:
         *((f"wrench-{camera}/all", twin_wrench) for camera in twin_wrench.CAMERAS),
         ("touches/all", twin_touches),
         ("slip/all", twin_slip),
+        ("held/all", twin_slip),
     ):
         for method in part.METHODS:
             found = [find_row(rows, method, case, metric.name) for metric in part.METRICS]

@@ -44,7 +44,11 @@ KINDS = (
 """What is drawn from: slides count twice."""
 CARRY = "carry"
 """A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
-IN_PLACE = ("twist", "circle", CARRY)
+HOLD = "hold"
+"""A body that is pressed and held still for long; drawn only where it is asked for."""
+HOLD_S = 20.0
+"""How long, s."""
+IN_PLACE = ("twist", "circle", CARRY, HOLD)
 """Kinds in which a body stays about where it was pressed."""
 CARRY_MOVES = 10
 """Disturbances of one carried body, a second each."""
@@ -248,6 +252,10 @@ def _carry(motion: _Motion) -> list[SegmentConfig]:
     return segments
 
 
+def _hold(motion: _Motion) -> list[SegmentConfig]:
+    return [SegmentConfig(kind="hold", duration_s=HOLD_S)]
+
+
 _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
     "slide": _slide,
     "stick": _stick,
@@ -259,4 +267,5 @@ _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
     "deepen": _deepen,
     "twice": _twice,
     CARRY: _carry,
+    HOLD: _hold,
 }

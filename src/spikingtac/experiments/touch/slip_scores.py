@@ -32,7 +32,8 @@ FALSE_GROSS_SHARE = 0.3
 """A gross slip is a false alarm where more sticks all the while: 20 ms before to 100 after."""
 BEFORE_US, AFTER_INCIPIENT_US, AFTER_GROSS_US = 20_000, 300_000, 100_000
 STICKING_SHARE = 0.9
-"""Share from which a contact counts as sticking."""
+"""Share from which a contact counts as sticking: false alarms per ten minutes are counted over it.
+What is told between the two shares is told of a contact that slips in part: early, if not right."""
 US_PER_MS, US_PER_S = 1e3, 1e6
 METRICS = (
     Metric("gross_in_time", "1", "share of the gross slips noticed until 10 ms after they begin"),
@@ -40,6 +41,7 @@ METRICS = (
     Metric("lead_20ms", "1", "share of the slides below 20 mm/s told 20 ms before gross slip"),
     Metric("false_incipient", "alarms", "incipient slips told of contacts that stick", "sum"),
     Metric("false_gross", "alarms", "gross slips told while 30 % and more stick", "sum"),
+    Metric("false_gross_sticking", "alarms", "of these, told while 90 % and more stick", "sum"),
     Metric("sticking_s", "s", "time in which contacts stuck", "sum"),
 )
 
@@ -69,6 +71,7 @@ def slip_scores(truth: Truth, incipient: Sequence[int], gross: Sequence[int]) ->
     scores = {
         "false_incipient": _false(truth, stuck, incipient, AFTER_INCIPIENT_US, STICKS_SHARE),
         "false_gross": _false(truth, stuck, gross, AFTER_GROSS_US, FALSE_GROSS_SHARE),
+        "false_gross_sticking": _false(truth, stuck, gross, AFTER_GROSS_US, STICKING_SHARE),
         "sticking_s": float(sticks.sum()) * frame_s,
     }
     slipped = np.flatnonzero(truth.judged & (stuck < GROSS_SHARE))

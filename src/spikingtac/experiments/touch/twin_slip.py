@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.experiments.touch.slides import LIFT_S, TESTED, Slide, draw_slide
+from spikingtac.experiments.touch.slides import CARRY, HOLD, LIFT_S, TESTED, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import METRICS as METRICS
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
@@ -18,6 +18,12 @@ METHODS = {
 }
 FRICTIONS = (0.3, 0.45, 0.6, 0.75, 0.9)
 CONTACTS, QUICK_CONTACTS = 60, 12
+HELD_CONTACTS, QUICK_HELD_CONTACTS = 60, 2
+"""Contacts that are held: false alarms are counted over their minutes."""
+HELD_KINDS = (CARRY, CARRY, HOLD)
+"""What is done with them, in turns."""
+HELD_SEED = 5_000
+"""Seed of the first of them, from that of the others on."""
 SLOW_MM_S = 20.0
 TAUGHT_SEED = 20_000
 """Seeds from here on are those that the law was fitted to."""
@@ -29,13 +35,15 @@ STOP_SPAN = 20
 LEAST_GROWTH_PX = 0.1
 """Growth of the mean shift in that time above which the skin moves, px (ours: five times its
 error)."""
+FALSE_ALARMS = ("false_incipient", "false_gross", "false_gross_sticking", "sticking_s")
+"""Scores of a contact that is held."""
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll")
 """Kinds in which a body does not slide as a whole for long; only false alarms count there."""
 
 
 def slip_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
     """Return the scores of every method on every contact."""
-    records = []
+    records = held_records(methods, seed, quick)
     for number in range(QUICK_CONTACTS if quick else CONTACTS):
         own = (seed * SEED_STRIDE + number) % TAUGHT_SEED
         slide = draw_slide(np.random.default_rng(own), TESTED, FRICTIONS)
@@ -55,12 +63,39 @@ def slip_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, A
     return records
 
 
+def held_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
+    """Return the false alarms of every method on bodies that are carried and held."""
+    records = []
+    for number in range(QUICK_HELD_CONTACTS if quick else HELD_CONTACTS):
+        own = (HELD_SEED + seed * SEED_STRIDE + number) % TAUGHT_SEED
+        kinds = (HELD_KINDS[number % len(HELD_KINDS)],)
+        slide = draw_slide(np.random.default_rng(own), TESTED, FRICTIONS, kinds)
+        watched = watch_slide(slide, own)
+        for method in methods:
+            scores = slip_scores(held_truth_of(watched), *alarms_of(method, watched))
+            scores = {name: scores[name] for name in FALSE_ALARMS}
+            trial = {"case": f"held/{slide.kind}", "groups": ["held/all"], "seed": seed}
+            records.append(
+                {"method": method, "trial": trial | {"source": "twin"}, "scores": scores}
+            )
+    return records
+
+
 def truth_of(watched: WatchedSlide) -> Truth:
     """Return the truth of a contact up to its release, in which it slips whatever it does."""
-    slide = watched.slide
-    released_us = int(watched.t_us[-1]) - round(1e6 * (slide.scene.lead_out_s + LIFT_S))
-    judged = watched.judged & watched.touching & (watched.t_us < released_us)
-    return Truth(watched.t_us, watched.share, judged, _slow(slide))
+    judged = watched.judged & watched.touching & (watched.t_us < _released_us(watched))
+    return Truth(watched.t_us, watched.share, judged, _slow(watched.slide))
+
+
+def held_truth_of(watched: WatchedSlide) -> Truth:
+    """Return the truth of a contact that is held: alarms are judged while it stands, too."""
+    there = watched.touching & np.isfinite(watched.share)
+    judged = there & (watched.t_us < _released_us(watched))
+    return Truth(watched.t_us, watched.share, judged, slow=False)
+
+
+def _released_us(watched: WatchedSlide) -> int:
+    return int(watched.t_us[-1]) - round(1e6 * (watched.slide.scene.lead_out_s + LIFT_S))
 
 
 def _slow(slide: Slide) -> bool:

@@ -44,7 +44,7 @@ class WatchedSlide:
         slide: What was done.
         reference_px: ``(m, 2)`` markers at rest, px.
         t_us: ``(n,)`` times, us.
-        moved_px: ``(n, m, 2)`` displacements from the rest before the touch, px.
+        moved_px: ``(n, m, 2)`` displacements from the rest before the touch, px, as slip sees them.
         touching: ``(n,)`` whether a touch was noticed.
         share: ``(n,)`` true share of the touching cells that stick; nan where few touch.
         judged: ``(n,)`` whether that share tells what the contact can still carry: the body moves,
@@ -150,7 +150,7 @@ def _watched(
     moved, touching = [], []
     for frame in frames:
         detector.update(frame)
-        moved.append(detector.displacement_px)
+        moved.append(detector.tracked_px)
         touching.append(detector.touching)
     t_us = np.array([frame.t_us for frame in frames], np.int64)
     share = _share_at(t_us, np.array(truth, np.int64))

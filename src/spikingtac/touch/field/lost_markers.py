@@ -43,7 +43,7 @@ class LostMarkers:
         near = min(NEIGHBOURS, len(reference))
         self._near = np.argsort(away, axis=1, kind="stable")[:, :near].T.copy()
         np.fill_diagonal(away, np.inf)
-        self.lost = np.zeros(len(reference), np.bool_)
+        self.lost, self._some_lost = np.zeros(len(reference), np.bool_), False
         self._frame = 0
         self._least = LEAST_PITCH_SHARE * float(np.median(away.min(axis=1)))
 
@@ -52,10 +52,10 @@ class LostMarkers:
         if self._frame % EVERY == 0:
             self._look(displacement)
         self._frame += 1
-        if not self.lost.any():
+        if not self._some_lost:
             return displacement
-        out = displacement.copy()
-        out[self.lost] = _median(displacement[self._near[:, self.lost]])
+        out = np.array(displacement, np.float64)
+        repair_kernel(np.ascontiguousarray(displacement, np.float64), self._near, self.lost, out)
         return out
 
     def _look(self, displacement: Field) -> None:
@@ -63,10 +63,11 @@ class LostMarkers:
         moved = np.ascontiguousarray(displacement, np.float64)
         deviation_kernel(moved, self._near, SPREAD_FACTOR, self._least, off)
         self.lost = off > np.where(self.lost, FOUND_SHARE, 1.0)
+        self._some_lost = bool(self.lost.any())
 
     def reset(self) -> None:
         """Believe every marker again."""
-        self.lost = np.zeros_like(self.lost)
+        self.lost, self._some_lost = np.zeros_like(self.lost), False
         self._frame = 0
 
 
@@ -108,6 +109,23 @@ def _middle_kernel(values: Field) -> float:
     return values[len(values) // 2]
 
 
-def _median(values: Field) -> Field:
-    """Return the median over the first axis (the upper one of an even number)."""
-    return np.sort(values, axis=0)[len(values) // 2]
+@njit(cache=True, nogil=True)
+def repair_kernel(
+    displacement: Field, near: NDArray[np.int64], lost: NDArray[np.bool_], out: Field
+) -> None:
+    """Replace lost markers by the median of their neighbourhoods, axis by axis.
+
+    Args:
+        displacement: ``(m, 2)``.
+        near: ``(n, m)`` the markers of each neighbourhood.
+        lost: ``(m,)``.
+        out: ``(m, 2)`` rows of lost markers overwritten.
+    """
+    values = np.empty(len(near))
+    for marker in range(len(lost)):
+        if not lost[marker]:
+            continue
+        for axis in range(displacement.shape[1]):
+            for k in range(len(near)):
+                values[k] = displacement[near[k, marker], axis]
+            out[marker, axis] = _middle_kernel(values)

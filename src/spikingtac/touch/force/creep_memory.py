@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -66,9 +67,42 @@ class CreepMemory:
             return displacement
         elapsed_us = max(t_us - self._last_us, 0)
         self._last_us = t_us
-        gain = -np.expm1(-elapsed_us / self._times_us)
-        # u = e + sum c_i ((1 - g_i) q_i + g_i e), solved for e.
-        kept = (self._fractions * (1.0 - gain)) @ self._retarded
-        elastic = (flat - kept) / (1.0 + float(self._fractions @ gain))
-        self._retarded += gain[:, None] * (elastic - self._retarded)
+        elastic = np.empty(flat.size)
+        creep_kernel(flat, elapsed_us, self._fractions, self._times_us, self._retarded, elastic)
         return elastic.reshape(displacement.shape)
+
+
+@njit(cache=True, nogil=True)
+def creep_kernel(
+    moved: Field,
+    elapsed_us: int,
+    fractions: Field,
+    times_us: Field,
+    retarded: Field,
+    elastic: Field,
+) -> None:
+    """Solve u = e + sum c_i ((1 - g_i) q_i + g_i e) for e, and let the q_i follow it.
+
+    Args:
+        moved: ``(size,)`` u.
+        elapsed_us: Time since the last frame, us.
+        fractions: ``(k,)`` c_i.
+        times_us: ``(k,)`` retardation times, us; g_i is one less the decay in the time elapsed.
+        retarded: ``(k, size)`` q_i; moved.
+        elastic: ``(size,)`` overwritten by e.
+    """
+    chain, stiffness = len(fractions), 1.0
+    for i in range(len(moved)):
+        elastic[i] = moved[i]
+    for k in range(chain):
+        gain = -np.expm1(-elapsed_us / times_us[k])
+        stiffness += fractions[k] * gain
+        kept = fractions[k] * (1.0 - gain)
+        for i in range(len(moved)):
+            elastic[i] -= kept * retarded[k, i]
+    for i in range(len(moved)):
+        elastic[i] /= stiffness
+    for k in range(chain):
+        gain = -np.expm1(-elapsed_us / times_us[k])
+        for i in range(len(moved)):
+            retarded[k, i] += gain * (elastic[i] - retarded[k, i])

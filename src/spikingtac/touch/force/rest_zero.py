@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -53,13 +54,35 @@ class RestZero:
 
     def subtract(self, displacement: Field) -> Field:
         """Take in one frame ``(size,)`` and return it from the zero."""
-        away = displacement - self.zero
-        if float(np.mean(away * away)) < self._radius**2:
-            self._seen += 1
-            share = max(1.0 / (self._seen + self._config.prior_frames), 1.0 / self._config.frames)
-            self.zero = self.zero + share * away
-        return displacement - self.zero
+        frames = self._seen + 1 + self._config.prior_frames
+        share = max(1.0 / frames, 1.0 / self._config.frames)
+        moved, away = np.ascontiguousarray(displacement, np.float64), np.empty(self.zero.size)
+        self._seen += rest_kernel(moved, self._radius**2, share, self.zero, away)
+        return away
 
     def subtract_all(self, displacements: Field) -> Field:
         """Take in ``(n, size)`` frames in order and return them from the zero of their time."""
         return np.array([self.subtract(row) for row in displacements]).reshape(displacements.shape)
+
+
+@njit(cache=True, nogil=True)
+def rest_kernel(moved: Field, square: float, share: float, zero: Field, away: Field) -> bool:
+    """Fill ``away`` with a frame from its zero, and return whether it is one of rest.
+
+    Args:
+        moved: ``(size,)`` the frame.
+        square: Mean square of the distance to the zero below which a frame is one of rest.
+        share: Share of that distance by which a frame of rest moves the zero.
+        zero: ``(size,)`` the zero; moved.
+        away: ``(size,)`` overwritten.
+    """
+    total = 0.0
+    for i in range(len(moved)):
+        away[i] = moved[i] - zero[i]
+        total += away[i] * away[i]
+    if not total / len(moved) < square:
+        return False
+    for i in range(len(moved)):
+        zero[i] += share * away[i]
+        away[i] = moved[i] - zero[i]
+    return True

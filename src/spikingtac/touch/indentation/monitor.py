@@ -69,7 +69,7 @@ class IndentationMonitor:
         >>> monitor = IndentationMonitor(calibration, camera_distance_mm=13.0)  # doctest: +SKIP
         >>> for packet in packets:  # doctest: +SKIP
         ...     monitor.absorb(packet)  # up to the time of the frame
-        >>> monitor.update(frame, detector.displacement_px, detector.touching)  # doctest: +SKIP
+        >>> monitor.update(frame, detector.tracked_px, detector.touching)  # doctest: +SKIP
         >>> monitor.state.indentation_mm.max()  # doctest: +SKIP
         0.41
 

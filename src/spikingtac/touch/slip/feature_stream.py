@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from math import exp, log
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.touch.slip.features import SPANS_US, slip_features
+from spikingtac.touch.slip.features import LEAST_SPEED, SPANS_US, SPEEDS, slip_features
 from spikingtac.touch.slip.field_summary import SIZE, WIDTHS, FieldSummary
 
 Field = NDArray[np.float64]
@@ -15,9 +18,14 @@ LONGEST_GAP_US = 6_000
 CAPACITY = 2048
 """Frames that are remembered at the most: the longest span at 10,000 frames a second."""
 US_PER_S = 1e6
+CENTER_NUMBERS = 2
+"""Last numbers of a summary: where the field's centre is, which is no motion."""
 STILL = 0.008
 """Change over the longest span, pitches, below which the skin stands still: 0.3 of 37 px (ours: a
 tracker's errors make a third of it, a drag of 2 mm/s makes it in 10 ms)."""
+PAUSED = 0.017
+"""Speed over the middle span, as a share of the usual one, below which it stands still, too: 0.03
+px in 40 ms (ours: 0.008 to 0.03 are alike; the errors of a tracker make 0.005)."""
 
 
 class FeatureStream:
@@ -33,7 +41,9 @@ class FeatureStream:
         (46,)
 
     Attributes:
-        still: Whether the skin stood still over the longest span.
+        still: Whether the skin stood still over the longest span or, more strictly, the middle one.
+        slowing: Logarithm of the field's speed over the shortest span by that over the longest.
+        speed: That over the longest, as a share of the usual speed.
     """
 
     def __init__(self, reference: Field) -> None:
@@ -46,14 +56,14 @@ class FeatureStream:
         self._times = np.zeros(CAPACITY, np.int64)
         self._rows = np.zeros((CAPACITY, SIZE))
         self._before = np.zeros((len(SPANS_US), SIZE))
-        self._spans = np.array(SPANS_US) / US_PER_S
+        self._spans_us, self._spans = np.array(SPANS_US), np.array(SPANS_US) / US_PER_S
         self.reset()
 
     def reset(self) -> None:
         """Forget every frame."""
         self._count = 0
-        self.still = True
-        self._starts = [0] * len(SPANS_US)
+        self.still, self.slowing, self.speed = True, 0.0, 0.0
+        self._starts = np.zeros(len(SPANS_US), np.int64)
 
     def update(self, t_us: int, displacement: Field) -> Field | None:
         """Take in displacements ``(m, 2)`` from the rest and return their features.
@@ -70,16 +80,48 @@ class FeatureStream:
         self._count += 1
         if self._count == 1:
             return None
-        for number, span_us in enumerate(SPANS_US):
-            self._before[number] = self._rows[self._start(number, t_us - span_us) % CAPACITY]
-        change = (now - self._before[-1])[:-2]
-        self.still = float(change @ change) < len(WIDTHS) * STILL**2
-        return slip_features(now, self._before, self._spans)
+        change = spans_kernel(
+            self._times, self._rows, self._count, self._spans_us, self._starts, self._before
+        )
+        features = slip_features(now, self._before, self._spans)
+        short, middle, long = (float(features[place]) for place in SPEEDS)
+        paused = middle < log(PAUSED + LEAST_SPEED)
+        self.still = paused or change < len(WIDTHS) * STILL**2
+        self.slowing, self.speed = short - long, exp(long) - LEAST_SPEED
+        return features
 
-    def _start(self, number: int, t_us: int) -> int:
-        """Return the last frame at or before a time, or the first that is remembered."""
-        start = max(self._starts[number], self._count - CAPACITY)
-        while start + 1 < self._count and self._times[(start + 1) % CAPACITY] <= t_us:
+
+@njit(cache=True, nogil=True)
+def spans_kernel(
+    times_us: NDArray[np.int64],
+    rows: Field,
+    count: int,
+    spans_us: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    before: Field,
+) -> float:
+    """Fill the summaries at the beginnings of the spans; return the square of the last's change.
+
+    Args:
+        times_us: ``(c,)`` times of the frames, us; frame k lies in slot k modulo c.
+        rows: ``(c, SIZE)`` their summaries.
+        count: Frames so far.
+        spans_us: ``(s,)`` spans up to the last frame, us, from short to long.
+        starts: ``(s,)`` number of the frame at which each began before; moved on to the last one
+            at or before its beginning, or to the first that is remembered.
+        before: ``(s, SIZE)`` overwritten.
+    """
+    capacity = len(times_us)
+    now = (count - 1) % capacity
+    for number in range(len(spans_us)):
+        start = max(starts[number], count - capacity)
+        begin_us = times_us[now] - spans_us[number]
+        while start + 1 < count and times_us[(start + 1) % capacity] <= begin_us:
             start += 1
-        self._starts[number] = start
-        return start
+        starts[number] = start
+        for k in range(rows.shape[1]):
+            before[number, k] = rows[start % capacity, k]
+    square = 0.0
+    for k in range(rows.shape[1] - CENTER_NUMBERS):
+        square += (rows[now, k] - before[-1, k]) ** 2
+    return square

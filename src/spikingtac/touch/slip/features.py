@@ -34,6 +34,8 @@ SHAPE_FEATURES = 13
 CHANGE_FEATURES = 11
 FEATURES = SHAPE_FEATURES + CHANGE_FEATURES * len(SPANS_US)
 """Number of features."""
+SPEEDS = tuple(SHAPE_FEATURES + CHANGE_FEATURES * span for span in range(len(SPANS_US)))
+"""Where the logarithm of the field's speed over each span stands among the features."""
 _K = len(WIDTHS)
 _OTHERS = np.array([k for k in range(_K) if k != MIDDLE])
 

@@ -71,7 +71,7 @@ class HeldTouchDetector:
     def update(self, frame: MarkerFrame) -> HeldTouch | None:
         """Take in a frame and return the touch that it ends, if any."""
         touch = self.touches.update(frame)
-        moved, touching = self.touches.displacement_px, self.touches.touching
+        moved, touching = self.touches.tracked_px, self.touches.touching
         self._keep(self._monitor.update(frame.t_us, moved, touching))
         self._told = self._told or self._monitor.state is not None
         self._last_us = frame.t_us

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ class SlipMonitor:
         >>> monitor = SlipMonitor(reference_px)  # doctest: +SKIP
         >>> for frame in frames:  # doctest: +SKIP
         ...     touches.update(frame)
-        ...     slip = monitor.update(frame.t_us, touches.displacement_px, touches.touching)
+        ...     slip = monitor.update(frame.t_us, touches.tracked_px, touches.touching)
         ...     print(monitor.state)
 
     Attributes:
@@ -99,7 +100,10 @@ class SlipMonitor:
             return None
         if self._incipient.update(t_us, stuck.incipient) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
-        if self._gross.update(t_us, 1.0 - stuck.share) and self._gross_us is None:
+        if (
+            self._gross.update(t_us, self._gross_evidence(1.0 - stuck.share))
+            and self._gross_us is None
+        ):
             self._gross_us = t_us
         slipping = self._incipient.on or self._gross.on
         phase: Phase = "gross" if self._gross.on else "incipient" if self._incipient.on else "stick"
@@ -108,6 +112,16 @@ class SlipMonitor:
             self._least = min(self._least, stuck.share)
             return None
         return self._ended(t_us)
+
+    def _gross_evidence(self, slips: float) -> float:
+        """Return the share that slips; more of it where the field has stopped following."""
+        config = self._config
+        if self._features.slowing >= log(config.stopped_share):
+            return slips
+        slow = self._features.speed < config.slow_share
+        least = config.slow_probability if slow else config.stopped_probability
+        least = min(least, config.gross.probability)
+        return min(slips * config.gross.probability / least, 1.0)
 
     def _ended(self, t_us: int) -> Slip | None:
         """Return the open slip as one that ends now, and forget it."""

@@ -28,19 +28,35 @@ class AlarmConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipConfig:
-    """When slip is reported. Set on 75 drawn contacts that the law was not fitted to.
+    """When slip is reported. Set on 203 drawn contacts that the law was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
         gross: Alarm of a contact of which all slips, on the share that slips.
+        stopped_probability: The same where the field has stopped following the body: friction
+            carries no more. A body that stops or turns back has that in common with one that slips,
+            so it does not suffice by itself.
+        slow_probability: The same where it moved slowly before: it then takes long to stop, and
+            bodies that stop or turn back at once are fast ones.
+        slow_share: Share of the usual speed (:data:`spikingtac.touch.slip.features.USUAL_SPEED`)
+            below which it moved slowly, over 160 ms.
+        stopped_share: Share of its speed over 160 ms below which the field's speed over 10 ms says
+            that it has stopped.
         settle_us: Time after the begin of a touch in which nothing is told, us (ours: the first
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.8, hold_us=8_000)
-    gross: AlarmConfig = AlarmConfig(probability=0.75, hold_us=0)
+    incipient: AlarmConfig = AlarmConfig(probability=0.75, hold_us=8_000)
+    gross: AlarmConfig = AlarmConfig(probability=0.8, hold_us=0)
+    stopped_probability: float = 0.75
+    slow_probability: float = 0.6
+    slow_share: float = 0.28
+    stopped_share: float = 0.55
     settle_us: int = 20_000
 
     def __post_init__(self) -> None:
+        for name in ("stopped_probability", "slow_probability", "slow_share", "stopped_share"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise ValueError(f"{name} is {getattr(self, name)}, valid is between 0 and 1")
         if self.settle_us < 0:
             raise ValueError(f"settle_us is {self.settle_us}, it must not be negative")

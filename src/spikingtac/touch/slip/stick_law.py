@@ -100,17 +100,22 @@ class StickCourse:
         """Forget the contact: nothing has touched for long."""
         self._memories = [network.untouched for network in self._law.networks]
         self._next_us: list[int] | None = None
+        self._stuck = Stuck(1.0, 0.0)
 
     def update(self, t_us: int, features: Field) -> Stuck:
         """Take in the features ``(FEATURES,)`` of a frame and return the law's output."""
         if self._next_us is None:
             self._next_us = [t_us] * len(self._memories)
+        stepped = False
         for number, network in enumerate(self._law.networks):
             if t_us < self._next_us[number]:
                 continue
+            stepped = True
             self._memories[number], self._said[number] = network(self._memories[number], features)
             self._next_us[number] = max(self._next_us[number] + network.step_us, t_us)
-        return Stuck(*self._said.mean(axis=0).tolist())
+        if stepped:
+            self._stuck = Stuck(*self._said.mean(axis=0).tolist())
+        return self._stuck
 
 
 @cache

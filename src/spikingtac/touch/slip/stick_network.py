@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.touch.slip.stick_step import StepWeights, stick_step_kernel
+
 Field = NDArray[np.float64]
 
-LARGEST_LOGIT = 30.0
-"""Limit of a logit, so that nothing overflows."""
 GATES = 3
 """Parts of a gated unit: reset, update, new."""
 SETTLING_STEPS = 500
@@ -35,9 +35,10 @@ class Layer:
     weights: Field
     offsets: Field
 
-    def __call__(self, values: Field) -> Field:
-        """Return the image ``(outputs,)`` of ``(inputs,)``."""
-        return self.weights @ values + self.offsets
+    @property
+    def packed(self) -> Field:
+        """``(outputs, inputs + 1)`` weights, then offsets."""
+        return np.column_stack([self.weights, self.offsets])
 
     def require(self, outputs: int, inputs: int) -> None:
         """Raise ValueError unless the map is of that shape."""
@@ -91,8 +92,14 @@ class StickNetwork:
         """``(memory,)`` what is remembered where nothing has touched for long."""
         memory = np.zeros(len(self.kept.offsets) // GATES)
         for _ in range(SETTLING_STEPS):
-            memory, _ = self._step(memory, self.middle)
+            memory, _ = self(memory, self.middle)
         return memory
+
+    @cached_property
+    def _step(self) -> StepWeights:
+        weights = self.seen.weights / self.deviation
+        seen = Layer(weights, self.seen.offsets - weights @ self.middle)
+        return StepWeights(seen.packed, self.fresh.packed, self.kept.packed, self.told.packed)
 
     def __call__(self, memory: Field, features: Field) -> tuple[Field, Field]:
         """Return the memory after a step, and the outputs ``(o,)``, 0 to 1.
@@ -101,15 +108,8 @@ class StickNetwork:
             memory: ``(memory,)`` what was remembered before; :attr:`untouched` at first.
             features: ``(f,)``.
         """
-        after, seen = self._step(memory, features)
-        return after, _logistic(self.told(np.concatenate([after, seen])))
-
-    def _step(self, memory: Field, features: Field) -> tuple[Field, Field]:
-        seen = np.tanh(self.seen((features - self.middle) / self.deviation))
-        fresh, kept = self.fresh(seen).reshape(GATES, -1), self.kept(memory).reshape(GATES, -1)
-        reset, update = _logistic(fresh[:2] + kept[:2])
-        new = np.tanh(fresh[2] + reset * kept[2])
-        return new + update * (memory - new), seen
+        said = np.empty(len(self.told.offsets))
+        return stick_step_kernel(self._step, memory, features, said), said
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the network as plain values."""
@@ -142,8 +142,3 @@ def _layer(document: dict[str, Any]) -> Layer:
     return Layer(
         np.array(document["weights"], np.float64), np.array(document["offsets"], np.float64)
     )
-
-
-def _logistic(logits: Field) -> Field:
-    limited = np.minimum(np.maximum(logits, -LARGEST_LOGIT), LARGEST_LOGIT)
-    return 1.0 / (1.0 + np.exp(-limited))

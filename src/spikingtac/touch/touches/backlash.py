@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
@@ -56,12 +57,29 @@ class Backlash:
 
     def update(self, displacement: Field) -> Field:
         """Take in displacements ``(m, 2)`` and return the strings ``(m, 2)``, px."""
-        away = displacement - self._followed
-        length = np.sqrt((away * away).sum(axis=1, keepdims=True))
-        share = np.minimum(STRING_PX / np.maximum(length, STRING_PX), 1.0)
-        self.string = away * share
-        self._followed = displacement - self.string
+        self.string = np.empty_like(self._followed)
+        moved = np.ascontiguousarray(displacement, np.float64)
+        play_kernel(moved, STRING_PX, self._followed, self.string)
         return self.string
+
+
+@njit(cache=True, nogil=True)
+def play_kernel(displacement: Field, length: float, followed: Field, string: Field) -> None:
+    """Let points on slack strings follow the markers.
+
+    Args:
+        displacement: ``(m, 2)`` of the markers.
+        length: Of the strings.
+        followed: ``(m, 2)`` the points; moved.
+        string: ``(m, 2)`` overwritten by where each marker is from its point.
+    """
+    for marker in range(len(displacement)):
+        x = displacement[marker, 0] - followed[marker, 0]
+        y = displacement[marker, 1] - followed[marker, 1]
+        share = length / max(np.sqrt(x * x + y * y), length)
+        string[marker, 0], string[marker, 1] = x * share, y * share
+        followed[marker, 0] = displacement[marker, 0] - string[marker, 0]
+        followed[marker, 1] = displacement[marker, 1] - string[marker, 1]
 
 
 def unseen_px(string: Field, pattern: Field, unseen: UnseenMotion) -> float:

@@ -22,6 +22,7 @@ from spikingtac.touch.field.lost_markers import LostMarkers
 from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.patch import Patch, deformed_patch
+from spikingtac.touch.touches.spread import spread_kernel
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
@@ -96,15 +97,16 @@ class TouchDetector:
     def reset(self) -> None:
         """Forget everything: the markers are at the calibrated rest."""
         self._open: _Open | None = None
+        self._lost.reset()
         self._zero = np.zeros_like(self._reference)
-        self._moved = np.zeros_like(self._reference)
+        self._moved = self._tracked = np.zeros_like(self._reference)
+        self._lost_before = self._lost.lost
         self._rest_strength = 0.0
         self._first_us: int | None = None
         self._last_us: int | None = None
         self._release: _Release | None = None
         self._memory.clear()
         self._backlash.reset()
-        self._lost.reset()
 
     @property
     def touching(self) -> bool:
@@ -115,6 +117,16 @@ class TouchDetector:
     def displacement_px(self) -> Field:
         """``(m, 2)`` markers of the last frame from their rest; lost ones as their neighbours."""
         return self._moved - self._zero
+
+    @property
+    def tracked_px(self) -> Field:
+        """``(m, 2)`` the same, but of a touch's markers only those lost before it as neighbours.
+
+        The rim of a small contact strains the skin so much that its markers look lost. They are
+        taken for lost and found again there by and by, which moves them by pixels at once: whoever
+        watches motions wants them as they were tracked.
+        """
+        return self._tracked - self._zero
 
     @property
     def patch(self) -> Patch | None:
@@ -135,8 +147,10 @@ class TouchDetector:
 
     def update(self, frame: MarkerFrame) -> Touch | None:
         """Take in a frame and return the touch that it ends, if any."""
-        moved = self._repaired(frame.detected_px - self._reference)
+        seen = frame.detected_px - self._reference
+        moved = self._repaired(seen)
         self._moved = moved
+        self._tracked = moved if moved is seen else self._believed(seen, moved)
         string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
         if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
@@ -169,19 +183,27 @@ class TouchDetector:
         before = self._lost.lost
         repaired = self._lost.repaired(moved)
         changed = before != self._lost.lost
-        if self._open is None and changed.any():
-            self._zero = np.where(changed[:, None], repaired, self._zero)
-            self._memory.clear()
+        if self._open is None:
+            self._lost_before = self._lost.lost
+            if changed.any():
+                self._zero = np.where(changed[:, None], repaired, self._zero)
+                self._memory.clear()
         return repaired
+
+    def _believed(self, seen: Field, repaired: Field) -> Field:
+        if self._open is None:
+            return repaired
+        return np.where((self._lost.lost & self._lost_before)[:, None], repaired, seen)
 
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         local, strength = self._gradient.strength_of(away)
-        touch.peak_px = max(touch.peak_px, float(np.sqrt((away**2).sum(axis=1).max())))
+        largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
+        touch.peak_px = max(touch.peak_px, largest_px)
         if strength > touch.peak:
             touch.peak, touch.peak_us, touch.peak_local = strength, t_us, local
-        end_us = self._ended_us(touch, t_us, self._left(touch, away, strength))
+        end_us = self._ended_us(touch, t_us, self._left(touch, spread, strength))
         if end_us is None:
             return None
         told = self._told(touch, end_us)
@@ -190,13 +212,12 @@ class TouchDetector:
         self._memory.clear()
         return told
 
-    def _left(self, touch: _Open, away: Field, strength: float) -> float:
+    def _left(self, touch: _Open, spread: float, strength: float) -> float:
         """Return the share of the touch's peak that is left, in strength or in spread.
 
         A few markers that are lost in a sudden release strain the field for ever; most of the
         markers are back nevertheless.
         """
-        spread = _spread(away)
         touch.peak_spread = max(touch.peak_spread, spread)
         left = strength / max(touch.peak, 1e-12)
         if touch.peak_spread < SPREAD_FACTOR * self._config.least_displacement_px:
@@ -272,10 +293,3 @@ class TouchDetector:
             area_px2=patch.area,
             outline_px=patch.outline,
         )
-
-
-def _spread(away: Field) -> float:
-    """Return within which distance of the common displacement most markers ``(m, 2)`` lie."""
-    middle = np.sort(away, axis=0)[len(away) // 2]
-    distance = ((away - middle) ** 2).sum(axis=1)
-    return float(np.sqrt(np.sort(distance)[int(SPREAD_MARKERS * len(away))]))

@@ -105,7 +105,7 @@ class VibrationMonitor:
     def update(self, t_us: int, displacement: Field) -> None:
         """Take in displacements ``(m, 2)``, px."""
         self._times.append(t_us)
-        self._places.append(displacement.mean(axis=0))
+        self._places.append(np.add.reduce(displacement, axis=0) / len(displacement))
 
     def spectrum(self) -> Spectrum | None:
         """Return the spectrum of the last window, or None until there is one."""

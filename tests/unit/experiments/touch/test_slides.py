@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.experiments.touch.slides import CARRY, CARRY_MM, CARRY_MOVES, KINDS, draw_slide
+from spikingtac.experiments.touch.slides import (
+    CARRY,
+    CARRY_MM,
+    CARRY_MOVES,
+    HOLD,
+    HOLD_S,
+    KINDS,
+    draw_slide,
+)
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, with_slack
 
 SLACK_PX = 0.25
@@ -20,8 +28,14 @@ def test_a_carried_body_stays_near_its_place_and_ends_every_move_at_rest() -> No
         assert away.max() <= CARRY_MM * slide.friction + 1e-9
 
 
-def test_carrying_is_drawn_only_where_it_is_asked_for() -> None:
-    assert CARRY not in KINDS
+def test_carrying_and_holding_are_drawn_only_where_they_are_asked_for() -> None:
+    assert not {CARRY, HOLD} & set(KINDS)
+
+
+def test_a_held_body_does_not_move_for_long() -> None:
+    segments = draw_slide(np.random.default_rng(1), kinds=(HOLD,)).scene.contacts[0].motion.segments
+    assert [one.kind for one in segments] == ["press", "hold", "hold", "hold", "lift"]
+    assert max(one.duration_s or 0.0 for one in segments) == HOLD_S
 
 
 def watched(moved: np.ndarray) -> WatchedSlide:

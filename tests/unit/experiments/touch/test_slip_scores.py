@@ -7,7 +7,7 @@ import pytest
 
 from spikingtac.experiments.touch.slides import KINDS, TAUGHT, TESTED, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
-from spikingtac.experiments.touch.twin_slip import alarms_of, shift_stops, truth_of
+from spikingtac.experiments.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_without_camera
 from spikingtac.sim.scene.timeline import Timeline
 
@@ -35,8 +35,16 @@ def test_late_alarms_are_late() -> None:
 def test_alarms_of_a_contact_that_sticks_are_false() -> None:
     scores = slip_scores(truth(), [50_000], [200_000])
     assert scores["false_incipient"] == scores["false_gross"] == 1.0
+    assert scores["false_gross_sticking"] == 1.0
     assert scores["gross_in_time"] == scores["lead_20ms"] == 0.0
     assert "gross_delay_ms" not in scores
+
+
+def test_an_alarm_of_a_contact_that_slips_in_part_is_early_rather_than_false() -> None:
+    share = np.where(np.arange(1_000) < 400, 1.0, 0.5)
+    known = Truth(np.arange(0, 1_000_000, 1_000), share, np.ones(1_000, np.bool_), slow=True)
+    scores = slip_scores(known, [], [600_000])
+    assert (scores["false_gross"], scores["false_gross_sticking"]) == (1.0, 0.0)
 
 
 def test_an_early_warning_of_a_slip_is_not_false() -> None:
@@ -85,6 +93,15 @@ def test_what_a_standing_body_holds_is_not_judged_after_a_slip(slid: WatchedSlid
     holding = slid.t_us > slid.t_us[-1] - 380_000
     before_release = slid.t_us < slid.t_us[-1] - 320_000
     assert not slid.judged[holding & before_release].any()
+
+
+def test_alarms_of_a_body_that_stands_count_where_it_is_held(slid: WatchedSlide) -> None:
+    known = held_truth_of(slid)
+    holding = (slid.t_us > slid.t_us[-1] - 380_000) & (slid.t_us < slid.t_us[-1] - 320_000)
+    released = slid.t_us > slid.t_us[-1] - 280_000
+    assert known.judged[holding].all()
+    assert not known.judged[released].any()
+    assert not known.slow
 
 
 def test_the_simpler_way_tells_where_a_shift_stops() -> None:

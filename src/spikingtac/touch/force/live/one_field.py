@@ -78,7 +78,7 @@ class OneField:
         self._weights, self._edge = weights, novelty.edge
         self._basis = _Basis(
             np.ascontiguousarray(basis.modes.T),
-            np.ascontiguousarray(basis.centers),
+            np.ascontiguousarray(basis.centers.T),
             basis.center_squares,
             floors,
             novelty.deviation,
@@ -120,7 +120,7 @@ def one_field_kernel(
 
     Args:
         field: ``(size,)`` displacements over the training rms.
-        basis: Modes ``(k, size)``, centers ``(c, k + 1)``, their squares, floors of the amplitude
+        basis: Modes ``(k, size)``, centers ``(k + 1, c)``, their squares, floors of the amplitude
             of shape and normal law, deviations of the leading modes.
         weights: Of the linear laws.
         normal: Of the normal laws.
@@ -186,18 +186,25 @@ def _linear_kernel(
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, forceinline=True)
 def _likeness_kernel(size: float, basis: _Basis, like: Field, features: Field, out: Field) -> None:
     """Add what is learned near remembered fields."""
-    modes, logarithm = len(basis.modes), AMPLITUDE_WEIGHT * np.log(size)
-    length = logarithm**2
+    modes, logarithm = len(basis.centers) - 1, AMPLITUDE_WEIGHT * np.log(size)
+    count, length = len(basis.center_squares), logarithm**2
+    bumps = np.empty(count)
+    for c in range(count):
+        bumps[c] = basis.centers[modes, c] * logarithm
+    # Center by center within a mode: neighbours in memory, so that several are taken at a time.
     for k in range(modes):
-        length += features[k] ** 2
-    for c in range(len(basis.centers)):
-        along = basis.centers[c, modes] * logarithm
-        for k in range(modes):
-            along += basis.centers[c, k] * features[k]
-        away = max(length + basis.center_squares[c] - 2.0 * along, 0.0)
-        bump = size * np.exp(-NARROWNESS * away)
-        for component in range(len(out)):
-            out[component] += bump * like[component, c]
+        feature = features[k]
+        length += feature**2
+        for c in range(count):
+            bumps[c] += basis.centers[k, c] * feature
+    for c in range(count):
+        away = max(length + basis.center_squares[c] - 2.0 * bumps[c], 0.0)
+        bumps[c] = size * np.exp(-NARROWNESS * away)
+    for component in range(len(out)):
+        added = 0.0
+        for c in range(count):
+            added += bumps[c] * like[component, c]
+        out[component] += added
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, forceinline=True)
