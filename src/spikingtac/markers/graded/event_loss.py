@@ -189,6 +189,11 @@ class EventLoss:
         return self._judge(expected, arrived) if expected > 0.0 else None
 
     @property
+    def background_hz_px(self) -> float:
+        """Events of a pixel while nothing moves, 1/s; 0 until a rest was seen."""
+        return self._background_hz_px or 0.0
+
+    @property
     def judged(self) -> bool:
         """Whether the share was measured yet."""
         return self._expected >= FIRST_EVENTS

@@ -270,7 +270,10 @@ class GradedTracker:
     def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
         fit_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
         known = self._kept.judged or not self._maintenance_config.adapt_to_loss
-        detected_px = self._backlash.update(fit_px, velocity_px_s, self._lag_s, known=known)
+        background_hz_px = self._kept.background_hz_px
+        detected_px = self._backlash.update(
+            fit_px, velocity_px_s, self._lag_s, known=known, background_hz_px=background_hz_px
+        )
         reference_px, coasted = self._calibration.reference_px, self._manager.coasted
         position_px = self._law.update(detected_px, reference_px)
         return MarkerFrame(

@@ -8,6 +8,7 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.backlash import (
     MOST_CROSSING_PX,
+    RENEWED_HZ_PX,
     SHORT_PLAY,
     BacklashCompensation,
     crossing_px,
@@ -16,6 +17,7 @@ from spikingtac.markers.graded.tracker import MaintenanceConfig
 from stand_ins.moving_rims import calibration
 
 CROSSING_PX = 0.4
+STILL = np.zeros((1, 2))
 
 
 def driven(marker_px: np.ndarray, play: float) -> np.ndarray:
@@ -75,6 +77,20 @@ def test_the_lag_is_made_good_too_and_nothing_else_until_a_step_is_known() -> No
     np.testing.assert_allclose(known, [[1.18, -0.02]])
     unknown = backlash.update(fitted, velocity, 2e-3, known=False)
     np.testing.assert_allclose(unknown, [[1.08, -0.02]])
+
+
+def test_noise_lets_pixels_forget_a_turn() -> None:
+    ahead = []
+    for background_hz_px in (0.0, RENEWED_HZ_PX, 100.0):
+        backlash = compensation(np.zeros((1, 2)), 0.0, 0.3)
+        places = [
+            backlash.update(np.array([[x, 0.0]]), STILL, 0.0, background_hz_px=background_hz_px)
+            for x in (0.04, 0.08)
+        ]
+        ahead.append(places[-1][0, 0] - 0.08)
+    np.testing.assert_allclose(ahead[1], 0.5 * ahead[0])
+    assert ahead[0] > 0.05
+    assert ahead[2] < 1e-4
 
 
 def test_without_shares_the_fit_is_given() -> None:
