@@ -17,7 +17,7 @@ def shown_px(
     zero: ReleasedZero, left_px: np.ndarray, seconds: float, speed_px_s: float = 0.0
 ) -> np.ndarray:
     """Hold the skin somewhere, moving or still; return the displacement that is given out."""
-    velocity_px_s = np.full((3, 2), speed_px_s)
+    velocity_px_s, given_px = np.full((3, 2), speed_px_s), REST_PX
     for _ in range(round(seconds / DT_S)):
         given_px = zero.update(REST_PX + left_px, velocity_px_s, SEEN, DT_S)
     return given_px - REST_PX
@@ -71,6 +71,7 @@ def test_far_from_rest_nothing_is_taken_off() -> None:
 def test_markers_that_are_held_tell_nothing() -> None:
     zero, held = ReleasedZero(REST_PX), np.array([False, False, True])
     pressed(zero)
+    given_px = REST_PX
     for _ in range(100):
         given_px = zero.update(REST_PX + LEFT_PX, np.zeros((3, 2)), held, DT_S)
     np.testing.assert_allclose(given_px[:2], REST_PX[:2], atol=1e-3)

@@ -67,7 +67,7 @@ def walk(
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
     looks = discs.shape, discs.tables
-    at_s = 1e-6 * events.times_at(course.index)
+    at_s = 1e-6 * events.times_at(course.index).astype(np.float64)
     recovery = at_s, (1.0 / recovery_s if recovery_s > 0.0 else 0.0)
 
     def walk_rows(rows: slice) -> NDArray[np.float64]:
