@@ -35,6 +35,8 @@ SPREAD_PX = 14.0
 """Largest displacement under a press."""
 CREEP_SHARE, CREEP_S = 0.04, 1.0
 """What a press leaves behind, as a share of itself, and how fast it goes."""
+OVERSHOOT_S = 0.02
+"""How long a release goes too far."""
 MOST_EVENTS = 4_000_000
 RATE_HZ = 500.0
 LOST_PX = 5.0
@@ -42,7 +44,11 @@ LOST_PX = 5.0
 
 @dataclass(frozen=True)
 class Sensor:
-    """One sensor and its recording; thresholds in the logarithm of light."""
+    """One sensor and its recording; thresholds in the logarithm of light.
+
+    Light that a pixel lost without an event is forgotten within ``recovery_s`` (0: never), and a
+    release goes too far by a share ``overshoot`` of its way, for some 20 ms.
+    """
 
     seed: int
     threshold_on: float = 0.15
@@ -54,6 +60,8 @@ class Sensor:
     contrast: tuple[float, float] = (2.0, 5.0)
     edge_px: tuple[float, float] = (0.7, 1.3)
     presses: int = 12
+    recovery_s: float = 0.0
+    overshoot: float = 0.0
 
 
 SENSORS = {
@@ -64,6 +72,12 @@ SENSORS = {
     "fine": Sensor(5, 0.10, 0.50),
     "on-rarer": Sensor(6, 0.35, 0.18),
     "few": Sensor(7, presses=4),
+    "forgetful": Sensor(
+        9, 0.17, 0.24, radius_px=5.3, edge_px=(1.3, 2.0), recovery_s=0.2, overshoot=0.2
+    ),
+    "forgetful-few": Sensor(
+        10, 0.15, 0.27, radius_px=5.3, edge_px=(1.2, 1.9), presses=4, recovery_s=0.3, overshoot=0.1
+    ),
     "sparse-small": Sensor(8, 0.22, 0.55, (2, 4), (58.0, 75.0), (30.0, 45.0), 6.0),
 }
 
@@ -88,12 +102,14 @@ def record_kernel(
     look: NDArray[np.float64],
     thresholds: NDArray[np.float64],
     level: NDArray[np.float64],
+    recovery_s: float,
     out: tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint16], NDArray[np.bool_]],
 ) -> int:
     """Write the events of a course, unsorted within a step; return how many there are."""
     t, x_out, y_out, p_out = out
     height, width = level.shape
     light, n = level.copy(), 0
+    lit_at = np.zeros(level.shape, np.int64)
     for s in range(1, len(course_px)):
         for m in range(course_px.shape[1]):
             here, before = course_px[s, m], course_px[s - 1, m]
@@ -104,6 +120,10 @@ def record_kernel(
                 for x in range(max(0, int(here[0] - reach)), min(width, int(here[0] + reach) + 2)):
                     old, new = light[y, x], light_kernel(x, y, course_px[s], look)
                     light[y, x] = new
+                    if recovery_s > 0.0 and level[y, x] > old:
+                        kept = np.exp(-(s - lit_at[y, x]) * STEP_US * 1e-6 / recovery_s)
+                        level[y, x] = old + kept * (level[y, x] - old)
+                    lit_at[y, x] = s
                     rising = new > old
                     step = thresholds[1, y, x] if rising else -thresholds[0, y, x]
                     while abs(new - level[y, x]) > abs(step) and (new > level[y, x]) == rising:
@@ -123,7 +143,9 @@ def pushed_px(
     return most_px * away * np.exp(0.5 - 0.5 * (away**2).sum(axis=1, keepdims=True))
 
 
-def presses_px(rest_px: NDArray[np.float64], presses: int, rng: np.random.Generator) -> NDArray:
+def presses_px(
+    rest_px: NDArray[np.float64], presses: int, overshoot: float, rng: np.random.Generator
+) -> NDArray:
     """Return ``(steps, m, 2)`` where the markers are; creep is left after each press."""
     begin_s = 1.5 + np.cumsum(rng.uniform(3.0, 4.2, presses))
     at_s = np.arange(0.0, begin_s[-1] + 4.0, STEP_US * 1e-6)
@@ -138,6 +160,7 @@ def presses_px(rest_px: NDArray[np.float64], presses: int, rng: np.random.Genera
         last_s = first_s + on_s + hold_s
         left = 1.0 - (1.0 - CREEP_SHARE) * ((at_s - last_s) / off_s).clip(0.0, 1.0)
         left *= np.exp(-(at_s - last_s - off_s).clip(0.0) / CREEP_S)
+        left -= overshoot * np.exp(-(((at_s - last_s - off_s) / OVERSHOOT_S) ** 2))
         course_px += (risen * left)[:, np.newaxis, np.newaxis] * field_px
     return course_px
 
@@ -164,7 +187,7 @@ def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
             _smooth(rest_px, sensor.contrast, rng),
         ]
     )
-    course_px = presses_px(rest_px, sensor.presses, rng)
+    course_px = presses_px(rest_px, sensor.presses, sensor.overshoot, rng)
     # A press before the recording begins: what a pixel's last level was is not known.
     before = pushed_px(rest_px, rng.uniform(0.2, 0.8, 2) * SIZE, 0.8 * SPREAD_PX, 45.0)
     there = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
@@ -176,7 +199,7 @@ def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
     )
     types = np.int64, np.uint16, np.uint16, np.bool_
     out = tuple(np.empty(MOST_EVENTS, kind) for kind in types)
-    count = record_kernel(whole_px, look, thresholds, level, out)
+    count = record_kernel(whole_px, look, thresholds, level, sensor.recovery_s, out)
     noise = rng.poisson(NOISE_HZ * len(whole_px) * STEP_US * 1e-6)
     highest = (len(whole_px) * STEP_US, *SIZE, 2)
     drawn = (rng.integers(most, size=noise) for most in highest)

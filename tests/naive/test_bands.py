@@ -12,13 +12,14 @@ from spikingtac.events.windows import windows
 from spikingtac.markers.graded.bands import band_fit
 from spikingtac.markers.graded.bands.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
 from spikingtac.markers.graded.bands.band_locator import BandLocator, BandLocatorConfig, banded
+from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel, recovering_px
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.follow import follow
 from spikingtac.state_map.bands import END_SHARE, THRESHOLD_MISMATCH, BandStateMap
-from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.graded import PAD_PX, GradedStateMap
 from spikingtac.types import EventPacket
 from stand_ins.rare_off import (
     PERIOD_US,
@@ -120,6 +121,30 @@ def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> Non
     np.testing.assert_array_equal(maps[1][maps[2] != TURN], known[maps[2] != TURN])
     assert (maps[1] <= known).all()
     assert 0.5 < agreement < 1.0
+
+
+def test_levels_above_their_disc_recover_and_others_are_left_alone() -> None:
+    memory, _, _, _, _, padded = random_maps(5)
+    before, expected = memory.copy(), padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX].copy()
+    tables = profile_tables([PROFILE])
+    discs = np.array([RADIUS_PX]), tables.values, tables.reach_px
+    place_px = np.array([[24.4, 20.2]])
+    within_px = recovering_px(place_px, discs[0], discs[2])
+    recover_levels_kernel(padded, memory, place_px, discs, within_px, 0.4)
+    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
+    away_px = np.hypot(column - 24.4, row - 20.2)
+    excess = (before - PROFILE.level(away_px - RADIUS_PX)).clip(0.0)
+    lost = np.where(away_px < within_px[0], 0.4 * excess, 0.0)
+    np.testing.assert_allclose(memory, before - lost, atol=0.01)
+    np.testing.assert_allclose(padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX], expected - lost, atol=0.01)
+    assert lost[away_px > RADIUS_PX + discs[2][0] + 1.0].max() > 0.05, "former places recover"
+
+
+def test_levels_recover_no_nearer_to_the_next_disc_than_halfway() -> None:
+    rest_px, radius_px = np.array([[0.0, 0.0], [24.0, 0.0]]), np.full(2, 6.0)
+    np.testing.assert_array_equal(recovering_px(rest_px, radius_px, np.full(2, 4.0)), 12.0)
+    np.testing.assert_array_equal(recovering_px(rest_px, radius_px, np.full(2, 8.0)), 14.0)
+    np.testing.assert_array_equal(recovering_px(4.0 * rest_px, radius_px, np.full(2, 4.0)), 18.0)
 
 
 def test_the_prediction_is_that_of_a_matrix_filter() -> None:

@@ -262,35 +262,42 @@ def test_disbelieved_discs_are_led_by_their_neighbours() -> None:
 
 
 def twin_walk(
-    course: Course, steps: PixelSteps, phases: int
+    course: Course, steps: PixelSteps, phases: int, kept: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Mean levels of ideal pixels at each sample, and all events that they fire."""
+    """Mean sums of ideal pixels' steps at each sample, and all events that they fire."""
     on, off = steps.on.astype(float), steps.off.astype(float)
     stretches = course.stretch_px
     assert stretches is not None
     now = level(DISCS, course.center_px[0], stretches[0])[0]
     shares = (np.arange(phases) + 0.5) / phases
     last = now[..., None] + off[..., None] - (on + off)[..., None] * shares
-    means, fired = [], np.zeros(2)
-    for center_px, stretch in zip(course.center_px, stretches, strict=True):
+    means, fired, total, before = [], np.zeros(2), np.zeros(on.shape), now[..., None]
+    for center_px, stretch, share in zip(course.center_px, stretches, kept, strict=True):
         now = level(DISCS, center_px, stretch)[0][..., None]
+        lost = np.where(now != before, (last - 0.5 * (now + before)).clip(0.0), 0.0)
+        last, before = last - (1.0 - share) * lost, now
+        start = last
         for _ in range(20):
             rises, falls = now > last + on[..., None], now < last - off[..., None]
             last = last + rises * on[..., None] - falls * off[..., None]
             fired += rises.sum(), falls.sum()
-        means.append(last.mean(axis=2))
+        total = total + (last - start).mean(axis=2)
+        means.append(total)
     return means, fired / phases
 
 
-def test_ideal_pixels_fire_as_the_twins_do() -> None:
+@pytest.mark.parametrize("recovery_s", [0.0, 0.03])
+def test_ideal_pixels_fire_as_the_twins_do(recovery_s: float) -> None:
     path = np.array([[0.0, 0.0], [1.5, 0.5], [4.0, 1.0], [2.0, 0.0], [0.0, 0.0]])
     events, steps = random_events(200, 9), random_steps(10)
     stretches = np.array([0.0, 1.0, 0.5, -1.0, 0.0])[:, None, None] * STRETCH
     index = np.array([0, 50, 90, 150, 200])
     course = Course(index, PLACES + path[:, np.newaxis], np.ones((5, 2)), stretches)
     states = np.arange(5)
-    seen = walk(events, course, states, DISCS, steps)
-    means, fired = twin_walk(course, steps, PHASES)
+    seen = walk(events, course, states, DISCS, steps, recovery_s)
+    after_s = np.diff(events.times_at(index), prepend=events.times_at(index)[:1]) * 1e-6
+    kept = np.exp(-after_s / recovery_s) if recovery_s else np.ones(5)
+    means, fired = twin_walk(course, steps, PHASES, kept)
     for state, mean in enumerate(means):
         # A level near a threshold may fall to the other side in a table.
         apart = np.abs(seen.expected[state] - mean)

@@ -23,6 +23,7 @@ OPTIONAL_NUMBERS = (
     "edge_px",
     "lag_us",
     "px_per_mm",
+    "recovery_s",
     *BAND_SCALES,
 )
 """Keys that may be absent; finite and not negative where present."""

@@ -55,6 +55,8 @@ class Calibration:
             serves this sensor better
             (:mod:`spikingtac.markers.calibration.trial_tracking.step_scale`).
         band_scale_off: The same for ``step_off``.
+        recovery_s: Time in which pixels forget light that they lost without an event, s, or None:
+            they do not (:mod:`spikingtac.markers.calibration.refinement.recovery`).
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
         provenance: Where the calibration came from.
     """
@@ -80,6 +82,7 @@ class Calibration:
     lens: Lens | None = None
     band_scale_on: float | None = None
     band_scale_off: float | None = None
+    recovery_s: float | None = None
     hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 

@@ -45,6 +45,7 @@ from spikingtac.markers.calibration.reference import (
     mean_pitch_px,
     reference,
 )
+from spikingtac.markers.calibration.refinement.recovery import with_recovery
 from spikingtac.markers.calibration.refinement.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.samples import choose_samples
 from spikingtac.markers.calibration.swings import LearnedSteps
@@ -182,7 +183,8 @@ def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedS
         np.zeros(markers),
         np.zeros((markers, 4)),
     )
-    return refine(events, start, still, _cells(look), look.noise(_reach_px(discs))), learned
+    about = still, _cells(look), look.noise(_reach_px(discs))
+    return with_recovery(events, refine(events, start, *about), *about), learned
 
 
 def _cells(look: Look) -> NDArray[np.int64]:
@@ -218,6 +220,7 @@ def _assembled(
         polarity=look.polarity,
         marker_measured=measured,
         px_per_mm=scale,
+        recovery_s=refined.recovery_s or None,
         **_appearance(refined, learned, measured, _cells(look)),
         provenance={
             "method": config.method,

@@ -79,7 +79,7 @@ def level_changes(events: BufferedEvents, at: Refined) -> NDArray[np.float64]:
     """
     # Discs that keep their shape: a stretch would explain a part of whatever is there.
     course = replace(at.course, stretch_px=None)
-    seen = walk(events, course, at.states, at.discs, at.pixel)
+    seen = walk(events, course, at.states, at.discs, at.pixel, at.recovery_s)
     shown = course.shown(at.states)
     alone = replace(seen, expected=np.zeros_like(seen.expected))
     squares = [

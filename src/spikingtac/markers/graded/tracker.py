@@ -33,6 +33,7 @@ from spikingtac.markers.graded.track_management import TrackManagementConfig, Tr
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.motion_filter import MotionFilter
 from spikingtac.markers.periodic_task import PeriodicTask
+from spikingtac.markers.released_zero import ReleasedZero
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -167,7 +168,7 @@ class GradedTracker:
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._manager.coasted)
         self._maintain(t_us, located_px, agreement)
-        return self._frame(t_us, agreement)
+        return self._frame(t_us, agreement, dt_s)
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -205,6 +206,8 @@ class GradedTracker:
         )
         self._filter = MotionFilter(self._calibration.reference_px)
         self._backlash = self._no_backlash_yet(self._calibration.reference_px)
+        recovers = self._calibration.recovery_s is not None
+        self._zero = ReleasedZero(self._calibration.reference_px) if recovers else None
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
         self._kept = EventLoss(self._calibration)
         self._cells = self._kept.take(0.0)
@@ -267,7 +270,7 @@ class GradedTracker:
             (1.0 - np.exp(-settings.outline_return_per_s * time_s), AT_REST_PX_S),
         )
 
-    def _frame(self, t_us: int, agreement: NDArray[np.float64]) -> MarkerFrame:
+    def _frame(self, t_us: int, agreement: NDArray[np.float64], dt_s: float) -> MarkerFrame:
         fit_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
         known = self._kept.judged or not self._maintenance_config.adapt_to_loss
         background_hz_px = self._kept.background_hz_px
@@ -275,6 +278,8 @@ class GradedTracker:
             fit_px, velocity_px_s, self._lag_s, known=known, background_hz_px=background_hz_px
         )
         reference_px, coasted = self._calibration.reference_px, self._manager.coasted
+        if self._zero is not None:
+            detected_px = self._zero.update(detected_px, velocity_px_s, coasted, dt_s)
         position_px = self._law.update(detected_px, reference_px)
         return MarkerFrame(
             t_us=t_us,

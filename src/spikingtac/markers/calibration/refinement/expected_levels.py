@@ -4,7 +4,8 @@ Every pixel follows the logarithm of a blurred disc and fires when it has left t
 event by a step. Where that level stood when the recording began is not known, so that several ideal
 pixels, spread evenly over the possible levels, are followed for each real one. What real pixels
 fired is compared with their mean: unlike a fit to the levels themselves this is not misled by
-partial swings that give no event, and by steps that are large in one direction.
+partial swings that give no event, and by steps that are large in one direction. On sensors that
+recover (:mod:`.recovery`), ideal pixels forget what light they lost without an event.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Walk:
 
     Attributes:
         measured: ``(states, height, width)`` sum of the real events' steps since the start.
-        expected: The mean level at which ideal pixels fired last.
+        expected: The mean sum of the ideal events' steps since the start.
         drawn: The level that the discs show.
         events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
     """
@@ -51,6 +52,7 @@ def walk(
     states: NDArray[np.int64],
     discs: Discs,
     steps: PixelSteps,
+    recovery_s: float = 0.0,
 ) -> Walk:
     """Let ideal pixels fire along a course.
 
@@ -60,10 +62,13 @@ def walk(
         states: Which samples to keep, increasing, no sample twice.
         discs: How the markers look.
         steps: What one event of each pixel stands for.
+        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
     """
     shape = (len(states), *events.shape)
     measured, expected, drawn = np.zeros((3, *shape), np.float32)
     looks = discs.shape, discs.tables
+    at_s = 1e-6 * events.times_at(course.index).astype(np.float64)
+    recovery = at_s, (1.0 / recovery_s if recovery_s > 0.0 else 0.0)
 
     def walk_rows(rows: slice) -> NDArray[np.float64]:
         near = np.zeros((len(discs.radius_px), 4))
@@ -72,7 +77,7 @@ def walk(
             (course.index, course.center_px - [0.0, rows.start], course.stretches, states),
             looks,
             (steps.on[rows].ravel(), steps.off[rows].ravel()),
-            np.empty((steps.on[rows].size, PHASES), np.float32),
+            recovery,
             (measured[:, rows], expected[:, rows], drawn[:, rows], near),
         )
         near[:, 2:] /= PHASES
@@ -84,23 +89,32 @@ def walk(
 
 @njit(cache=True)
 def follow_level_kernel(
-    q: Any,
-    marker: Any,
+    which: tuple[Any, Any],
     levels: tuple[NDArray[np.float32], NDArray[np.float32]],
-    phases: NDArray[np.float32],
+    copies: tuple[NDArray[np.float32], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     events: NDArray[np.float64],
+    clock: tuple[NDArray[np.float64], Any, Any],
 ) -> None:
     """Let one pixel's ideal copies follow its level; add what they fire to the marker's events.
 
-    ``levels`` are those of now and of before; ``phases`` is ``(pixels, PHASES)``, the level at
-    which each copy fired last. (Whole arrays and indices: views of rows took half of the time.)
+    ``which`` is the pixel and its marker; ``levels`` are those of now and of before; ``copies`` is
+    ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)`` the mean sum
+    of their steps. ``clock`` is when each pixel was followed last, the time of now, s, and the
+    rate at which light that was lost without an event is forgotten, 1/s. (Whole arrays and
+    indices: views of rows took half of the time.)
     """
-    now, before = levels
+    (q, marker), (now, before), (phases, sums) = which, levels, copies
     on, off = steps[0][q], steps[1][q]
+    seen_s, now_s, per_s = clock
+    middle = np.float32(0.5) * (now[q] + before[q])
+    share = np.float32(np.exp(-per_s * (now_s - seen_s[q])))
+    seen_s[q] = now_s
     rises = falls = 0
     for phase in range(PHASES):
         last = phases[q, phase]
+        if last > middle and share < np.float32(1.0):
+            last = middle + share * (last - middle)
         while now[q] > last + on:
             last += on
             rises += 1
@@ -110,6 +124,7 @@ def follow_level_kernel(
         phases[q, phase] = last
     events[marker, 2] += rises
     events[marker, 3] += falls
+    sums[q] += (np.float32(rises) * on - np.float32(falls) * off) / np.float32(PHASES)
     before[q] = now[q]
 
 
@@ -162,61 +177,43 @@ def walk_kernel(
     course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    phases: NDArray[np.float32],
+    recovery: tuple[NDArray[np.float64], float],
     out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]],
 ) -> None:
     """Walk along the samples; fill some rows of a :class:`Walk`.
 
-    ``real`` is the codes of all events, and the number of the first pixel of these rows.
+    ``real`` is the codes of all events, and the number of the first pixel of these rows;
+    ``recovery`` is the time of each sample, s, and the rate at which pixels recover, 1/s.
     """
-    (code, first), (index, places, stretches, states) = real, course
-    measured, expected, drawn, events = out
+    (code, first), (at_s, per_s), (measured, expected, drawn, events) = real, recovery, out
+    index, places, stretches, states = course
     image = np.zeros(measured.shape[1:], np.float32)
     owner = np.full(image.shape, -1, np.int32)
     now, whose = image.ravel(), owner.ravel()
     before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
+    copies = np.empty((len(now), PHASES), np.float32), np.zeros(len(now), np.float32)
     touched, former = np.empty(len(now), np.int64), np.empty(len(now), np.int64)
-    last_owner = np.full(len(now), -1, np.int32)
+    seen_s, last_owner = np.full(len(now), at_s[0]), np.full(len(now), -1, np.int32)
     at, formers, kept = index[0], 0, 0
     for sample in range(len(index)):
         sum_events_kernel(code[at : index[sample]], first, steps, total, last_owner, events)
-        at = index[sample]
+        at, clock = index[sample], (seen_s, at_s[sample], per_s)
         stretched = (stretched_kernel(discs[0], stretches[sample]), discs[1])
         count = draw_kernel(places[sample], stretched, (image, owner), touched)
         if sample == 0:
-            spread_kernel(phases, now, before, steps)
+            spread_kernel(copies[0], now, before, steps)
         # What was a disc and is ground now, then what is a disc.
         for q in former[:formers]:
             if whose[q] < 0 and before[q] > STILL_LEVEL:
-                follow_level_kernel(q, last_owner[q], (now, before), phases, steps, events)
+                follow_level_kernel((q, last_owner[q]), (now, before), copies, steps, events, clock)
         for q in touched[:count]:
             last_owner[q] = whose[q]
             if abs(now[q] - before[q]) > STILL_LEVEL:
-                follow_level_kernel(q, whose[q], (now, before), phases, steps, events)
+                follow_level_kernel((q, whose[q]), (now, before), copies, steps, events, clock)
         if kept < len(states) and states[kept] == sample:
-            keep_kernel(phases, total, now, (measured[kept], expected[kept], drawn[kept]))
+            measured[kept], drawn[kept] = total.reshape(image.shape), image
+            expected[kept] = copies[1].reshape(image.shape)
             kept += 1
         former, touched, formers = touched, former, count
         for q in former[:count]:
             now[q], whose[q] = 0.0, -1
-
-
-@njit(cache=True)
-def keep_kernel(
-    phases: NDArray[np.float32],
-    total: NDArray[np.float32],
-    now: NDArray[np.float32],
-    out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
-) -> None:
-    """Keep one state: sums of events, mean of the copies, drawn level."""
-    measured, expected, drawn = out
-    rows, columns = measured.shape
-    for y in range(rows):
-        for x in range(columns):
-            q = y * columns + x
-            mean = np.float32(0.0)
-            for phase in range(phases.shape[1]):
-                mean += phases[q, phase]
-            expected[y, x] = mean / phases.shape[1]
-            measured[y, x] = total[q]
-            drawn[y, x] = now[q]

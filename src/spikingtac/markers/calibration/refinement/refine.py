@@ -70,6 +70,7 @@ class Refined:
         pixel: The same for each pixel.
         residual: ``(m,)`` rms of the levels left over around each marker.
         events: ``(m, 4)`` events near each marker: real ON and OFF, expected ON and OFF.
+        recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
     """
 
     course: Course
@@ -80,6 +81,7 @@ class Refined:
     pixel: PixelSteps
     residual: NDArray[np.float64]
     events: NDArray[np.float64]
+    recovery_s: float = 0.0
 
 
 def refine(
@@ -102,7 +104,7 @@ def refine(
     first_radius_px = start.discs.radius_px
     for _ in range(MOST_ROUNDS):
         at = replace(at, course=_frozen(at.course, still))
-        seen = walk(events, at.course, at.states, at.discs, at.pixel)
+        seen = walk(events, at.course, at.states, at.discs, at.pixel, at.recovery_s)
         found = corrections(seen, at.course.shown(at.states), at.discs, at.pixel, MEMORY)
         at = _stepped(at, found, first_radius_px)
         at = _recounted(at, seen, cell, noise)

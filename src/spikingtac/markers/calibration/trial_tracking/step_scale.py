@@ -12,8 +12,9 @@ recorded one ON steps grow 2.4 times and OFF steps shrink by a third.
 
 Where OFF events are rare, and the tracker asks for the same ratio of the steps as the counts of
 events, bands are fitted instead (:mod:`spikingtac.markers.graded.bands`), with the steps that
-explain the events. On the recorded sensor the two ratios differ, because a part of each swing
-down passes without an event: bands, which have no anchor but the steps, then stray. Ours.
+explain the events. Where the two ratios differ, bands, which have no anchor but the steps, stray;
+but not on sensors that recover, such as the recorded one: there every rest is an anchor
+(:mod:`spikingtac.markers.graded.bands.band_recovery`). Ours.
 """
 
 from __future__ import annotations
@@ -28,6 +29,12 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.refinement.refine import Refined
+from spikingtac.markers.graded.bands.band_locator import (
+    BandLocator,
+    BandLocatorConfig,
+    band_maintenance,
+    banded,
+)
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
 from spikingtac.types import EventPacket
@@ -53,18 +60,20 @@ APART: tuple[Powers, ...] = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 """Moves that keep the ratio of the steps, and those that change it."""
 
 GAIN_APART = 0.2
-"""Share by which the distance must shrink for another ratio: counts of events tell it well."""
+"""Share by which the distance must shrink for another ratio: counts of events tell it well. (Not
+where pixels recover: the graded map, which ``fast`` reads, does not.)"""
 
 RARE_OFF_RATIO = 1.3
 """An OFF step over an ON step from which bands are fitted (ours: on six simulated sensors with
 ratios of 1.1 to 4.2 they err by 20 to 52 % less than the graded map, on v2e's, of 1, by more)."""
 
-PERIOD_US = 4_000
-"""Time between estimates: at 100 px/s a marker moves by 0.4 px."""
+PERIODS_US = 4_000, 64_000
+"""Time between estimates in motion and while nothing moves: at 100 px/s a marker moves by 0.4 px in
+the former. (Every 4 ms always: five times the time, the same factors, and places that differ by
+0.05 px on the average, two recordings.)"""
 
-LONGEST_PERIOD_US = 64_000
-"""The same while nothing moves: a fifth of the time, the same factors, and places that differ by
-0.05 px on the average (two recordings)."""
+BAND_PERIODS_US = 1_000, 1_000
+"""The same for bands, whose prediction strays over longer times."""
 
 EVENTS_PER_MARKER = 1.0
 """A stretch with fewer events than this a marker is no motion: a pixel of it sends some 30."""
@@ -83,7 +92,7 @@ def with_step_scale(
     states, course = refined.states, refined.course
     on, off = fit_step_scale(events, calibration, (course.index[states], course.center_px[states]))
     scaled = calibration.with_steps_scaled(on, off)
-    if on == off and has_rare_off(calibration):
+    if calibration.recovery_s is not None or (on == off and has_rare_off(calibration)):
         scaled = replace(scaled, band_scale_on=1.0 / on, band_scale_off=1.0 / off)
     return replace(scaled, provenance={**scaled.provenance, "step_scale": [on, off]})
 
@@ -123,7 +132,8 @@ def fit_step_scale(
         return 1.0, 1.0
     alike = _least(apart_at, ALIKE)
     apart = _least(apart_at, (*ALIKE, *APART))
-    chosen = apart if apart_at(apart) < (1.0 - GAIN_APART) * apart_at(alike) else alike
+    gain_apart = GAIN_APART if calibration.recovery_s is None else 0.0
+    chosen = apart if apart_at(apart) < (1.0 - gain_apart) * apart_at(alike) else alike
     return GROWTH ** chosen[0], GROWTH ** chosen[1]
 
 
@@ -142,28 +152,39 @@ def _least(apart_at: Callable[[Powers], float], moves: Iterable[Powers]) -> Powe
 def track(
     events: BufferedEvents, calibration: Calibration
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return times ``(n,)``, us, and places ``(n, m, 2)``, px, as the disc fit finds them."""
+    """Return times ``(n,)``, us, and places ``(n, m, 2)``, px, as the tracker finds them.
+
+    Discs are fitted to levels, or to bands where the calibration asks for it.
+    """
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
-    locator = DiscLocator(DiscLocatorConfig(), bright)
-    tracker = GradedTracker(locator, MaintenanceConfig(backlash=0.0, turn_backlash=0.0), bright)
+    maintenance = MaintenanceConfig(backlash=0.0, turn_backlash=0.0)
+    if bright.band_scale_on is None:
+        locator = DiscLocator(DiscLocatorConfig(), bright)
+    else:
+        bright, maintenance = banded(bright), band_maintenance(maintenance)
+        locator = BandLocator(BandLocatorConfig(), bright)
+    tracker = GradedTracker(locator, maintenance, bright)
+    periods_us = PERIODS_US if bright.band_scale_on is None else BAND_PERIODS_US
     t_us, center_px = [], []
-    for window in _windows(events, len(calibration.reference_px)):
+    for window in _windows(events, len(calibration.reference_px), *periods_us):
         tracker.absorb(window)
         t_us.append(window.t_end_us)
         center_px.append(tracker.estimate(window.t_end_us).detected_px)
     return np.array(t_us), np.array(center_px)
 
 
-def _windows(events: BufferedEvents, markers: int) -> Iterator[EventPacket]:
+def _windows(
+    events: BufferedEvents, markers: int, period_us: int, longest_us: int
+) -> Iterator[EventPacket]:
     """Cut the recording at every period in motion, and more rarely at rest."""
-    edges_us = np.arange(0, events.duration_us + PERIOD_US, PERIOD_US)
+    edges_us = np.arange(0, events.duration_us + period_us, period_us)
     index = events.index_at(edges_us).tolist()
-    longest = LONGEST_PERIOD_US // PERIOD_US
+    longest = longest_us // period_us
     start, last = 0, len(edges_us) - 1
     for end in range(1, last + 1):
         enough = index[end] - index[start] >= EVENTS_PER_MARKER * markers
         if enough or end - start >= longest or end == last:
-            span_us = start * PERIOD_US, end * PERIOD_US
+            span_us = start * period_us, end * period_us
             yield events.packet((index[start], index[end]), span_us)
             start = end

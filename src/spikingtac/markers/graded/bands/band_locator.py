@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.bands.band_fit import fit_bands_kernel
+from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel, recovering_px
 from spikingtac.markers.graded.disc_fit import round_outline
 from spikingtac.markers.graded.initial_map import painted_band_map
 from spikingtac.markers.graded.profile_tables import profile_tables
@@ -66,6 +68,8 @@ class BandLocator:
         self._filtering = config.acceleration_px2_s3, config.stop_s, *MOST_VARIANCES
         self._fitting = config.band_weight, config.most_gain, config.iterations
         self._far_px = config.far_px
+        self._recovery_s = calibration.recovery_s or math.inf
+        self._within_px = recovering_px(self._start_px, self._radius_px, tables.reach_px)
         self.reset()
 
     @property
@@ -104,17 +108,15 @@ class BandLocator:
             state_map.turn,
             state_map.padded,
         )
-        fit_bands_kernel(
-            maps,
-            self._motion,
-            dt_s,
-            self._discs,
-            self._filtering,
-            self._fitting,
-            self._agreement,
-        )
+        settings = self._filtering, self._fitting
+        fit_bands_kernel(maps, self._motion, dt_s, self._discs, *settings, self._agreement)
         state_map.turn += 1
-        return self._motion[:, :2].copy(), self._agreement
+        center_px = self._motion[:, :2].copy()
+        if self._recovery_s < math.inf:
+            share = -math.expm1(-dt_s / self._recovery_s)
+            levels = state_map.padded, state_map.memory
+            recover_levels_kernel(*levels, center_px, self._discs, self._within_px, share)
+        return center_px, self._agreement
 
     def initial_map(self, calibration: Calibration) -> BandStateMap:
         """Return the band map of the sensor at rest."""

@@ -1,0 +1,81 @@
+"""A skin that was released is where it rests: what is left then is no displacement.
+
+Pixels that recover (:mod:`spikingtac.markers.calibration.refinement.recovery`) do not remember
+where their disc rested: each contact leaves fits beside their rests, half a pixel on the recorded
+sensor, at random from marker to marker. The gel does remember: after a release it sends no event
+more, so that it stands still within 0.1 s. What is left once a contact has ended, and the skin
+stands still near its rest, is therefore taken off from then on, until the next contact has ended.
+
+It is learned only within a short time after a contact, and only if no marker is far from its rest:
+a static press is not taken for a rest, however long it lasts, nor is one that begins softly. A
+contact that is eased, but for less than these limits, is. Ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LOADED_PX = 1.5
+"""Mean displacement from which there is a contact."""
+
+NEAR_PX, FARTHEST_PX = 0.8, 2.0
+"""Mean and largest displacement up to which the skin may have been released. (The recorded sensor
+leaves 0.3 to 0.7 and up to 1.6 px, simulated ones that recover 0.3 and up to 1.9 px.)"""
+
+STILL_PX_S = 3.0
+"""Mean speed below which the skin stands still: the jitter of a filtered velocity."""
+
+WAIT_S, LEARN_S, SETTLE_S = 0.1, 2.0, 0.1
+"""How long the skin stands still before the zero follows what is left; how long it follows; and
+the time constant of that."""
+
+
+FADE_PX = 2.0
+"""Displacement of a marker at which a third of it is still taken off."""
+
+
+class ReleasedZero:
+    """Learns what is left after each contact, and takes it off."""
+
+    def __init__(self, reference_px: NDArray[np.float64]) -> None:
+        """Begin at rest, with nothing to take off.
+
+        Args:
+            reference_px: ``(m, 2)`` where the markers rest, px.
+        """
+        self._reference_px = reference_px
+        self._zero_px = np.zeros_like(reference_px)
+        self._loaded, self._still_s = False, 0.0
+
+    def update(
+        self,
+        detected_px: NDArray[np.float64],
+        velocity_px_s: NDArray[np.float64],
+        held: NDArray[np.bool_],
+        dt_s: float,
+    ) -> NDArray[np.float64]:
+        """Return ``(m, 2)`` places less what the last contact left behind, px.
+
+        Args:
+            detected_px: ``(m, 2)`` places as they were fitted, px.
+            velocity_px_s: ``(m, 2)`` velocities, px/s.
+            held: ``(m,)`` markers that are not seen; they tell nothing.
+            dt_s: Time since the last call, s.
+        """
+        left_px = detected_px - self._reference_px
+        away_px = np.hypot(left_px[:, 0], left_px[:, 1])[~held]
+        if not away_px.size:
+            return detected_px.copy()
+        speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[~held].mean())
+        self._still_s = self._still_s + dt_s if speed_px_s < STILL_PX_S else 0.0
+        if away_px.mean() > LOADED_PX:
+            self._loaded = True
+        elif self._loaded and self._still_s > WAIT_S:
+            if away_px.mean() < NEAR_PX and away_px.max() < FARTHEST_PX:
+                share = -np.expm1(-dt_s / SETTLE_S)
+                self._zero_px[~held] += share * (left_px - self._zero_px)[~held]
+            self._loaded = self._still_s < LEARN_S
+        left_px -= self._zero_px
+        away2 = (left_px**2).sum(axis=1, keepdims=True)
+        return detected_px - self._zero_px * np.exp(-away2 / FADE_PX**2)
