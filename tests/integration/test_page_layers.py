@@ -183,3 +183,27 @@ def test_everything_has_its_place(page: WebDriver, width: int, height: int, them
 def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:
     said = [entry["message"] for entry in page.get_log("browser")]
     assert [text for text in said if "getImageData" not in text] == []
+
+
+def test_a_force_is_drawn_where_the_skin_is_touched(page: WebDriver) -> None:
+    drawn = page.execute_async_script(
+        """
+        const done = arguments[0], modules = [import('/sensor.js'), import('/felt.js')];
+        Promise.all(modules).then(([{ Sensor }, { drawFelt }]) => {
+          const canvas = document.createElement('canvas'), sensor = new Sensor(canvas);
+          [canvas.width, canvas.height] = __m.hello.size;
+          sensor.greet(__m.hello);
+          sensor.zoom = 1;
+          sensor.ground(0, 0);
+          const pixel = (x, y) => [...sensor.context.getImageData(x, y, 1, 1).data].join();
+          const before = [pixel(190, 160), pixel(110, 110)];
+          drawFelt(sensor, { force_n: [2, 0, 1], place_px: [160, 160], extrapolated: false,
+                             outline_px: [[110, 110], [210, 110], [210, 210], [110, 210]] });
+          done([before, [pixel(190, 160), pixel(110, 110)]]);
+        }).catch((error) => done(String(error)));
+        """
+    )
+    assert isinstance(drawn, list), drawn
+    before, after = drawn
+    assert before[0] != after[0]  # on the shaft of the arrow
+    assert before[1] != after[1]  # on the outline

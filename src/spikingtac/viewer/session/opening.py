@@ -78,9 +78,9 @@ def open_view_source(
     if calibration is not None:
         view = replace(view, calibration=Calibration.load(calibration))
     if tuple(view.calibration.size) != tuple(view.source.size):
-        raise CalibrationError(
-            f"the calibration is for {view.calibration.size}, the recording has {view.source.size}"
-        )
+        from spikingtac.pipeline.recording_tracks import require_same_size
+
+        require_same_size(tuple(view.source.size), tuple(view.calibration.size))
     return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
 
 
