@@ -253,7 +253,8 @@ def serve(
             ready(server.servers[0].sockets[0].getsockname()[1])
         try:
             while not serving.done():
-                server.should_exit = server.should_exit or not alive()
+                if not alive():  # a signal may set it meanwhile: nothing is written back
+                    server.should_exit = True
                 await asyncio.wait((serving,), timeout=ALIVE_S)
             await serving
         finally:  # an interrupted server leaves its sockets open

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import gc
+import os
+import signal
 import socket
 
 import pytest
@@ -29,6 +31,20 @@ def test_a_taken_port_is_refused_before_anything_is_computed() -> None:
 def test_another_machines_address_is_not_called_a_matter_of_ports() -> None:
     with pytest.raises(ConfigError, match=f"--host '{ELSEWHERE}' is no address of this machine"):
         check_address(ELSEWHERE, 0)
+
+
+def test_an_interrupt_that_comes_while_the_session_is_asked_is_not_lost() -> None:
+    asked = 0
+
+    def alive() -> bool:
+        nonlocal asked
+        asked += 1
+        if asked == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return asked < 30
+
+    serve(Starlette(), "127.0.0.1", 0, lambda _: None, alive)
+    assert 3 <= asked < 30
 
 
 def test_a_forbidden_port_is_said_to_be() -> None:
