@@ -80,7 +80,7 @@ def open_view_source(
     if tuple(view.calibration.size) != tuple(view.source.size):
         from spikingtac.pipeline.recording_tracks import require_same_size
 
-        require_same_size(tuple(view.source.size), tuple(view.calibration.size))
+        require_same_size(view.source.size, view.calibration.size)
     return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
 
 
