@@ -258,3 +258,21 @@ def test_where_there_is_room_the_settings_lie_below_all_columns(page: WebDriver)
         course, tuning = js(page, f"['course', 'tuning'].map({edges})")
         assert (course == tuning) == below, (width, course, tuning)
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_charts_stay_filled_when_time_goes_back(page: WebDriver) -> None:
+    if not js(page, "__m.meta.playing"):
+        paused_at(page, 100_000)
+        found(page, "play").click()
+    wait(page, "__m.meta.t_us > 3000000")
+    for t_us in (3_200_000, 2_800_000):  # the second time, what was drawn before is known
+        paused_at(page, t_us)
+    count = (
+        "(name) => { const canvas = document.getElementById(name);"
+        " const context = canvas.getContext('2d');"
+        " const drawn = context.getImageData(canvas.width / 4, 0, 1, canvas.height);"
+        " return drawn.data.filter((value, i) => i % 4 === 3 && value > 200).length; }"
+    )
+    trace, counts = js(page, f"['trace', 'counts'].map({count})")
+    assert trace > 1  # beside the line of zero
+    assert counts > 0

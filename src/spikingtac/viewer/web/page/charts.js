@@ -17,9 +17,11 @@ export class Counts {
   }
 
   add(meta, counts) {
-    if (meta.last_window < this.last) this.clear();
-    const first = meta.last_window - counts.length + 1;
-    for (let i = Math.max(0, this.last + 1 - first); i < counts.length; i++) this.values.set(first + i, counts[i]);
+    const first = meta.last_window - counts.length + 1, back = meta.last_window < this.last;
+    for (let i = back ? 0 : Math.max(0, this.last + 1 - first); i < counts.length; i++) {
+      this.values.delete(first + i); // the oldest in the map goes first
+      this.values.set(first + i, counts[i]);
+    }
     this.last = meta.last_window;
     for (const key of this.values.keys()) {
       if (this.values.size <= KEPT_WINDOWS) break;

@@ -144,6 +144,8 @@ function paint(whole = true) {
 function sample(meta, { position_px: position, truth_px: truth }) {
   if (!position || 2 * hello.reference_px.length !== position.length) return;
   const marker = sensor.options.marker, [rx, ry] = hello.reference_px[marker];
+  // Back in time, what was drawn of the seconds before is still known.
+  if (meta.estimate_us < trace.samples.at(-1)?.t_us) trace.fill(course.of(marker, meta.estimate_us - STRIP_US, meta.estimate_us - 1));
   course.add(meta.estimate_us, meta.t_start_us, position, hello.reference_px);
   // The markers are where they were at the last estimate time, a little before the time shown.
   trace.add({
