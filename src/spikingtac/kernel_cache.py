@@ -27,7 +27,7 @@ def provide_kernel_cache(package: Path = PACKAGE) -> None:
     if os.environ.get(VARIABLE) or os.access(package, os.W_OK):
         return
     chosen = os.environ.get("XDG_CACHE_HOME")
-    with suppress(RuntimeError):  # a user without a home
+    with suppress(RuntimeError, OSError):  # a user without a home, or with that of another
         if _may_hold(Path(chosen) if chosen else Path.home() / ".cache"):
             return
     os.environ[VARIABLE] = str(_own_folder())

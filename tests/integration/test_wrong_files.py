@@ -191,6 +191,21 @@ def test_kernels_are_kept_somewhere_where_nothing_else_can_be_written(
     assert Path(os.environ["NUMBA_CACHE_DIR"]) != chosen
 
 
+@pytest.mark.parametrize("error", [PermissionError(errno.EACCES, "home"), RuntimeError("none")])
+def test_a_home_that_may_not_be_looked_into_is_none(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr(kernel_cache, "_may_hold", refused)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    kernel_cache.provide_kernel_cache()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == tmp_path
+
+
 def test_a_chosen_cache_or_one_that_can_be_written_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
