@@ -83,7 +83,10 @@ def measured(page: webdriver.Chrome, size: tuple[int, int]) -> dict[str, Any]:
 
 
 def pictured(page: webdriver.Chrome, picture: Path) -> None:
-    """Write a picture of the page as it looks after some contacts."""
+    """Write a picture of the page as it looks after some contacts.
+
+    It is paused there: how fast it plays beside other programs is no matter of the picture.
+    """
     page.set_window_size(1400, 1040)
     page.execute_script(
         "document.documentElement.dataset.theme = 'light'; document.getElementById('theme').click()"
@@ -91,7 +94,10 @@ def pictured(page: webdriver.Chrome, picture: Path) -> None:
     until_s = time.monotonic() + PATIENCE_S
     while page.execute_script("return __m.meta.t_us") < PICTURED_US and time.monotonic() < until_s:
         time.sleep(0.02)
+    page.execute_script("document.getElementById('play').click()")
+    time.sleep(SETTLING_S)
     page.save_screenshot(str(picture))
+    page.execute_script("document.getElementById('play').click()")
 
 
 def watch(address: str, picture: Path | None) -> list[dict[str, Any]]:

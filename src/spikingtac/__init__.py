@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from spikingtac.kernel_cache import provide_kernel_cache
+
 if TYPE_CHECKING:
     __version__: str
     from spikingtac.calibration.sensor_calibration import Calibration as Calibration
@@ -91,6 +93,8 @@ _HOMES = {
 """Public name -> the module that defines it, and after a colon its name there if it differs."""
 
 __all__ = ["__version__", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
+
+provide_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:

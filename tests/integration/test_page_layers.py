@@ -183,3 +183,96 @@ def test_everything_has_its_place(page: WebDriver, width: int, height: int, them
 def test_the_browser_found_nothing_to_complain_about(page: WebDriver) -> None:
     said = [entry["message"] for entry in page.get_log("browser")]
     assert [text for text in said if "getImageData" not in text] == []
+
+
+def test_a_force_is_drawn_where_the_skin_is_touched(page: WebDriver) -> None:
+    drawn = page.execute_async_script(
+        """
+        const done = arguments[0], modules = [import('/sensor.js'), import('/felt.js')];
+        Promise.all(modules).then(([{ Sensor }, { drawFelt }]) => {
+          const canvas = document.createElement('canvas'), sensor = new Sensor(canvas);
+          [canvas.width, canvas.height] = __m.hello.size;
+          sensor.greet(__m.hello);
+          sensor.zoom = 1;
+          sensor.ground(0, 0);
+          const pixel = (x, y) => [...sensor.context.getImageData(x, y, 1, 1).data].join();
+          const before = [pixel(190, 160), pixel(110, 110)];
+          drawFelt(sensor, { force_n: [2, 0, 1], place_px: [160, 160], extrapolated: false,
+                             outline_px: [[110, 110], [210, 110], [210, 210], [110, 210]] });
+          done([before, [pixel(190, 160), pixel(110, 110)]]);
+        }).catch((error) => done(String(error)));
+        """
+    )
+    assert isinstance(drawn, list), drawn
+    before, after = drawn
+    assert before[0] != after[0]  # on the shaft of the arrow
+    assert before[1] != after[1]  # on the outline
+
+
+def test_small_lengths_are_no_zeros_and_a_pause_is_no_speed(page: WebDriver) -> None:
+    told = page.execute_async_script(
+        "import('/readings.js').then(({ length }) =>"
+        " arguments[0]([length(0.01, 15), length(3, 15), length(3, null)]))"
+    )
+    assert told == ["0.01 px (0.7 µm)", "3.00 px (0.200 mm)", "3.00 px"]
+    paused_at(page, 1_000_000)
+    wait(page, "document.querySelector(\"[data-testid='reading-pace']\").textContent === 'paused'")
+
+
+def test_a_rate_of_many_windows_a_pixel_keeps_its_peaks(page: WebDriver) -> None:
+    paused_at(page, 2_500_000)
+    lowest, tones = page.execute_async_script(
+        """
+        const done = arguments[0];
+        import('/charts.js').then(({ Counts }) => {
+          const canvas = document.getElementById('counts').cloneNode();
+          canvas.style.width = canvas.style.height = '300px';
+          document.body.append(canvas);
+          const counts = new Counts(canvas), values = new Uint32Array(2000).fill(10);
+          values[1001] = 100; // one window of 1 ms, a seventh of a pixel
+          counts.add({ last_window: 1999 }, values);
+          counts.draw({ t_us: 2e6, t_start_us: 0, contacts_us: [] }, 1000);
+          const drawn = canvas.getContext('2d').getImageData(40, 0, 260, canvas.height);
+          const rows = new Set(), { width, data } = drawn;
+          for (let i = 3; i < data.length; i += 4) if (data[i]) rows.add(Math.floor(i / 4 / width));
+          canvas.remove();
+          done([Math.min(...rows), rows.size]);
+        });
+        """
+    )
+    assert lowest < 40  # the peak reaches near the top of 300 px
+    assert tones > 200  # and is joined with what is around it
+
+
+def test_where_there_is_room_the_settings_lie_below_all_columns(page: WebDriver) -> None:
+    edges = (
+        "(id) => { const box = document.getElementById(id).closest('.panel, figure')"
+        ".getBoundingClientRect(); return [Math.round(box.left), Math.round(box.right)]; }"
+    )
+    for (width, height), below in zip(SIZES, (False, True, True), strict=True):
+        page.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+        )
+        wait(page, f"innerWidth === {width}")
+        course, tuning = js(page, f"['course', 'tuning'].map({edges})")
+        assert (course == tuning) == below, (width, course, tuning)
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_charts_stay_filled_when_time_goes_back(page: WebDriver) -> None:
+    if not js(page, "__m.meta.playing"):
+        paused_at(page, 100_000)
+        found(page, "play").click()
+    wait(page, "__m.meta.t_us > 3000000")
+    for t_us in (3_200_000, 2_800_000):  # the second time, what was drawn before is known
+        paused_at(page, t_us)
+    count = (
+        "(name) => { const canvas = document.getElementById(name);"
+        " const context = canvas.getContext('2d');"
+        " const drawn = context.getImageData(canvas.width / 4, 0, 1, canvas.height);"
+        " return drawn.data.filter((value, i) => i % 4 === 3 && value > 200).length; }"
+    )
+    trace, counts = js(page, f"['trace', 'counts'].map({count})")
+    assert trace > 1  # beside the line of zero
+    assert counts > 0

@@ -68,4 +68,4 @@ def test_info_describes_tracks(folder: Path, capsys: pytest.CaptureFixture[str])
     found = told(capsys, "info", "one.npz")
     assert (found["format"], found["markers"], found["estimates"]) == ("tracks", 64, 500)
     assert main(["info", "one.npz"]) == 0
-    assert "displacement_max_px" in capsys.readouterr().out
+    assert "displacement max" in capsys.readouterr().out

@@ -24,6 +24,7 @@ from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.calibration.step_maps import pack_map
 from spikingtac.errors import CalibrationError
+from spikingtac.file_kinds import told_kind
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -164,7 +165,11 @@ class Calibration:
                 "make one with: spikingtac calibrate RECORDING -o calibration.json"
             ) from error
         except (ValueError, RecursionError) as error:
-            raise CalibrationError(f"{str(path)!r} is not JSON: {error}") from error
+            told = told_kind(path) or f"it is not JSON ({error})"
+            raise CalibrationError(
+                f"{str(path)!r} is no calibration: {told}; "
+                "make one with: spikingtac calibrate RECORDING -o calibration.json"
+            ) from error
         return cls.from_document(document, where=str(path))
 
     @classmethod

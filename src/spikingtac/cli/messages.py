@@ -47,14 +47,16 @@ def emit_table(
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for index, name in enumerate(columns):
         table.add_column(name, justify="left" if index < words else "right")
     for row in rows:
         table.add_row(*(Text(str(cell)) for cell in row))
     # A pipe has no width: what reads it gets each row on one line.
     width = None if sys.stdout.isatty() else PIPE_COLUMNS
-    Console(highlight=False, width=width).print(table)
+    console = Console(highlight=False, width=width)
+    console.print(Text(title, style="table.title"))  # above it: within, a narrow table breaks it
+    console.print(table)
 
 
 def remark(text: str) -> None:

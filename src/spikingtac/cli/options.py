@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import types
 import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, Field, fields
@@ -65,6 +66,49 @@ def check_options(arguments: type, verb: str, given: Sequence[str]) -> None:
                 f"spikingtac {verb} has no option {name!r}{nearest(name, valid)} "
                 f"(valid: {', '.join(sorted(valid))})"
             )
+
+
+def check_values(arguments: type, given: Sequence[str]) -> None:
+    """Refuse the first value that its option cannot take: the parser names types of Python.
+
+    Args:
+        arguments: The verb's dataclass.
+        given: What was typed behind it.
+
+    Raises:
+        ConfigError: A number was needed, or one of some words; names the nearest one.
+    """
+    hints = typing.get_type_hints(arguments)
+    kinds = {"--" + field.name.replace("_", "-"): hints[field.name] for field in fields(arguments)}
+    for word, following in zip(given, [*given, ""][1:], strict=True):
+        name, equals, value = word.partition("=")
+        kind = _one_value(kinds.get(name.replace("_", "-")))
+        value = value if equals else following
+        if kind in (int, float) and not _is_number(value, kind):
+            needed = "a whole number" if kind is int else "a number"
+            raise ConfigError(f"{name} takes {needed}, {value!r} is none")
+        if typing.get_origin(kind) is typing.Literal:
+            valid = [str(choice) for choice in typing.get_args(kind)]
+            if value not in valid:
+                raise ConfigError(
+                    f"{name} cannot be {value!r}{nearest(value, valid)} (valid: {', '.join(valid)})"
+                )
+
+
+def _one_value(hint: Any) -> Any:
+    """Return the type of an option with one value, without None; None of any other option."""
+    kinds = [kind for kind in typing.get_args(hint) if kind is not type(None)]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return kinds[0] if len(kinds) == 1 else None
+    return hint
+
+
+def _is_number(text: str, kind: type) -> bool:
+    try:
+        kind(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _options(arguments: type) -> Iterator[str]:

@@ -10,6 +10,7 @@ from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.file_kinds import told_kind
 from spikingtac.plugins import with_plugins
 
 READABLE = (
@@ -18,7 +19,11 @@ READABLE = (
 )  # fmt: skip
 """Endings that can be read."""
 
+FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
+"""Endings of what is no slip of the pen."""
 RECORDING_NAME = "events.raw"
+MOST_NAMED = 3
+"""Recordings of a folder that an error names."""
 
 
 class _Opener(Protocol):
@@ -89,13 +94,20 @@ def _file(path: Path, sensor: int) -> Path:
         if not (path / name).is_file() and not _is_ros2_folder(path):
             raise RecordingError(
                 f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
-                "(events_1.raw for a second sensor)"
+                f"(events_1.raw for a second sensor){_named_inside(path)}"
             )
         return path / name if (path / name).is_file() else _ros2_storage(path)
     refuse_url(path)
     if not path.exists() and not is_stream(path):
         raise RecordingError(f"there is no file {str(path)!r}; check the path")
     return path
+
+
+def first_event_us(path: str | Path) -> int | None:
+    """Return the time of a recording's first event, us; None of a camera, which is read once."""
+    if is_stream(Path(path)):
+        return None
+    return next((int(packet.t[0]) for packet in open_events(path) if len(packet)), None)
 
 
 def refuse_url(path: Path) -> None:
@@ -183,6 +195,19 @@ _KINDS = {
 }  # fmt: skip
 
 
+def _named_inside(folder: Path) -> str:
+    """Return a hint at the first event files and recording folders in a folder."""
+    inside = [
+        path
+        for path in sorted(folder.iterdir())
+        if path.suffix.lower() in READABLE or (path / RECORDING_NAME).is_file()
+    ]
+    if not inside:
+        return ""
+    more = f", ... ({len(inside)} in all)" if len(inside) > MOST_NAMED else ""
+    return f"; it holds {', '.join(map(str, inside[:MOST_NAMED]))}{more}: give one of these"
+
+
 def _kind_by_content(start: bytes) -> str | None:
     for signature, kind in _SIGNATURES:
         if start.startswith(signature):
@@ -195,8 +220,12 @@ def _kind_by_content(start: bytes) -> str | None:
 def _kind_by_ending(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in _KINDS:
+        told = told_kind(path)
+        if told is not None:
+            raise FormatError(f"{path.name!r} holds no events: {told}")
+        meant = nearest(ending, READABLE) if ending not in FOREIGN else ""
         raise FormatError(
-            f"{path.name!r} is no event file that this version knows{nearest(ending, READABLE)} "
+            f"{path.name!r} is no event file that this version knows{meant} "
             f"(valid endings: {', '.join(READABLE)}); give it the ending of its format, or convert "
             "it with the software of its camera"
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
+from spikingtac.plots.field_view import view_aspect
 from spikingtac.plots.theme import Theme, new_figure, style_axes
 from spikingtac.plots.tracks import (
     US_PER_S,
@@ -31,8 +32,9 @@ MOST_PICTURES = 600
 MOST_COLORS = 64
 SCREEN_DPI = 120
 """Dots per inch: 420 px for one column."""
-HEIGHT = 1.35
-"""Height over width."""
+FIELD_WIDTH, COURSE_HEIGHT, AROUND = 0.67, 0.24, 0.44
+"""Width of the field without its scale, height of the course, and what titles and labels take: over
+the figure's width."""
 COURSE_POINTS = 800
 """Estimates of the course that are drawn: two a pixel."""
 AROUND_US = 1_000_000
@@ -111,10 +113,11 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image as Images
 
-    figure, colors = new_figure(theme, width, HEIGHT)
+    field = FIELD_WIDTH * view_aspect(tracks.reference_px)
+    figure, colors = new_figure(theme, width, field + COURSE_HEIGHT + AROUND)
     figure.set_dpi(SCREEN_DPI)
     canvas = FigureCanvasAgg(figure)
-    upper, lower = figure.subplots(2, 1, height_ratios=(3, 1))
+    upper, lower = figure.subplots(2, 1, height_ratios=(field, COURSE_HEIGHT))
     arrows, now = _drawn((upper, lower), tracks, rows, colors)
     canvas.draw()
     figure.set_layout_engine("none")  # as it was found once: nothing jumps
@@ -123,7 +126,7 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
     for row in rows:
         t_s = (int(tracks.t_us[row]) - int(tracks.t_us[0])) / US_PER_S
         arrows.point_to(moved_px[row])
-        upper.title.set_text(f"t = {t_s:.2f} s")
+        upper.title.set_text(f"t = {t_s:.2f} s, {arrows.told}")
         now.set_xdata([t_s, t_s])
         canvas.draw()
         picture = Images.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())

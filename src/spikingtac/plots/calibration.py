@@ -19,11 +19,12 @@ WIDTH_IN = 7.0
 """Width of the picture, inches."""
 
 STATUS: dict[str, tuple[str, Literal["-", "--"]]] = {
-    "good": ("tab:green", "-"),
-    "doubtful": ("tab:orange", "-"),
-    "expected": ("tab:red", "--"),
+    "good": ("#009e73", "-"),
+    "doubtful": ("#e69f00", "-"),
+    "expected": ("#cc79a7", "--"),
 }
-"""Colour and line of a marker's circle, by what is known of it."""
+"""Colour and line of a marker's circle, by what is known of it; told apart by deuteranopes, too
+(Okabe and Ito, 2008)."""
 
 LEVELS = {"white": (0.15, 0.85), "dark": (0.85, 0.15)}
 """Grey of the ground and of the markers."""
@@ -50,7 +51,7 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
             Circle(place, radius_px, fill=False, color=color, linestyle=line, linewidth=1.6)
         )
         axes.annotate(str(marker), place, color=color, ha="center", va="center", size=7)
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x, px", ylabel="y, px")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
     axes.set_aspect("equal")
     rows, columns = calibration.grid
     said = calibration.provenance.get("quality")

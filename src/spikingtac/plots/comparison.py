@@ -21,6 +21,8 @@ def plot_comparison(
 ) -> Figure:
     """Draw the median and the 95th percentile over the markers in time, and both by marker.
 
+    What is no error, since nobody knows the truth, is called a difference.
+
     Args:
         comparison: What is drawn.
         theme: ``light`` or ``dark``.
@@ -40,7 +42,10 @@ def plot_comparison(
         by_marker.plot(values, ".", color=color, markersize=3)
     style_axes(over_time, colors)
     style_axes(by_marker, colors)
-    over_time.set(xlabel="time (s)", ylabel="error (px)", ylim=(0, None))
-    by_marker.set(xlabel="marker", ylabel="error (px)", ylim=(0, None))
+    named = f"{'error' if comparison.truth else 'difference'} (px)"
+    over_time.set(
+        xlabel="time (s)", ylabel=named, ylim=(0, None), xlim=(t_s[0], max(t_s[-1], 1e-6))
+    )
+    by_marker.set(xlabel="marker", ylabel=named, ylim=(0, None))
     legend_above(over_time, colors)
     return figure

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from spikingtac.errors import named
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
 ThemeName = Literal["light", "dark"]
@@ -18,6 +21,10 @@ WIDTHS_IN: dict[WidthName, float] = {"single": 3.5, "double": 7.16}
 """Widths of one and of two columns of an IEEE paper, inches (IEEE author centre)."""
 DPI = 300
 """Dots per inch of bitmaps: what publishers ask for."""
+PAD_IN = 0.03
+"""Free space around a figure, inches: Matplotlib's own of its layout, about."""
+COLORS = 256
+"""Steps of a colour map: those of a picture of 8 bits."""
 FONT_PT = 8.0
 """Size of text in a figure of one column, points."""
 
@@ -32,7 +39,8 @@ class Theme:
         soft: What is in the background: grids, resting markers, single markers' lines.
         strong: What the figure is about.
         second: What it is compared with.
-        sequential: Colour map of magnitudes, perceptually uniform.
+        sequential: Part of viridis, a perceptually uniform map, for magnitudes: where it begins and
+            ends, 0 to 1. What is small is near to the ground, what is large stands out from it.
         diverging: Colour map of signed values.
     """
 
@@ -41,19 +49,26 @@ class Theme:
     soft: str
     strong: str
     second: str
-    sequential: str
+    sequential: tuple[float, float]
     diverging: str
+
+    def magnitudes(self) -> Colormap:
+        """Return the colour map of magnitudes."""
+        import matplotlib as mpl
+        from matplotlib.colors import ListedColormap
+
+        return ListedColormap(mpl.colormaps["viridis"](np.linspace(*self.sequential, COLORS)))
 
 
 # The two hues are told apart by deuteranopes too (Okabe and Ito, 2008: blue and orange).
 THEMES: dict[ThemeName, Theme] = {
     "light": Theme(
         ground="white", text="#1a1a1a", soft="#9aa3aa", strong="#0072b2", second="#d55e00",
-        sequential="viridis", diverging="RdBu_r",
+        sequential=(0.85, 0.0), diverging="RdBu_r",
     ),
     "dark": Theme(
         ground="#0b0d0e", text="#dbe0e3", soft="#6d777e", strong="#56b4e9", second="#e69f00",
-        sequential="viridis", diverging="RdBu_r",
+        sequential=(0.25, 1.0), diverging="RdBu_r",
     ),
 }  # fmt: skip
 """Name -> colours."""
@@ -76,6 +91,14 @@ def new_figure(theme: str, width: str, height_share: float) -> tuple[Figure, The
     wide = named({str(name): value for name, value in WIDTHS_IN.items()}, width, "width")
     size = wide, wide * height_share
     return Figure(figsize=size, dpi=DPI, facecolor=colors.ground, layout="constrained"), colors
+
+
+def fit_height(figure: Figure) -> None:
+    """Take away what is empty above and below: an image's aspect leaves room in its figure."""
+    figure.draw_without_rendering()
+    needed = figure.get_tightbbox().height + 2.0 * PAD_IN
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, min(needed, height))
 
 
 def legend_above(axes: Axes, theme: Theme) -> None:

@@ -12,8 +12,17 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError, named
+from spikingtac.plots.field_view import draw_values, keep_in_view, pitch_px, view_px
 from spikingtac.plots.summary import PICTURE_ENDINGS
-from spikingtac.plots.theme import DPI, FONT_PT, Theme, legend_above, new_figure, style_axes
+from spikingtac.plots.theme import (
+    DPI,
+    FONT_PT,
+    Theme,
+    fit_height,
+    legend_above,
+    new_figure,
+    style_axes,
+)
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.tracks import Tracks
 
@@ -24,12 +33,10 @@ if TYPE_CHECKING:
 
 Kind = Literal["course", "field", "map", "strain"]
 US_PER_S = 1_000_000
-MARGIN_PX = 20.0
-"""Free space around the markers of a field, px: about half a pitch of the usual grids."""
 ARROW_SHARE = 0.9
 """Length of the longest arrow over the distance of neighbouring markers."""
-COURSE_HEIGHT, FIELD_HEIGHT = 0.62, 0.86
-"""Heights of a time course and of a field with its scale, over the width."""
+COURSE_HEIGHT, FIELD_HEIGHT = 0.62, 1.3
+"""Height of a time course, and the largest of a field with its scale, over the width."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,11 @@ class FieldArrows:
     quiver: Quiver
     gain: float
     px_per_unit: float
+
+    @property
+    def told(self) -> str:
+        """How much longer than the displacements they are, in words."""
+        return f"arrows × {self.gain:.2g}"
 
     def point_to(self, displacement_px: NDArray[np.floating]) -> None:
         """Show ``(m, 2)`` displacements, px."""
@@ -71,7 +83,7 @@ def plot_tracks(
         width: ``single`` or ``double`` column.
 
     Raises:
-        ConfigError: A name is unknown, or there is nothing to draw.
+        ConfigError: A name is unknown, the time is not in the tracks, or there is nothing to draw.
     """
     draw = named(_KINDS, kind, "kind of plot")
     require_estimates(tracks)
@@ -80,6 +92,8 @@ def plot_tracks(
     axes = figure.add_subplot()
     style_axes(axes, colors)
     draw(axes, tracks, _row(tracks, at_us), colors)
+    if kind != "course":
+        fit_height(figure)
     return figure
 
 
@@ -106,6 +120,12 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def _row(tracks: Tracks, at_us: int | None) -> int:
+    begin_us, end_us = int(tracks.t_us[0]), int(tracks.t_us[-1])
+    if at_us is not None and not begin_us <= at_us <= end_us:
+        asked_s, lasts_s = ((t_us - begin_us) / US_PER_S for t_us in (at_us, end_us))
+        raise ConfigError(
+            f"nothing was tracked at {asked_s:g} s; the tracks go from 0 to {lasts_s:g} s"
+        )
     chosen_us = tracks.summary()["displacement_max_t_us"] if at_us is None else at_us
     return int(np.abs(tracks.t_us - int(chosen_us)).argmin())
 
@@ -153,35 +173,37 @@ def draw_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> FieldArrow
     none = np.zeros(len(rest))
     quiver = axes.quiver(
         *rest.T, none, none, none,
-        cmap=theme.sequential, angles="xy", scale_units="xy", scale=1, width=0.006,
+        cmap=theme.magnitudes(), angles="xy", scale_units="xy", scale=1, width=0.006,
     )  # fmt: skip
     arrows = FieldArrows(
         quiver=quiver,
-        gain=ARROW_SHARE * _pitch_px(rest) / longest_px,
+        gain=ARROW_SHARE * pitch_px(rest) / longest_px,
         px_per_unit=tracks.px_per_mm or 1.0,
     )
     arrows.point_to(tracks.displacement_px[row])
     quiver.set_clim(0.0, longest_px / arrows.px_per_unit)
     axes.plot(*rest.T, ".", color=theme.soft, markersize=1.5, zorder=0)
     _finish_field(axes, tracks, row, theme)
+    keep_in_view(axes, rest + arrows.gain * tracks.displacement_px[row])
+    axes.set_title(f"{axes.get_title()}, {arrows.told}", color=theme.text, fontsize=FONT_PT)
     _add_scale(axes, quiver, f"displacement ({unit})", theme)
     return arrows
 
 
 def _draw_map(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
     moved, unit = _moved(tracks)
-    _draw_values(axes, tracks, np.hypot(*moved[row].T), theme.sequential, (0.0, None))
+    draw_values(axes, tracks, np.hypot(*moved[row].T), theme.magnitudes(), (0.0, None))
     _finish_field(axes, tracks, row, theme)
     _add_scale(axes, axes.collections[0], f"displacement ({unit})", theme)
 
 
 def _draw_strain(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
     operator = GradientOperator(tracks.reference_px.astype(np.float64))
-    growth = operator.of(tracks.displacement_px[row].astype(np.float64)).divergence
+    growth = 100.0 * operator.of(tracks.displacement_px[row].astype(np.float64)).divergence
     bound = max(float(np.abs(growth).max()), 1e-9)
-    _draw_values(axes, tracks, growth, theme.diverging, (-bound, bound))
+    draw_values(axes, tracks, growth, theme.diverging, (-bound, bound))
     _finish_field(axes, tracks, row, theme)
-    _add_scale(axes, axes.collections[0], "growth of area (1)", theme)
+    _add_scale(axes, axes.collections[0], "growth of area (%)", theme)
 
 
 _KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], object]] = {
@@ -192,43 +214,11 @@ _KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], object]] = {
 }
 
 
-def _draw_values(
-    axes: Axes,
-    tracks: Tracks,
-    values: NDArray[np.floating],
-    colors: str,
-    bounds: tuple[float, float | None],
-) -> None:
-    """Draw a value at each marker as a square of the size of the pitch."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Rectangle
-
-    pitch = _pitch_px(tracks.reference_px)
-    squares = [
-        Rectangle((float(x) - pitch / 2, float(y) - pitch / 2), pitch, pitch)
-        for x, y in tracks.reference_px
-    ]
-    tiles = PatchCollection(squares, cmap=colors, linewidth=0)
-    tiles.set_array(values)
-    tiles.set_clim(*bounds)
-    axes.add_collection(tiles)
-
-
-def _pitch_px(rest: NDArray[np.floating]) -> float:
-    """Return the median distance of the nearest neighbour, px."""
-    if len(rest) < 2:
-        return MARGIN_PX
-    apart = np.hypot(*np.moveaxis(rest[:, np.newaxis] - rest, 2, 0))
-    np.fill_diagonal(apart, np.inf)
-    return float(np.median(apart.min(axis=1)))
-
-
 def _finish_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
-    (left, top), (right, bottom) = tracks.reference_px.min(axis=0), tracks.reference_px.max(axis=0)
-    margin = max(MARGIN_PX, 0.6 * _pitch_px(tracks.reference_px))
+    (left, top), (right, bottom) = view_px(tracks.reference_px)
     axes.set(
-        xlim=(left - margin, right + margin),
-        ylim=(bottom + margin, top - margin),
+        xlim=(left, right),
+        ylim=(bottom, top),
         xlabel="x (px)",
         ylabel="y (px)",
         aspect="equal",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,14 @@ class Comparison:
         error_px: ``(n, m)`` distance of each marker, px.
         coasted: ``(n, m)`` True where the first tracks predicted a position.
         error_mm: ``(n, m)`` the same on the skin, mm, or None where the scale is not known.
+        truth: Whether the distance is that from a truth; otherwise neither need be right.
     """
 
     t_us: NDArray[np.int64]
     error_px: NDArray[np.float64]
     coasted: NDArray[np.bool_]
     error_mm: NDArray[np.float64] | None = None
+    truth: bool = False
 
     def summary(self) -> dict[str, Any]:
         """Return the figures over all markers and times.
@@ -82,7 +84,7 @@ def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any
     Raises:
         ConfigError: They have other numbers of markers, or no time in common.
     """
-    return _compared(one, one.detected_px, t_us, position_px)
+    return replace(_compared(one, one.detected_px, t_us, position_px), truth=True)
 
 
 def _compared(

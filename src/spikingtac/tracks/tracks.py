@@ -16,6 +16,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.columns import FIELDS, HEALTH_TYPES, VECTORS, require_shapes, stacked
 from spikingtac.tracks.files import NpzTracksWriter, create_tracks
 from spikingtac.tracks.tables import as_pandas, as_xarray
@@ -120,8 +121,10 @@ class Tracks:
             require_shapes(values)
             return cls(meta=meta, **_by_attribute(values))
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
+            other = kind_of(path) not in (None, "tracks") and told_kind(path)
+            reason = other or str(error).rpartition("cannot be read as tracks: ")[2]
             raise RecordingError(
-                f"{str(path)!r} holds no tracks: {error}; "
+                f"{str(path)!r} holds no tracks: {reason}; "
                 "make them with: spikingtac track RECORDING --calibration calibration.json"
             ) from error
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
 from PIL import Image
 
 from spikingtac.errors import ConfigError
 from spikingtac.plots.comparison import plot_comparison
+from spikingtac.plots.field_view import cell_corners
 from spikingtac.plots.theme import THEMES, WIDTHS_IN
 from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_tracks, save_figure
-from spikingtac.tracks.comparison import compare_tracks
+from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import PITCH_PX
 
@@ -49,7 +53,61 @@ def test_arrows_point_where_the_markers_went() -> None:
     longest_px = np.hypot(*moved.T).max()
     np.testing.assert_allclose(drawn, moved * ARROW_SHARE * PITCH_PX / longest_px, rtol=1e-5)
     np.testing.assert_allclose(arrows.XY, tracks.reference_px)
-    assert axes.get_title() == "t = 0.250 s"
+    gain = ARROW_SHARE * PITCH_PX / longest_px
+    assert axes.get_title() == f"t = 0.250 s, arrows × {gain:.2g}"
+    tips = tracks.reference_px + gain * moved
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert (tips > (left, top)).all()
+    assert (tips < (right, bottom)).all()
+
+
+@pytest.mark.parametrize("kind", ["field", "map", "strain"])
+def test_a_wide_sensor_leaves_no_empty_rows(kind: str, tmp_path: Path) -> None:
+    tracks = circling_tracks(estimates=20)
+    flat = replace(tracks, reference_px=tracks.reference_px * np.float32((1.0, 0.5)))
+    save_figure(plot_tracks(flat, kind), tmp_path / "figure.png")
+    image = np.asarray(Image.open(tmp_path / "figure.png").convert("L"))
+    drawn = np.flatnonzero((image < 250).any(axis=1))
+    assert drawn[0] < 0.05 * image.shape[0]
+    assert drawn[-1] > 0.95 * image.shape[0]
+    assert image.shape[0] < 0.75 * image.shape[1]
+
+
+@pytest.mark.parametrize("kind", ["map", "strain"])
+def test_cells_meet_and_do_not_overlap(kind: str) -> None:
+    tracks = circling_tracks(estimates=20)
+    shaken = tracks.reference_px + np.random.default_rng(0).normal(0, 3, (64, 2)).astype(np.float32)
+    (cells,) = [
+        item
+        for item in plot_tracks(replace(tracks, reference_px=shaken), kind).axes[0].collections
+        if isinstance(item, QuadMesh)
+    ]
+    assert np.asarray(cells.get_coordinates()).shape == (9, 9, 2)
+    np.testing.assert_allclose(cell_corners(tracks.reference_px.reshape(8, 8, 2))[0, 0],
+                               tracks.reference_px[0] - PITCH_PX / 2, atol=1e-3)  # fmt: skip
+
+
+def test_what_moved_most_stands_out_from_the_ground() -> None:
+    for theme in THEMES.values():
+        ground, least, most = (
+            np.mean(to_rgb(color)) for color in (theme.ground, *theme.magnitudes()([0, 255]))
+        )
+        assert abs(most - ground) > 0.4
+        assert abs(most - ground) > abs(least - ground)
+
+
+def test_a_time_outside_of_the_tracks_is_refused() -> None:
+    for at_us in (0, 10_000_000):
+        with pytest.raises(ConfigError, match=r"the tracks go from 0 to 0\.019 s"):
+            plot_tracks(circling_tracks(estimates=20), "field", at_us=at_us)
+
+
+def test_what_is_no_error_is_called_a_difference() -> None:
+    tracks = circling_tracks()
+    found = compare_tracks(tracks, circling_tracks(off_px=0.5))
+    assert plot_comparison(found).axes[0].get_ylabel() == "difference (px)"
+    true = compare_with_truth(tracks, tracks.t_us, tracks.position_px)
+    assert plot_comparison(true).axes[1].get_ylabel() == "error (px)"
 
 
 def test_wrong_names_and_empty_tracks_are_refused(tmp_path: Path) -> None:

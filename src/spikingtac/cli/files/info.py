@@ -13,21 +13,26 @@ from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.tracks import Tracks
 
 PEAK_WINDOW_US = 1_000
 """Window of the peak rate, us: that of contact detection."""
 
 US_PER_S = 1_000_000
 EVENTS_PER_MEV = 1_000_000
+UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
+         "_hz": "Hz", "_px": "px", "_mm": "mm"}  # fmt: skip
+"""Ending of a figure's name -> its unit; the first that fits counts."""
+SHARES = ("_fraction", "_share")
+"""Endings of what a reader is told in per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Print the content of an event file, recording folder or tracks: size, rates, damage."""
+    """Print the content of an event file, recording folder, tracks or calibration."""
 
     file: tyro.conf.Positional[Path]
-    """Event file, recording folder, tracks.npz, or a camera: its address, a named pipe, or -."""
+    """Event file, recording folder, tracks.npz, calibration.json, or a camera: its address, a named
+    pipe, or -."""
     sensor: int = 0
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
@@ -41,10 +46,13 @@ class Args:
 def run(args: Args) -> int:
     """Read the whole file once and print its content."""
     from spikingtac.events.open import open_events
+    from spikingtac.file_kinds import kind_of
     from spikingtac.tracks import Tracks, is_tracks_file
 
     if args.file.is_file() and is_tracks_file(args.file):
-        return _print_tracks(Tracks.load(args.file), args)
+        return _print_figures({"format": "tracks", **Tracks.load(args.file).summary()}, args)
+    if kind_of(args.file) == "calibration":
+        return _print_figures(_of_calibration(args.file), args)
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
     found = summary(source)
     if args.json:
@@ -53,7 +61,7 @@ def run(args: Args) -> int:
     for note in source.notes:
         remark(f"note: {note}")
     anomalies = found.pop("anomalies")
-    rows = [(key, _text(value)) for key, value in found.items()]
+    rows = [_row(key, value) for key, value in found.items()]
     emit_table(str(args.file), ("", ""), rows, words=2)
     if anomalies:
         from spikingtac.events.formats.codec import KINDS
@@ -65,14 +73,34 @@ def run(args: Args) -> int:
     return 0
 
 
-def _print_tracks(tracks: Tracks, args: Args) -> int:
-    found = {"format": "tracks", **tracks.summary()}
+def _print_figures(found: dict[str, Any], args: Args) -> int:
     if args.json:
         emit_json(found)
     else:
-        rows = [(key, _text(value)) for key, value in found.items()]
+        rows = [_row(key, value) for key, value in found.items()]
         emit_table(str(args.file), ("", ""), rows, words=2)
     return 0
+
+
+def _of_calibration(path: Path) -> dict[str, Any]:
+    """Return the figures of a calibration."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+
+    calibration = Calibration.load(path)
+    measured = calibration.marker_measured
+    return {
+        "format": "calibration",
+        "size": list(calibration.size),
+        "grid": list(calibration.grid),
+        "polarity": calibration.polarity,
+        "quality": calibration.provenance.get("quality"),
+        "markers_measured": None if measured is None else int(measured.sum()),
+        "radius_px": float(calibration.radius_px.mean()),
+        "lag_us": calibration.lag_us,
+        "px_per_mm": calibration.px_per_mm,
+        "lens": calibration.lens is not None,
+        "recording": calibration.provenance.get("recording"),
+    }
 
 
 def summary(source: FileSource) -> dict[str, Any]:
@@ -137,7 +165,32 @@ class _PeakCounter:
         return self._peak
 
 
+def _row(key: str, value: Any) -> tuple[str, str]:
+    """Return a figure for a reader: its unit stands behind the value, no longer in its name."""
+    if key == "px_per_mm":
+        return "scale", "not known" if value is None else f"{value:.6g} px/mm"
+    name, unit = next(
+        (
+            (key.removesuffix(ending), unit)
+            for ending, unit in UNITS.items()
+            if key.endswith(ending)
+        ),
+        (key, ""),
+    )
+    known = value not in (None, [])
+    if key.endswith(SHARES) and known:
+        return name.replace("_", " "), f"{100 * value:.4g} %"
+    if key == "health" and known:
+        value = {kind: count for kind, count in value.items() if kind != "rate_ev_s"}
+    text = f"{value:,}" if key == "events" else _text(value)
+    return name.replace("_", " "), f"{text} {unit}" if unit and known else text
+
+
 def _text(value: Any) -> str:
+    if value is None or value == []:
+        return "none" if value == [] else "not known"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):

@@ -258,15 +258,18 @@ def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
         )
     for kind, count in summary["anomalies"].items():
         remark(f"note: {kind} {count} times in the recording")
+    from spikingtac.events.open import first_event_us
+
     quiet = summary["quiet"]
+    begin_us = first_event_us(args.recording)
     title = (
         f"contacts in {args.recording.name} by {summary['detector']}, at most "
-        f"{summary['budget_per_hour']:g} false per hour"
+        f"{summary['budget_per_hour']:g} false per hour; times from "
+        f"{'zero' if begin_us is None else 'its first event'}"
     )
     if "mean" in quiet:
-        title += (
-            f"; quiet: {quiet['seconds']:g} s, {quiet['mean']:.2f} events/ms, "
-            f"variance {quiet['variance']:.2f}"
+        title += "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}".format_map(
+            quiet
         )
     remark(summary["rule"])
     emit_table(
@@ -274,8 +277,8 @@ def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
         ("t ms", "ends ms", "statistic", "threshold", "where px"),
         [
             (
-                f"{contact['t_us'] / 1e3:.1f}",
-                "-" if contact["end_us"] is None else f"{contact['end_us'] / 1e3:.1f}",
+                _ms(contact["t_us"], begin_us),
+                _ms(contact["end_us"], begin_us),
                 f"{contact['count']:.0f}",
                 f"{contact['threshold']:.0f}",
                 _places(contact),
@@ -284,6 +287,10 @@ def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
         ],
         words=0,
     )
+
+
+def _ms(t_us: int | None, begin_us: int | None) -> str:
+    return "-" if t_us is None else f"{(t_us - (begin_us or 0)) / 1e3:.1f}"
 
 
 def _places(contact: dict[str, Any]) -> str:

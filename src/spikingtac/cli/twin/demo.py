@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.viewing.view import report, show_source
+from spikingtac.cli.viewing.view import check_seconds, report, show_source
 
 SCENE = "demo"
 
@@ -48,6 +48,7 @@ def run(args: Args) -> int:
     """Simulate, track and serve, and print the summary at the end."""
     from spikingtac.viewer.export.output_files import tracks_beside
 
+    check_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
     tracks = tracks_beside(args.picture) if args.picture else None

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, remark
-from spikingtac.errors import RecordingError
+from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.file_kinds import TOLD, kind_of
 from spikingtac.plots.theme import ThemeName, WidthName
 from spikingtac.tracks import Tracks
 from spikingtac.tracks.comparison import Comparison, compare_tracks, compare_with_truth
@@ -72,17 +73,18 @@ def compared(one: Path, other: Path) -> Comparison:
         ConfigError: The two are of other sensors or other times.
     """
     from spikingtac.events.formats.array_file import load_arrays
-    from spikingtac.tracks import is_tracks_file
 
-    tracks = Tracks.load(one)
     path = other / "truth.npz" if other.is_dir() else other
-    if is_tracks_file(path):
+    kind = kind_of(path)
+    if kind == "tracks" and kind_of(one) in ("recording", "truth"):
+        raise ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
+    tracks = Tracks.load(one)
+    if kind not in ("tracks", "truth") and path.exists():
+        told = f": {TOLD[kind]}" if kind else " (marker_t_us and marker_px)"
+        raise RecordingError(f"{str(path)!r} holds neither tracks nor a truth{told}")
+    if kind == "tracks":
         return compare_tracks(tracks, Tracks.load(path))
     truth = load_arrays(path, "ground truth")
-    if not {"marker_t_us", "marker_px"} <= truth.keys():
-        raise RecordingError(
-            f"{str(path)!r} holds neither tracks nor a truth (marker_t_us and marker_px)"
-        )
     return compare_with_truth(tracks, truth["marker_t_us"], truth["marker_px"])
 
 

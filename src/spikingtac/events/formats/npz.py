@@ -15,6 +15,7 @@ from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS, Colum
 from spikingtac.events.formats.checks.time_unit import SECONDS_NOTE, US_PER_S, in_seconds
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, Rows
+from spikingtac.file_kinds import told_kind
 from spikingtac.types import EventPacket
 
 CHUNK_ROWS = 1 << 17
@@ -85,9 +86,8 @@ class _ColumnReader:
             )
             shape, _, self._type = read(self._file)
         except KeyError as error:
-            raise FormatError(
-                f"{str(path)!r} has no column {name!r}; an event .npz holds t, x, y, p and size"
-            ) from error
+            told = told_kind(path) or "an event .npz holds t, x, y, p and size"
+            raise FormatError(f"{str(path)!r} has no column {name!r}; {told}") from error
         except ARCHIVE_DAMAGE as error:
             raise FormatError(f"{str(path)!r}: column {name!r} is damaged: {error}") from error
         if len(shape) != 1 or self._type.kind not in "uifb":

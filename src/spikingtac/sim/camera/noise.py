@@ -98,8 +98,16 @@ def background_events_kernel(source: NoiseSource, until_us: float, out: NDArray[
             i = min(int(place / source.background_fraction * pixels), pixels - 1)
         else:
             rest = (place - source.background_fraction) / (1.0 - source.background_fraction)
-            nearest = np.searchsorted(source.hot_cumulative, rest)
-            i = source.hot_pixel[min(nearest, source.hot_pixel.shape[0] - 1)]
+            nearest, end = 0, source.hot_pixel.shape[0] - 1
+            while (
+                nearest < end
+            ):  # np.searchsorted, whose parts take longer to compile than all of this
+                middle = (nearest + end) // 2
+                if source.hot_cumulative[middle] < rest:
+                    nearest = middle + 1
+                else:
+                    end = middle
+            i = source.hot_pixel[nearest]
         source.polarity[i] ^= np.uint8(1)
         timestamp_us = np.int64(source.next_us[0])
         out[n] = (timestamp_us << KEY_SHIFT) | (np.int64(i) << 1) | np.int64(source.polarity[i])

@@ -76,11 +76,11 @@ def open_view_source(
     else:
         view = _open_recording(path, calibration)
     if calibration is not None:
-        view = replace(view, calibration=Calibration.load(calibration))
+        view = replace(view, calibration=Calibration.load(calibration), own_calibration=False)
     if tuple(view.calibration.size) != tuple(view.source.size):
-        raise CalibrationError(
-            f"the calibration is for {view.calibration.size}, the recording has {view.source.size}"
-        )
+        from spikingtac.pipeline.recording_tracks import require_same_size
+
+        require_same_size(view.source.size, view.calibration.size)
     return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)
 
 
@@ -100,6 +100,7 @@ def calibrated_view(
     return replace(
         view,
         calibration=calibration,
+        own_calibration=view.own_calibration and calibration is view.calibration,
         config=config,
         make_tracker=partial(_tracker, calibration),
         make_detector=partial(
@@ -218,6 +219,7 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
         simulated=True,
         ends=False,
         provenance={"scene": name, "seed": seed, "scene_sha256": scene.digest()},
+        own_calibration=True,
     )
 
 

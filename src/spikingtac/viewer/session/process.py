@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import threading
 from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.live.factory import Factory
+from spikingtac.live.process_source import INHERITING
 from spikingtac.live.ring import SharedRing
 from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
 
@@ -50,7 +52,9 @@ class SessionProcess:
             tracks: File for every estimate, complete once :meth:`close` has returned True.
             realtime: Ask for what helps to keep deadlines, once the kernels are compiled.
         """
-        context = multiprocessing.get_context("spawn")
+        # A fork inherits what is imported; beside other threads, whose locks it would keep, none.
+        alone = threading.active_count() == 1
+        context: Any = multiprocessing.get_context(INHERITING if alone else "spawn")
         self.dropped_commands = 0
         self._frames = SharedRing.create(FRAME_BYTES)
         self._greetings = SharedRing.create(GREETING_BYTES)

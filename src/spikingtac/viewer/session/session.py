@@ -71,7 +71,8 @@ class Session:
         self._recorder = recorder or NullTrackRecorder()
         self._notice, self._retuned = view.notice, False
         source = view.source
-        if len(view.calibration.reference_px):  # looking at events needs no calibration
+        # Looking at events needs no calibration.
+        if len(view.calibration.reference_px) and not view.own_calibration:
             source = CheckedSource(source, view.calibration, self.warn)
         store = EventStore(source)
         if view.ends:

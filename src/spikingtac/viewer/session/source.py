@@ -66,6 +66,8 @@ class ViewSource:
         calibrated: Makes the view of the same events once there is a calibration.
         shelf: The other recordings that the page may open instead, or None.
         opened: The name of this one on the shelf.
+        own_calibration: True where the calibration is the sensor's by its making, as a scene's is;
+            any other is compared with the events.
     """
 
     label: str
@@ -87,6 +89,7 @@ class ViewSource:
     )
     shelf: Recordings | None = None
     opened: str = ""
+    own_calibration: bool = False
 
 
 class SampledTruth:

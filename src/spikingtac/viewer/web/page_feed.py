@@ -44,8 +44,19 @@ class Page:
         """True while it may be sent another frame."""
         return self._on_the_way < UNACKNOWLEDGED
 
+    @property
+    def silent_s(self) -> float:
+        """How long it has left a frame unacknowledged, s; a page that was sent none is not silent.
+
+        The first start compiles for a minute on a busy machine, and a page waits for it.
+        """
+        now_s = asyncio.get_running_loop().time()
+        return now_s - self.acknowledged_s if self._on_the_way else 0.0
+
     def sent(self) -> None:
         """Note that a frame went out."""
+        if not self._on_the_way:
+            self.acknowledged_s = asyncio.get_running_loop().time()
         self._sent += 1
         self._on_the_way += 1
 
@@ -92,8 +103,7 @@ class PageFeeds:
         Returns when the page has been silent for :data:`SILENT_S`.
         """
         greeted = framed = 0
-        clock = asyncio.get_running_loop().time
-        while clock() - page.acknowledged_s < SILENT_S:
+        while page.silent_s < SILENT_S:
             if self.greeting[0] > greeted:
                 greeted, message = self.greeting
                 await send_text(message.decode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import socket
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib import resources
@@ -18,8 +19,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from spikingtac.errors import DeviceError
 from spikingtac.viewer.session.commands import LONGEST_COMMAND, CommandError, parse_command
+from spikingtac.viewer.web.address import unusable
 from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
 from spikingtac.viewer.web.security import Gate, page_headers
@@ -192,6 +193,17 @@ def _file(name: str) -> Response:
 class _Server(uvicorn.Server):
     """Ends quietly at a signal; uvicorn's own server repeats it, which skips the clean-up."""
 
+    refused: BaseException | None = None
+    """Why it could not bind."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to listen; uvicorn's own leaves by SystemExit, which a task must not."""
+        try:
+            await super().startup(sockets)
+        except SystemExit as stop:
+            self.refused = stop.__context__ or stop
+            self.should_exit = True
+
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
         numbers = (signal.SIGINT, signal.SIGTERM)
@@ -217,6 +229,7 @@ def serve(
 
     Raises:
         DeviceError: The port is taken.
+        ConfigError: The host is no address of this machine.
     """
     config = uvicorn.Config(
         app,
@@ -240,16 +253,14 @@ def serve(
             ready(server.servers[0].sockets[0].getsockname()[1])
         try:
             while not serving.done():
-                server.should_exit = server.should_exit or not alive()
+                if not alive():  # a signal may set it meanwhile: nothing is written back
+                    server.should_exit = True
                 await asyncio.wait((serving,), timeout=ALIVE_S)
             await serving
         finally:  # an interrupted server leaves its sockets open
             for listening in server.servers if server.started else ():
                 listening.close()
 
-    try:
-        asyncio.run(run())
-    except SystemExit as stop:  # how uvicorn reports that it could not bind
-        raise DeviceError(
-            f"port {port} of {host} cannot be used; give another one: --port N"
-        ) from stop
+    asyncio.run(run())
+    if server.refused is not None:
+        raise unusable(host, port, server.refused) from server.refused

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -15,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spikingtac.atomic_files import require_free
-from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.errors import DeviceError
 from spikingtac.live.factory import Factory
 from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.pair.together import Together
 from spikingtac.viewer.session.process import SHUTDOWN_S, SessionProcess
+from spikingtac.viewer.web.address import addresses, check_address, page_url
 from spikingtac.viewer.web.security import Gate
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ OPENING_S = 1_800.0
 minutes of a slow or busy machine (ours: it was not done after 120 s beside four other programs)."""
 STILL_STARTING_S = 15.0
 """How often the user reads that the first start goes on, s."""
-LAST_PORT = 65_535
-"""Largest port number of TCP (RFC 793: 16 bits)."""
 WAIT_S = 0.02
 NICENESS = 5
 """Nice value of the server: a third of an ordinary program's share on a busy machine (ours)."""
@@ -158,7 +156,7 @@ def _served(
         for line in addresses(options.host, port, gate.token):
             report(line)
         if options.browser:
-            webbrowser.open(_url("127.0.0.1", port, gate.token))
+            webbrowser.open(page_url("127.0.0.1", port, gate.token))
 
     for monitor in monitors:
         monitor.await_view()
@@ -248,42 +246,10 @@ class _SessionMonitor:
         )
 
 
-def check_address(host: str, port: int) -> None:
-    """Refuse an address that no page can be served on, before anything is computed.
-
-    Raises:
-        ConfigError: The port is out of range, or the host is no address of a machine.
-    """
-    if not 0 <= port <= LAST_PORT:
-        raise ConfigError(f"--port is {port}, valid is 0 (any free one) to {LAST_PORT}")
-    try:
-        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as error:
-        raise ConfigError(
-            f"--host {host!r} is no address of this machine ({error}); valid are 127.0.0.1 "
-            "(this machine alone) and 0.0.0.0 (every network that it is on)"
-        ) from error
-
-
-def addresses(host: str, port: int, token: str) -> list[str]:
-    """Return what a user needs to reach the page, here and from another machine."""
-    query = f"/?token={token}" if token else "/"
-    return [
-        f"open {_url(host, port, token)} (Ctrl-C ends)",
-        f"from another machine: ssh -N -L {port}:127.0.0.1:{port} THIS_MACHINE, "
-        f"then http://127.0.0.1:{port}{query}",
-    ]
-
-
 def _lower_priority() -> None:
     """Let the session and a simulated sensor go first on a busy machine."""
     if hasattr(os, "nice"):  # the session's processes have started, and keep their own
         os.nice(NICENESS)
-
-
-def _url(host: str, port: int, token: str) -> str:
-    shown = f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
 def _raise_failure(session: SessionProcess) -> None:

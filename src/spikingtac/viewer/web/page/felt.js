@@ -1,4 +1,5 @@
 // Draws what is felt over the sensor: the touched patch, the force as an arrow, the spectrum.
+import { drawSeen } from "./arrows.js";
 import { fitCanvas } from "./theme.js";
 
 const PX_PER_N = 25; // sensor pixels of arrow for a newton along the skin
@@ -15,7 +16,8 @@ export function drawFelt(sensor, felt) {
     context.stroke();
   }
   const [x, y] = felt.place_px ?? hello.size.map((side) => side / 2), [fx, fy] = felt.force_n;
-  sensor.arrow(sensor.toCanvas(x, y), sensor.toCanvas(x + PX_PER_N * fx, y + PX_PER_N * fy), Math.hypot(fx, fy) * PX_PER_N);
+  const ends = [sensor.toCanvas(x, y), sensor.toCanvas(x + PX_PER_N * fx, y + PX_PER_N * fy), Math.hypot(fx, fy) * PX_PER_N];
+  drawSeen(context, [[context.fillStyle, [ends]]]);
 }
 
 export function forceText(felt) {

@@ -23,7 +23,7 @@ export function drawGuide(sensor, guide, arrays) {
 }
 
 export function showGuide(guide, hello) {
-  $("guide").hidden = !guide;
+  if ($("guide").hidden === Boolean(guide)) $("guide").hidden = !guide;
   if (!guide) return;
   $("guide").dataset.state = guide.state;
   const total = guide.grid ? guide.grid[0] * guide.grid[1] : 0;

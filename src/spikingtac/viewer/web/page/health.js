@@ -32,6 +32,9 @@ export function showHealth(tag, reset, state, watchdog) {
     [level, said] = PAST[fault.health] ?? ["bad", fault.health.toLowerCase()];
     about = fault.reason;
   } else if (fault) about = `${about} ${fault.reason}`;
+  const shown = [level, said, about, state, fault?.health].join();
+  if (tag.dataset.shown === shown) return;
+  tag.dataset.shown = shown;
   reset.hidden = !["STALE", "OVERLOAD"].includes(fault?.health);
   if (tag.textContent !== said) tag.textContent = said;
   tag.dataset.level = level;

@@ -41,7 +41,7 @@ export class FieldLayers {
     if (!this.whole) return;
     const { context } = sensor, columns = this.small.width, rows = this.small.height;
     context.strokeStyle = sensor.tone.mesh;
-    context.lineWidth = 1.2 * devicePixelRatio;
+    context.lineWidth = devicePixelRatio; // thicker lines are outlines to fill, at four times the cost
     context.beginPath();
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) joined(context, sensor, tips[row * columns + column], column === 0);

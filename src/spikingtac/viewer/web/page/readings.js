@@ -19,6 +19,8 @@ const ORDER = [
   ["damage", "damaged or lost data", "What was wrong with the stream, by kind, and how often."],
 ];
 
+const LEAST_MM = 0.01;
+
 export class Readings {
   constructor(list) {
     this.cells = {};
@@ -41,7 +43,9 @@ export class Readings {
 }
 
 export function length(px, pxPerMm) {
-  return pxPerMm ? `${px.toFixed(2)} px (${(px / pxPerMm).toFixed(3)} mm)` : `${px.toFixed(2)} px`;
+  if (!pxPerMm) return `${px.toFixed(2)} px`;
+  const mm = px / pxPerMm; // a noise of some micrometres is not 0.00 mm
+  return `${px.toFixed(2)} px (${mm < LEAST_MM ? `${(1e3 * mm).toFixed(1)} µm` : `${mm.toFixed(3)} mm`})`;
 }
 
 export function eventRate(perSecond) {

@@ -106,10 +106,12 @@ export class Sensor {
     const image = this.options.image;
     const packed = image === "map" ? arrays.map : image === "none" ? undefined : arrays.activity;
     if (!packed) return false;
-    const table = this.tables[image], words = this.words;
-    for (let i = 0, pixel = 0; pixel < words.length; i++) {
-      words[pixel++] = table[packed[i] >> 4];
-      if (pixel < words.length) words[pixel++] = table[packed[i] & 15];
+    const table = this.tables[image], words = this.words, eight = new Uint32Array(packed.buffer, packed.byteOffset, packed.length >> 2);
+    words.fill(table[0]); // most pixels are empty: where eight of them are, nothing is left to do
+    for (let i = 0; i < packed.length; i++) {
+      if ((i & 3) === 0 && eight[i >> 2] === 0) { i += 3; continue; }
+      words[2 * i] = table[packed[i] >> 4];
+      if (2 * i + 1 < words.length) words[2 * i + 1] = table[packed[i] & 15];
     }
     this.picture.getContext("2d").putImageData(this.pixels, 0, 0);
     return true;

@@ -28,8 +28,23 @@ export function startTheme(changed) {
   };
 }
 
+// Sizes are told by the browser when they change: asking for one makes it lay out the page at once.
+const sizes = new WeakMap();
+let resized = () => {};
+const watcher = new ResizeObserver((entries) => {
+  for (const { target } of entries) sizes.set(target, [target.clientWidth, target.clientHeight]);
+  resized();
+});
+
+export function onResize(changed) {
+  resized = changed;
+}
+
 export function fitCanvas(canvas) {
-  const width = Math.round(canvas.clientWidth * devicePixelRatio);
-  const height = Math.round(canvas.clientHeight * devicePixelRatio);
+  if (!sizes.has(canvas)) {
+    sizes.set(canvas, [canvas.clientWidth, canvas.clientHeight]);
+    watcher.observe(canvas);
+  }
+  const [width, height] = sizes.get(canvas).map((side) => Math.round(side * devicePixelRatio));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
 }

@@ -11,13 +11,14 @@ import { Readings, eventRate, fieldOf, length } from "./readings.js";
 import { savePicture, saveTable } from "./save.js";
 import { Sensor } from "./sensor.js";
 import { showShelf } from "./shelf.js";
-import { startTheme } from "./theme.js";
+import { onResize, startTheme } from "./theme.js";
 import { decode } from "./wire.js";
 
 const RETRY_MS = 1000;
 const STALE_MS = 1500;
 const STRIP_US = 2e6;
 const SPEAK_MS = 4000;
+const CHARTS_EVERY = 3; // pictures of the sensor
 const SLOW_MS = 200; // figures that change faster cannot be read
 const EXPOSURES_MS = [1, 200];
 const LAYERS = ["arrows", "heat", "mesh", "discs", "truth"];
@@ -30,7 +31,8 @@ window.__m = metrics;
 
 let socket, hello, frame, drawn, waiting = false, receivedAt = 0, scrubbing = false, drawnAt = [], slowAt = 0, spokenAt = 0;
 
-// Drawn in turn: nobody sees a course grow sixty times a second, and each costs what the sensor does.
+// Nobody sees a course grow sixty times a second. All are drawn with the same picture of the sensor:
+// the browser puts together anew all that lies between what has changed.
 const CHARTS = [
   (meta) => write($("count"), String(counts.draw(meta, hello.window_us) ?? "")),
   (meta) => hello.reference_px.length && trace.draw(meta, sensor.options.truth),
@@ -109,12 +111,16 @@ function draw() {
   if (!frame || !hello) return;
   const begun = performance.now(), { meta, arrays } = (drawn = decode(frame));
   frame = null;
-  document.body.classList.remove("starting");
-  $("sensor").hidden = false;
-  $("waiting").hidden = true;
+  if ($("sensor").hidden) {
+    document.body.classList.remove("starting");
+    show("sensor", true);
+    show("waiting", false);
+  }
   counts.add(meta, arrays.counts);
   sample(meta, arrays);
-  paint(metrics.frames % CHARTS.length);
+  const whole = metrics.frames % CHARTS_EVERY === 0 || !meta.playing;
+  paint(whole);
+  if (whole) showTime(meta);
   showMoment(meta);
   measure(meta);
   send({ ack: ++metrics.frames });
@@ -123,20 +129,23 @@ function draw() {
   if (metrics.draw_ms.length > 600) metrics.draw_ms.shift();
 }
 
-// What is drawn of the latest frame: the sensor, and one of the charts in its turn; else all of them.
-function paint(turn = null) {
+// What is drawn of the latest frame: the sensor, and now and then what stands around it.
+function paint(whole = true) {
   const { meta, arrays } = drawn;
   sensor.top = course.top;
   sensor.draw(drawn);
   drawFelt(sensor, meta.felt);
   drawGuide(sensor, meta.guide, arrays);
-  CHARTS.forEach((draw_, index) => (turn === null || turn === index) && draw_(meta));
+  if (!whole) return;
+  for (const chart of CHARTS) chart(meta);
   overview.draw(hello.overview, meta);
 }
 
 function sample(meta, { position_px: position, truth_px: truth }) {
   if (!position || 2 * hello.reference_px.length !== position.length) return;
   const marker = sensor.options.marker, [rx, ry] = hello.reference_px[marker];
+  // Back in time, what was drawn of the seconds before is still known.
+  if (meta.estimate_us < trace.samples.at(-1)?.t_us) trace.fill(course.of(marker, meta.estimate_us - STRIP_US, meta.estimate_us - 1));
   course.add(meta.estimate_us, meta.t_start_us, position, hello.reference_px);
   // The markers are where they were at the last estimate time, a little before the time shown.
   trace.add({
@@ -145,18 +154,22 @@ function sample(meta, { position_px: position, truth_px: truth }) {
   });
 }
 
-function showMoment(meta) {
+// Each of these makes the browser lay out some text; while it plays, nobody reads every one.
+function showTime(meta) {
   const since = (meta.t_us - meta.t_start_us) / 1e6;
   write($("clock"), `${since.toFixed(3)} s`);
   if (!scrubbing) Object.assign($("timeline"), { min: meta.t_start_us, max: meta.t_end_us, value: meta.t_us });
   $("timeline").setAttribute("aria-valuetext", `${since.toFixed(2)} seconds`);
+}
+
+function showMoment(meta) {
   write($("play"), meta.playing ? "Pause" : "Play");
-  $("play").setAttribute("aria-pressed", String(meta.playing));
+  if ($("play").ariaPressed !== String(meta.playing)) $("play").ariaPressed = String(meta.playing);
   setState(steady(meta.state), meta.watchdog);
-  $("notice").hidden = !meta.notice;
+  show("notice", Boolean(meta.notice));
   write($("notice"), meta.notice);
   const last = meta.contacts_us.at(-1), lamp = $("lamp"), [, word, since_] = lamp.children;
-  lamp.hidden = false;
+  show("lamp", true);
   lamp.classList.toggle("lit", meta.in_contact);
   write(word, meta.in_contact ? "CONTACT" : "free");
   write(since_, last === undefined ? "" : `${meta.in_contact ? "since" : "last at"} ${((last - meta.t_start_us) / 1e6).toFixed(3)} s`);
@@ -194,7 +207,7 @@ function showReadings(meta, arrays) {
   readings.show("hot", quality && String(quality.hot_pixels), quality?.hot_pixels > 0);
   readings.show("estimates", quality ? null : `${hello.rate_hz} per s`);
   readings.show("step", quality ? null : `${meta.step_p50_us.toFixed(0)} µs, ${meta.step_p99_us.toFixed(0)} µs`);
-  readings.show("pace", `× ${meta.pace.toFixed(2)}`, meta.playing && meta.pace < 0.9 * meta.speed);
+  readings.show("pace", meta.playing ? `× ${meta.pace.toFixed(2)}` : "paused", meta.playing && meta.pace < 0.9 * meta.speed);
   readings.show("draw", `${at(0.5).toFixed(0)} ms, ${at(0.99).toFixed(0)} ms`);
   readings.show("fps", String(metrics.fps));
   readings.show("late", String(meta.overruns));
@@ -217,6 +230,11 @@ function scaleShown() {
 function markersText({ sustained, lost }) {
   const seen = hello.reference_px.length - sustained;
   return sustained ? `${seen} seen, ${sustained - lost} held, ${lost} lost` : `${seen} seen`;
+}
+
+// What is as it should be is left alone: to say it again makes the browser look at its styles.
+function show(id, shown) {
+  if ($(id).hidden === shown) $(id).hidden = !shown;
 }
 
 function write(element, text) {
@@ -314,6 +332,6 @@ $("sensor").addEventListener("click", (event) => {
   const marker = hello && sensor.markerAt(event);
   if (marker !== null && marker !== undefined) setOption("marker", marker);
 });
-new ResizeObserver(redraw).observe($("sensor"));
+onResize(redraw);
 setInterval(() => { if (metrics.connected && drawn && performance.now() - receivedAt > STALE_MS) setState("STALE", drawn.meta.watchdog); }, 500);
 connect();

@@ -1,0 +1,226 @@
+"""A file of the wrong kind, or one that may not be read: what it is, and what to do, is said."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac import kernel_cache
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli import main as frame
+from spikingtac.cli.main import main
+from spikingtac.events.create import create_events
+from spikingtac.events.open import first_event_us
+from spikingtac.types import EventPacket
+from stand_ins.tracks import circling_tracks
+from stand_ins.viewer import record_circling
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with its calibration, tracks, and a truth."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "circling").mkdir()
+    record_circling(folder / "circling")
+    circling_tracks(estimates=20).save(folder / "tracks.npz")
+    np.savez(folder / "truth.npz", marker_t_us=np.arange(2), marker_px=np.zeros((2, 64, 2)))
+    Calibration.load(folder / "circling" / "calibration.json").save(folder / "finger.json")
+    return folder
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    code = main([str(argument) for argument in arguments])
+    shown = capsys.readouterr()
+    return code, " ".join((shown.out + shown.err).split())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("track", "tracks.npz", "--calibration", "finger.json"), "it holds tracks"),
+        (("info", "truth.npz"), "spikingtac compare reads"),
+        (("view", "finger.json"), "it is a calibration"),
+        (("plot", "circling"), "it is a recording, which spikingtac info, view and track read"),
+        (("plot", "truth.npz"), "holds no tracks: it holds the truth"),
+        (("track", "circling", "--calibration", "tracks.npz"), "no calibration: it holds tracks"),
+        (("track", "circling", "--calibration", "circling/events.raw"), "make one with"),
+        (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
+        (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
+    ],
+)
+def test_what_a_file_is_instead_is_told(
+    words: tuple[str, ...], told: str, made: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(made)
+    code, text = said(capsys, *words, *(("-o", "new.npz") if words[0] == "track" else ()))
+    assert code == 1
+    assert told in text
+
+
+def test_tracks_and_their_truth_may_be_exchanged_by_mistake(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, text = said(capsys, "compare", made / "truth.npz", made / "tracks.npz")
+    assert code == 2
+    assert f"compare {made / 'tracks.npz'} {made / 'truth.npz'}" in text
+
+
+def test_a_folder_of_recordings_names_them(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, text = said(capsys, "info", made)
+    assert code == 1
+    assert f"it holds {made / 'circling'}" in text
+    (made / "bare").mkdir()
+    assert "it holds" not in said(capsys, "info", made / "bare")[1]
+
+
+def test_a_picture_is_not_taken_for_a_mistyped_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, meant in (("figure.pdf", False), ("events.hdf", True)):
+        (tmp_path / name).write_bytes(b"%PDF-1.4 and more of it")
+        assert ("did you mean" in said(capsys, "info", tmp_path / name)[1]) == meant
+
+
+def test_info_tells_a_calibration(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, text = said(capsys, "info", made / "finger.json")
+    assert code == 0
+    for shown in ("format calibration", "grid 8 x 8", "size 320 x 320", "15.5 px/mm"):
+        assert shown in text
+
+
+def test_figures_stand_with_their_units(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, text = said(capsys, "info", made / "circling")
+    for unit in (" %", " us", "million events/s", "duration"):
+        assert unit in text
+    for key in ("on_fraction", "rate_mev", "rate ev s", "duration_s"):
+        assert key not in text
+    text = said(capsys, "info", made / "tracks.npz")[1]
+    assert "never observed 9" in text
+    assert "scale not known" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--rate-hz", "fast"), "--rate-hz takes a number, 'fast' is none"),
+        (("--workers=1.5",), "--workers takes a whole number, '1.5' is none"),
+        (
+            ("--polarity", "whites"),
+            "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
+        ),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_told_in_words(
+    words: tuple[str, ...], told: str, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calibration = ("--calibration", made / "finger.json")
+    code, text = said(capsys, "track", made / "circling", *calibration, *words)
+    assert code == 2
+    assert told in text
+    assert "class" not in text
+
+
+def test_a_calibration_of_another_size_tells_the_way_out_in_view_too(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = EventPacket.empty(0, 1_000, (240, 180))
+    with create_events(tmp_path / "small.raw", empty.size) as writer:
+        writer.write(empty)
+    finger = ("--calibration", made / "finger.json", "--headless", "--seconds", "1", "--port", "0")
+    code, text = said(capsys, "view", tmp_path / "small.raw", *finger)
+    assert code == 1
+    assert "240x180, the calibration is for 320x320; calibrate this sensor" in text
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.EACCES, "'x.raw': Permission denied; you may not read or write it"),
+        (errno.ENOSPC, "'x.raw': No space left on device; free some space"),
+    ],
+)
+def test_what_the_system_refuses_has_a_way_out(
+    number: int, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame._report(OSError(number, os.strerror(number), "x.raw"), as_json=False)
+    assert told in capsys.readouterr().err
+
+
+def test_contacts_are_told_from_the_first_event(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    late_us = 1_700_000_000_000_000
+    rng = np.random.default_rng(0)
+    spans_us = ((0, 800_000, 2_000), (600_000, 700_000, 10_000))  # noise, and a burst
+    t_us = np.sort(np.concatenate([rng.integers(*span) for span in spans_us])) + late_us
+    count = len(t_us)
+    x, y = rng.integers(0, 320, (2, count)).astype(np.uint16)
+    packet = EventPacket(
+        x, y, np.ones(count, bool), t_us, int(t_us[0]), int(t_us[-1]) + 1, (320, 320)
+    )
+    with create_events(tmp_path / "late.npz", packet.size) as writer:
+        writer.write(packet)
+    assert first_event_us(tmp_path / "late.npz") == t_us[0]
+    code, text = said(capsys, "contact", tmp_path / "late.npz", "--detector", "event_count")
+    assert code == 0
+    assert "times from its first event" in text
+    assert " 6" in text
+    assert "17000000" not in text
+
+
+def test_kernels_are_kept_somewhere_where_nothing_else_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    kernel_cache.provide_kernel_cache()
+    chosen = Path(os.environ["NUMBA_CACHE_DIR"])
+    assert chosen == tmp_path / f"spikingtac_kernels_{os.getuid()}"
+    assert chosen.stat().st_mode & 0o777 == 0o700
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    chosen.chmod(0o777)  # others could have written into it
+    kernel_cache.provide_kernel_cache()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]) != chosen
+
+
+@pytest.mark.parametrize("error", [PermissionError(errno.EACCES, "home"), RuntimeError("none")])
+def test_a_home_that_may_not_be_looked_into_is_none(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr(kernel_cache, "_may_hold", refused)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    kernel_cache.provide_kernel_cache()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == tmp_path
+
+
+def test_a_chosen_cache_or_one_that_can_be_written_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    kernel_cache.provide_kernel_cache(tmp_path)
+    assert "NUMBA_CACHE_DIR" not in os.environ
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
+    kernel_cache.provide_kernel_cache(tmp_path / "nowhere")
+    assert os.environ["NUMBA_CACHE_DIR"] == "mine"
+
+
+def test_the_demo_refuses_its_options_before_it_says_that_it_begins() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "spikingtac", "demo", "--seconds", "-3"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("spikingtac: error: --seconds is -3")
