@@ -49,7 +49,7 @@ def test_info_says_what_is_wrong(recorded: Path, capsys: pytest.CaptureFixture[s
     assert info.run(info.Args(file=recorded)) == 0
     shown = capsys.readouterr().out
     assert "truncated" in shown
-    assert "1500" in shown
+    assert "1,500" in shown
     assert main(["info", str(recorded), "--strict"]) == 1
     assert "truncated" in capsys.readouterr().err
 
