@@ -137,7 +137,7 @@ def test_no_growth_is_guessed_where_the_swing_is_not_known(
 def test_tracks_have_no_discs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = arrays(tmp_path / "a.npz", 1)
     assert main(["touch", str(source), "--camera-distance-mm", "13"]) == 2
-    assert "told from events" in capsys.readouterr().err
+    assert "comes from events" in capsys.readouterr().err
     assert main(["touch", str(source), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["touches"][0]["growth"] is None
 
@@ -261,4 +261,4 @@ def test_vibration_is_told_from_events(tmp_path: Path, capsys: pytest.CaptureFix
     assert main([*asked, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["vibration"] is None
     assert main(["touch", str(arrays(tmp_path / "a.npz", 1)), "--vibration"]) == 2
-    assert "told from events" in capsys.readouterr().err
+    assert "measured from events" in capsys.readouterr().err
