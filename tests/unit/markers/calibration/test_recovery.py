@@ -11,9 +11,12 @@ import pytest
 from spikingtac.markers.calibration.refinement import recovery
 
 
-@pytest.mark.parametrize(("factor", "recovers"), [(0.87, True), (0.97, False), (1.26, False)])
-def test_recovery_must_explain_the_events_better(
-    monkeypatch: pytest.MonkeyPatch, factor: float, recovers: bool
+@pytest.mark.parametrize(
+    ("factor", "on", "recovers"),
+    [(0.87, 3, True), (0.97, 3, False), (1.26, 3, False), (0.87, 2, False)],
+)
+def test_recovery_must_explain_the_events_better_and_off_events_must_be_missing(
+    monkeypatch: pytest.MonkeyPatch, factor: float, on: int, recovers: bool
 ) -> None:
     from spikingtac.markers.calibration.course import Course, PixelSteps
     from spikingtac.markers.calibration.disc_levels import Discs
@@ -31,6 +34,7 @@ def test_recovery_must_explain_the_events_better(
         return replace(start, residual=factor * start.residual)
 
     monkeypatch.setattr(recovery, "refine", refined)
-    found = recovery.with_recovery(SimpleNamespace(), before, *[np.zeros(1)] * 3)
+    events = SimpleNamespace(code=(np.arange(4) < on).astype(np.uint32))
+    found = recovery.with_recovery(events, before, *[np.zeros(1)] * 3)
     assert (found.recovery_s == recovery.RECOVERY_S) is recovers
     assert found.residual[0] == pytest.approx(factor if recovers else 1.0)
