@@ -24,7 +24,7 @@ burst: 0.19 to 0.25; simulated: 0.1 to 0.4 instead of 0.2 cost 5 %)."""
 
 LEAST_ON_SHARE = 0.6
 """Share of ON events below which nothing is missing of the OFF events (the recorded sensor 0.75,
-simulated ones that recover 0.72 to 0.74, those whose thresholds are alike 0.51)."""
+simulated ones that recover 0.68 and 0.72, those whose thresholds are alike 0.51)."""
 
 LEAST_GAIN = 0.05
 """Share by which the levels left over must shrink: less is chance."""
