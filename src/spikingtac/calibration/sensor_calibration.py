@@ -105,7 +105,7 @@ class Calibration:
     def steps_scaled_apart(self) -> bool:
         """Whether tracking asked for another ratio of ON to OFF steps than events tell."""
         scales = self.provenance.get("step_scale")
-        return isinstance(scales, list | tuple) and len(set(scales)) > 1
+        return isinstance(scales, list | tuple) and any(one != scales[0] for one in scales)
 
     @property
     def skin_scale(self) -> SkinScale | None:

@@ -5,8 +5,8 @@ by one yet, is still ground on the map, and what has not fallen by one is still 
 held back by a share of the way in which the edge crosses a step, at any speed. So it is no lag; it
 is the play of a gear. After a marker turns round it is worse: each pixel must first cross its dead
 band back, and those that have not yet hold the fit. Against truth (simulated, v2e) a fit is 0.04 px
-behind in steady motion, 0.2 px half a px after a turn, and has caught up after 2 to 4 px; on a
-flawed gel, whose steps and edges are larger, it is 0.1 and 0.35 px.
+behind in steady motion, 0.24 px half a px after a turn, and has caught up after 4 to 8 px; on a
+flawed gel, whose steps and edges are larger, it is 0.1 and 0.23 px.
 
 The given place is ahead of the fitted one by two play operators of the fit's own way, a short one
 that tells the direction, and a long one that tells the direction some px ago: a steady share of the
