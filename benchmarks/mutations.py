@@ -103,6 +103,13 @@ MUTATIONS = (
         tests=(ACCURACY,),
     ),
     Mutation(
+        name="neighbours-ignored",
+        file="markers/graded/tracker.py",
+        old="self._manager.neighbours.shrunk_px(detected_px, self._noise_px)",
+        new="detected_px",
+        tests=(ACCURACY,),
+    ),
+    Mutation(
         name="silent-pixels-expected",
         file="markers/graded/event_loss.py",
         old="expected += asked * dt_s * (1.0 - silent)",

@@ -71,6 +71,7 @@ class TrackManager:
     """Keeps the identities of one sensor's markers.
 
     Attributes:
+        neighbours: What markers say of each other.
         coasted: ``(m,)`` markers that are predicted, not observed.
         placed: Whether the last judgement placed any marker.
         moved: ``(m,)`` markers that it placed somewhere else.
@@ -82,7 +83,7 @@ class TrackManager:
         count = len(calibration.reference_px)
         self._config = config
         self._reference_px = calibration.reference_px
-        self._neighbours = Neighbourhood(calibration.reference_px)
+        self.neighbours = Neighbourhood(calibration.reference_px)
         disc_px = np.pi * calibration.radius_px**2
         self._detector = BlobDetector(
             calibration.size,
@@ -106,7 +107,7 @@ class TrackManager:
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
-        return self._neighbours.expected_px(position_px)
+        return self.neighbours.expected_px(position_px)
 
     def judge(
         self,
@@ -134,8 +135,8 @@ class TrackManager:
         clear = _all_clear_kernel(
             fitted_px,
             self._reference_px,
-            self._neighbours.index,
-            self._neighbours.weight,
+            self.neighbours.index,
+            self.neighbours.weight,
             agreement,
             silent,
             (config.agreement, self._strain_px, config.strain_share),

@@ -18,6 +18,8 @@ export const WORDS = {
   "maintenance.outline_return_per_s": ["return of outlines", "How fast the outline of a resting disc returns to its calibrated one."],
   "maintenance.backlash": ["play", "By how much a found disc stays behind its marker in steady motion, as a share of the way in which its edge crosses one step; the place given is ahead by as much."],
   "maintenance.turn_backlash": ["play after a turn", "By how much more a found disc stays behind just after its marker turned round."],
+  "maintenance.shrink_px": ["smoothing", "A marker that differs from what its neighbours expect by less than about this is drawn towards it: so small a difference is more likely an error than deformation."],
+  "maintenance.shrink_crossings": ["smoothing per step", "How much the smoothing grows with the way in which an edge crosses one step: pale and soft markers are drawn to their neighbours more."],
   "maintenance.adapt_to_loss": ["make up for lost events", "Each event counts for more when fewer arrive than the motion asks for."],
   "blobs.threshold": ["brightness of a marker", "Pixels at or above this level belong to a marker."],
   "blobs.min_area_share": ["smallest spot", "Smaller spots are no markers; as a share of the smallest calibrated disc."],
