@@ -47,7 +47,8 @@ class Sensor:
     """One sensor and its recording; thresholds in the logarithm of light.
 
     Light that a pixel lost without an event is forgotten within ``recovery_s`` (0: never), and a
-    release goes too far by a share ``overshoot`` of its way, for some 20 ms.
+    release goes too far by a share ``overshoot`` of its way, for some 20 ms. Discs near a press
+    grow by up to a share ``growth``.
     """
 
     seed: int
@@ -62,6 +63,7 @@ class Sensor:
     presses: int = 12
     recovery_s: float = 0.0
     overshoot: float = 0.0
+    growth: float = 0.0
 
 
 SENSORS = {
@@ -78,20 +80,38 @@ SENSORS = {
     "forgetful-few": Sensor(
         10, 0.15, 0.27, radius_px=5.3, edge_px=(1.2, 1.9), presses=4, recovery_s=0.3, overshoot=0.1
     ),
+    "forgetful-growing": Sensor(
+        11,
+        0.16,
+        0.25,
+        radius_px=5.2,
+        edge_px=(1.3, 2.0),
+        recovery_s=0.2,
+        overshoot=0.1,
+        growth=0.2,
+    ),
     "sparse-small": Sensor(8, 0.22, 0.55, (2, 4), (58.0, 75.0), (30.0, 45.0), 6.0),
 }
 
 
 @njit(cache=True)
 def light_kernel(
-    x: int, y: int, center_px: NDArray[np.float64], look: NDArray[np.float64]
+    x: int,
+    y: int,
+    center_px: NDArray[np.float64],
+    look: NDArray[np.float64],
+    growth: NDArray[np.float64],
 ) -> float:
-    """Return the logarithm of a pixel's light; ``look`` is radius, edge scale (px) and contrast."""
+    """Return the logarithm of a pixel's light; ``look`` is radius, edge scale (px) and contrast.
+
+    ``growth`` is by which share each radius has grown.
+    """
     brightest = 0.0
     for m in range(len(center_px)):
         dx, dy = x - center_px[m, 0], y - center_px[m, 1]
         if abs(dx) < 25.0 and abs(dy) < 25.0:
-            beyond = (np.sqrt(dx * dx + dy * dy) - look[m, 0]) / (0.55 * look[m, 1])
+            radius_px = look[m, 0] * (1.0 + growth[m])
+            beyond = (np.sqrt(dx * dx + dy * dy) - radius_px) / (0.55 * look[m, 1])
             brightest = max(brightest, (look[m, 2] - 1.0) / (1.0 + np.exp(beyond)))
     return np.log1p(brightest)
 
@@ -99,6 +119,7 @@ def light_kernel(
 @njit(cache=True)
 def record_kernel(
     course_px: NDArray[np.float64],
+    growth: NDArray[np.float64],
     look: NDArray[np.float64],
     thresholds: NDArray[np.float64],
     level: NDArray[np.float64],
@@ -115,10 +136,11 @@ def record_kernel(
             here, before = course_px[s, m], course_px[s - 1, m]
             if abs(here[0] - before[0]) + abs(here[1] - before[1]) < 1e-5:
                 continue
-            reach = look[m, 0] + 5.0 * look[m, 1] + 2.0
+            reach = 1.3 * look[m, 0] + 5.0 * look[m, 1] + 2.0
             for y in range(max(0, int(here[1] - reach)), min(height, int(here[1] + reach) + 2)):
                 for x in range(max(0, int(here[0] - reach)), min(width, int(here[0] + reach) + 2)):
-                    old, new = light[y, x], light_kernel(x, y, course_px[s], look)
+                    old = light[y, x]
+                    new = light_kernel(x, y, course_px[s], look, growth[s])
                     light[y, x] = new
                     if recovery_s > 0.0 and level[y, x] > old:
                         kept = np.exp(-(s - lit_at[y, x]) * STEP_US * 1e-6 / recovery_s)
@@ -145,24 +167,29 @@ def pushed_px(
 
 def presses_px(
     rest_px: NDArray[np.float64], presses: int, overshoot: float, rng: np.random.Generator
-) -> NDArray:
-    """Return ``(steps, m, 2)`` where the markers are; creep is left after each press."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ``(steps, m, 2)`` where the markers are, and ``(steps, m)`` how deep they are pressed.
+
+    Creep is left after each press; depths are shares of the deepest.
+    """
     begin_s = 1.5 + np.cumsum(rng.uniform(3.0, 4.2, presses))
     at_s = np.arange(0.0, begin_s[-1] + 4.0, STEP_US * 1e-6)
     course_px = np.repeat(rest_px[np.newaxis], len(at_s), axis=0)
+    depth = np.zeros(course_px.shape[:2])
     for first_s in begin_s - 3.0:
         on_s, hold_s, off_s = rng.uniform((0.15, 0.9, 0.15), (0.3, 1.5, 0.35))
         place_px = rng.uniform(0.2, 0.8, 2) * SIZE
-        field_px = pushed_px(
-            rest_px, place_px, rng.uniform(0.6, 1) * SPREAD_PX, rng.uniform(35, 60)
-        )
+        most_px, width_px = rng.uniform(0.6, 1) * SPREAD_PX, rng.uniform(35, 60)
+        field_px = pushed_px(rest_px, place_px, most_px, width_px)
         risen = ((at_s - first_s) / on_s).clip(0.0, 1.0)
         last_s = first_s + on_s + hold_s
         left = 1.0 - (1.0 - CREEP_SHARE) * ((at_s - last_s) / off_s).clip(0.0, 1.0)
         left *= np.exp(-(at_s - last_s - off_s).clip(0.0) / CREEP_S)
         left -= overshoot * np.exp(-(((at_s - last_s - off_s) / OVERSHOOT_S) ** 2))
         course_px += (risen * left)[:, np.newaxis, np.newaxis] * field_px
-    return course_px
+        near = np.exp(-0.5 * (((rest_px - place_px) / width_px) ** 2).sum(axis=1))
+        depth += np.outer((risen * left).clip(0.0), most_px / SPREAD_PX * near)
+    return course_px, depth
 
 
 def _smooth(
@@ -187,19 +214,23 @@ def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
             _smooth(rest_px, sensor.contrast, rng),
         ]
     )
-    course_px = presses_px(rest_px, sensor.presses, sensor.overshoot, rng)
+    course_px, depth = presses_px(rest_px, sensor.presses, sensor.overshoot, rng)
     # A press before the recording begins: what a pixel's last level was is not known.
     before = pushed_px(rest_px, rng.uniform(0.2, 0.8, 2) * SIZE, 0.8 * SPREAD_PX, 45.0)
     there = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
+    growth = sensor.growth * np.concatenate([np.zeros((len(there), len(rest_px))), depth])
     whole_px = np.concatenate([rest_px + there[:, np.newaxis, np.newaxis] * before, course_px])
     usual = np.array([sensor.threshold_off, sensor.threshold_on])[:, np.newaxis, np.newaxis]
     thresholds = usual * rng.normal(1.0, MISMATCH, (2, SIZE[1], SIZE[0])).clip(0.3, 3.0)
     level = np.array(
-        [[light_kernel(x, y, rest_px, look) for x in range(SIZE[0])] for y in range(SIZE[1])]
+        [
+            [light_kernel(x, y, rest_px, look, growth[0]) for x in range(SIZE[0])]
+            for y in range(SIZE[1])
+        ]
     )
     types = np.int64, np.uint16, np.uint16, np.bool_
     out = tuple(np.empty(MOST_EVENTS, kind) for kind in types)
-    count = record_kernel(whole_px, look, thresholds, level, sensor.recovery_s, out)
+    count = record_kernel(whole_px, growth, look, thresholds, level, sensor.recovery_s, out)
     noise = rng.poisson(NOISE_HZ * len(whole_px) * STEP_US * 1e-6)
     highest = (len(whole_px) * STEP_US, *SIZE, 2)
     drawn = (rng.integers(most, size=noise) for most in highest)

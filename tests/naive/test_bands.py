@@ -9,7 +9,8 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.windows import windows
-from spikingtac.markers.graded.bands import band_fit
+from spikingtac.markers.graded.appearance import appearance_of
+from spikingtac.markers.graded.bands import band_fit, band_motion
 from spikingtac.markers.graded.bands.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
 from spikingtac.markers.graded.bands.band_locator import BandLocator, BandLocatorConfig, banded
 from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel, recovering_px
@@ -94,7 +95,7 @@ def residuals(maps: tuple[np.ndarray, ...], x: float, y: float) -> tuple[np.ndar
 
 
 def test_the_normal_equations_equal_their_twin() -> None:
-    maps, sums = random_maps(3), np.zeros(5)
+    maps, sums = random_maps(3), np.zeros(9)
     tables = profile_tables([PROFILE])
     disc = (23.3, 20.6, RADIUS_PX, float(tables.reach_px[0]))
     band_fit._normal_equations_kernel(maps, disc, tables.values[0], 0.4, sums)
@@ -102,8 +103,46 @@ def test_the_normal_equations_equal_their_twin() -> None:
     weight = 1.0 / (maps[1] + MODEL_VARIANCE) * np.where(maps[2] == TURN, 1.0, 0.4)
     weight = np.where(near & (e != 0.0), weight / (1.0 + (e / SOFT_RESIDUAL) ** 2), 0.0)
     jx, jy = slope * ux, slope * uy
-    expected = [(weight * a * b).sum() for a, b in ((jx, jx), (jx, jy), (jy, jy), (jx, e), (jy, e))]
+    pairs = (jx, jx), (jx, jy), (jy, jy), (jx, slope), (jy, slope), (slope, slope)
+    pairs += (jx, e), (jy, e), (slope, e)
+    expected = [(weight * a * b).sum() for a, b in pairs]
     np.testing.assert_allclose(sums, expected, rtol=0.02, atol=2.0)
+
+
+def test_the_step_solves_for_place_and_radius_together() -> None:
+    rng = np.random.default_rng(8)
+    jacobian, e = rng.normal(0.0, 1.0, (30, 3)), rng.normal(0.0, 1.0, 30)
+    (xx, xy, xr), (_, yy, yr), (_, _, rr) = jacobian.T @ jacobian
+    sums = np.array([xx, xy, yy, xr, yr, rr, *(jacobian.T @ e)])
+    away, place, size = np.array([0.3, -0.2, 0.1]), 0.04, 0.09
+    prior = np.diag([1.0 / place, 1.0 / place, 1.0 / size])
+    system = jacobian.T @ jacobian + prior
+    *step, variance = band_fit._solve_kernel(sums, tuple(away), (place, size))
+    np.testing.assert_allclose(step, np.linalg.solve(system, jacobian.T @ e + prior @ away))
+    assert variance == pytest.approx(np.diag(np.linalg.inv(system))[:2].mean())
+
+
+@pytest.mark.parametrize(("recovery_s", "ahead_px"), [(0.2, 0.25), (None, 0.5)])
+def test_a_disc_that_grew_is_not_taken_for_one_that_moved(
+    recovery_s: float | None, ahead_px: float
+) -> None:
+    """Only one half of the edge fires: it went outwards, and the other half says nothing."""
+    calibration = replace(rare_off_calibration(), recovery_s=recovery_s)
+    locator = BandLocator(BandLocatorConfig(), calibration)
+    state_map = locator.initial_map(calibration)
+    rest_px, radius_px = calibration.reference_px, calibration.radius_px[0]
+    center_px = rest_px
+    row, column = np.mgrid[: calibration.size[1], : calibration.size[0]]
+    away_px = np.hypot(column - rest_px[0, 0], row - rest_px[0, 1])
+    profile = appearance_of(calibration).profiles[0]
+    front = (column > rest_px[0, 0]) & (np.abs(away_px - radius_px) < profile.reach_px)
+    for grown_px in np.linspace(0.05, 1.0, 20):
+        grown = profile.level(away_px - radius_px - grown_px)
+        state_map.memory[front], state_map.fired[front] = grown[front], state_map.turn
+        center_px, _ = locator.locate(state_map, center_px, None, 1e-3)
+    moved_px = center_px[0] - rest_px[0]
+    assert moved_px[0] < ahead_px if recovery_s else moved_px[0] > ahead_px
+    assert abs(moved_px[1]) < 0.05
 
 
 def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> None:
@@ -153,9 +192,20 @@ def test_the_prediction_is_that_of_a_matrix_filter() -> None:
     step = np.array([[1.0, dt_s], [0.0, 1.0]])
     noise = q * np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
     expected = step @ np.array([[0.02, 0.3], [0.3, 50.0]]) @ step.T + noise
-    band_fit._predict_kernel(motion, dt_s, q)
+    band_motion.predict_kernel(motion, dt_s, q)
     np.testing.assert_allclose(motion[:4], [3.04, 3.98, 10.0, -5.0])
     np.testing.assert_allclose(motion[4:], [expected[0, 0], expected[0, 1], expected[1, 1]])
+
+
+def test_a_radius_returns_to_rest_and_its_variance_to_the_growth() -> None:
+    motion = np.array([0.0] * 7 + [6.6, 0.01])
+    band_motion.predict_radius_kernel(motion, 0.3, 6.0, (0.2, 0.3))
+    kept = np.exp(-1.0)
+    np.testing.assert_allclose(motion[7:], [6.0 + 0.6 * kept, 1.44 + kept**2 * (0.01 - 1.44)])
+    band_motion.predict_radius_kernel(motion, 30.0, 6.0, (0.2, 0.3))
+    np.testing.assert_allclose(motion[7:], [6.0, 1.44])
+    band_motion.predict_radius_kernel(motion, 30.0, 6.0, (0.0, 0.3))
+    assert 0.0 < motion[8] < 1e-9, "a radius that is known has a variance to divide by"
 
 
 @pytest.fixture(scope="module")

@@ -49,6 +49,8 @@ class Neighbourhood:
             order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
+        # Of the variance of a difference, a marker's own part; the rest is the prediction's.
+        self._own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
@@ -61,15 +63,16 @@ class Neighbourhood:
     ) -> NDArray[np.float64]:
         """Return the markers with their differences from the neighbours' prediction shrunk.
 
-        A difference r becomes r^3 / (r^2 + noise^2): one far below the noise vanishes, one far
-        above it stays, and none changes by more than half of the noise.
+        A difference r shrinks by its share noise^2 / (r^2 + noise^2), of which the marker takes
+        the part that its own error has in it: 0.9 amid eight neighbours, 0.6 in a corner. One far
+        above the noise stays, and none changes by more than half of the noise.
 
         Args:
             position_px: ``(m, 2)`` where the markers were found, px.
             noise_px: ``(m,)`` differences that are as likely an error as deformation, px.
         """
         out = self.expected_px(position_px)
-        _shrink_kernel(position_px, noise_px, out)
+        _shrink_kernel(position_px, noise_px, self._own_share, out)
         return out
 
 
@@ -92,13 +95,16 @@ def _expect_kernel(
 
 @njit(cache=True, nogil=True)
 def _shrink_kernel(
-    position_px: NDArray[np.float64], noise_px: NDArray[np.float64], out: NDArray[np.float64]
+    position_px: NDArray[np.float64],
+    noise_px: NDArray[np.float64],
+    own_share: NDArray[np.float64],
+    out: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Move the expected places in ``out`` to where the markers are, but for errors of the fits."""
     for m in range(out.shape[0]):
         x, y = position_px[m, 0] - out[m, 0], position_px[m, 1] - out[m, 1]
-        apart2 = x * x + y * y
-        kept = apart2 / (apart2 + noise_px[m] * noise_px[m] + TINY_PX2)
+        noise2 = noise_px[m] * noise_px[m] + TINY_PX2
+        kept = 1.0 - own_share[m] * noise2 / (x * x + y * y + noise2)
         out[m, 0] += kept * x
         out[m, 1] += kept * y
 

@@ -40,7 +40,8 @@ def test_shrinkage_equals_its_formula_and_is_bounded() -> None:
     expected_px = neighbours.expected_px(moved_px)
     apart_px = moved_px - expected_px
     apart2 = (apart_px**2).sum(axis=1)
-    kept = apart2 / (apart2 + noise_px**2)
+    own = 1.0 / (1.0 + (neighbours.weight**2).sum(axis=1))
+    kept = 1.0 - own * noise_px**2 / (apart2 + noise_px**2)
     shrunk_px = neighbours.shrunk_px(moved_px, noise_px)
     np.testing.assert_allclose(shrunk_px, expected_px + kept[:, None] * apart_px, atol=1e-9)
     assert (np.hypot(*(shrunk_px - moved_px).T) <= 0.5 * noise_px + 1e-9).all()

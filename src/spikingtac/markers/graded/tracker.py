@@ -74,8 +74,8 @@ class MaintenanceConfig:
         turn_backlash: By how much more it stays behind just after the marker turned round (ours:
             chosen on the training scenes; both together shrink their errors by 5 %).
         shrink_px: Difference from the neighbours' prediction that is as likely an error of the fit
-            as deformation, px (ours, on the training scenes and others like v2e's: 0.05 to 0.15 are
-            alike; with ``shrink_crossings`` their errors shrink by 8 and 14 %).
+            as deformation, px (ours, on the training scenes and others like v2e's: 0.1 and 0.15 are
+            alike; with ``shrink_crossings`` their errors shrink by 8 and 15 %).
         shrink_crossings: How much more it is, in the ways in which an edge crosses one step.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
         track_management: When a marker counts as lost, and how it is found again.
@@ -97,7 +97,7 @@ class MaintenanceConfig:
     backlash: float = field(default=0.15, metadata={"range": (0.0, 1.0)})
     turn_backlash: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
     shrink_px: float = field(default=0.1, metadata={"range": (0.0, 1.0), "unit": "px"})
-    shrink_crossings: float = field(default=0.2, metadata={"range": (0.0, 1.0)})
+    shrink_crossings: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
     track_management: TrackManagementConfig = field(
         default_factory=TrackManagementConfig, metadata={"former_names": ("custody",)}

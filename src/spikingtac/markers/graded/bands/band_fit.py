@@ -3,7 +3,10 @@
 A pixel that fired since the last estimate was at its level then: residual e = M - S(|x - c| - r)
 with the variance of M. A pixel that did not fire lies in its band: it says something only where the
 disc asks for a level outside of it, and then by how much. Both pull at the predicted centre, whose
-variance is given, by a few Gauss-Newton steps (a maximum a posteriori estimate). Then each level is
+variance is given, by a few Gauss-Newton steps (a maximum a posteriori estimate). So they do at the
+disc's radius, which is known with a variance of its own: where pixels forget what they lost without
+an event, only the front of a moved disc is seen, and one that a press has enlarged would be placed
+ahead of itself. Then each level is
 corrected towards the fitted disc by its Kalman gain, so that thresholds that differ between pixels
 do not add up. Ours; the idea of one state for pose and brightness is that of event-based mosaicing
 (Kim et al. 2014, doi:10.5244/C.28.26).
@@ -17,7 +20,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.markers.graded.bands.band_motion import (
+    hold_kernel,
+    predict_kernel,
+    predict_radius_kernel,
+)
 from spikingtac.state_map.graded import PAD_PX
+
+MOST_GROWTH = 0.3
+"""Largest change of a radius, as a share of it: as far as outlines of the disc fit go."""
 
 MODEL_VARIANCE = 0.003
 """Variance of a disc's own level, shares of a swing squared: profiles are never exact."""
@@ -82,7 +93,7 @@ def _normal_equations_kernel(
     band_weight: float,
     sums: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Sum curvature (xx, xy, yy) and gradient (x, y) of all pixels around a disc.
+    """Sum curvature (xx, xy, yy, xr, yr, rr) and gradient (x, y, r) of the pixels around a disc.
 
     ``maps`` are those of :func:`fit_bands_kernel`; ``disc`` is x, y, radius and the table's reach,
     px.
@@ -93,8 +104,7 @@ def _normal_equations_kernel(
     last = table.shape[1] - 1
     scale = 0.5 * last / reach_px
     farthest = radius_px + reach_px
-    for k in range(5):
-        sums[k] = 0.0
+    sums[:] = 0.0
     window = _window_kernel(x, y, farthest, width, height)
     for row in range(window[2], window[3] + 1):
         for column in range(window[0], window[1] + 1):
@@ -115,8 +125,12 @@ def _normal_equations_kernel(
             sums[0] += weight * jx * jx
             sums[1] += weight * jx * jy
             sums[2] += weight * jy * jy
-            sums[3] += weight * jx * e
-            sums[4] += weight * jy * e
+            sums[3] += weight * jx * slope
+            sums[4] += weight * jy * slope
+            sums[5] += weight * slope * slope
+            sums[6] += weight * jx * e
+            sums[7] += weight * jy * e
+            sums[8] += weight * slope * e
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -159,31 +173,27 @@ def _correct_levels_kernel(
     return agreeing / total
 
 
-@njit(cache=True, nogil=True)
-def _predict_kernel(
-    motion: NDArray[np.float64], dt_s: float, noise_px2_s3: float
-) -> None:  # pragma: no cover - compiled
-    """Move one marker's state on: x, y, vx, vy, and the variances (pp, pv, vv) of each axis."""
-    pp, pv, vv = motion[4], motion[5], motion[6]
-    motion[0] += dt_s * motion[2]
-    motion[1] += dt_s * motion[3]
-    motion[4] = pp + dt_s * (2.0 * pv + dt_s * vv) + noise_px2_s3 * dt_s**3 / 3.0
-    motion[5] = pv + dt_s * vv + 0.5 * noise_px2_s3 * dt_s**2
-    motion[6] = vv + noise_px2_s3 * dt_s
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve_kernel(
+    sums: NDArray[np.float64], away: tuple[float, float, float], priors: tuple[float, float]
+) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
+    """Return the Gauss-Newton step in x, y and radius, px, and the variance of the place, px^2.
 
-
-@njit(cache=True, nogil=True)
-def _hold_kernel(
-    motion: NDArray[np.float64], dt_s: float, settings: tuple[float, float, float]
-) -> None:  # pragma: no cover - compiled
-    """Let one marker rest where it is, since nothing fired: its speed fades, its variance grows."""
-    stop_s, most_pp, most_vv = settings
-    kept = np.exp(-dt_s / stop_s)
-    motion[2] *= kept
-    motion[3] *= kept
-    motion[4] = min(motion[4], most_pp)
-    motion[5] = 0.0
-    motion[6] = min(motion[6], most_vv)
+    ``away`` leads to the predicted place and radius, ``priors`` are their variances. The radius is
+    eliminated first: what is left is the 2x2 system of the place.
+    """
+    place, size = priors
+    rr, gr = sums[5] + 1.0 / size, sums[8] + away[2] / size
+    xr, yr = sums[3], sums[4]
+    xx = sums[0] + 1.0 / place - xr * xr / rr
+    xy = sums[1] - xr * yr / rr
+    yy = sums[2] + 1.0 / place - yr * yr / rr
+    gx = sums[6] + away[0] / place - xr * gr / rr
+    gy = sums[7] + away[1] / place - yr * gr / rr
+    determinant = xx * yy - xy * xy
+    step_x, step_y = (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
+    step_r = (gr - xr * step_x - yr * step_y) / rr
+    return step_x, step_y, step_r, 0.5 * (xx + yy) / determinant
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -195,23 +205,28 @@ def _fit_one_kernel(
     settings: tuple[float, float, int],
     sums: NDArray[np.float64],
 ) -> float:  # pragma: no cover - compiled
-    """Correct one marker's predicted state, then the levels around it; return the agreement."""
-    radius_px, reach_px = disc
+    """Correct one marker's predicted state, then the levels around it; return the agreement.
+
+    ``disc`` is the radius at rest and the table's reach, px.
+    """
+    rest_px, reach_px = disc
     band_weight, most_gain, iterations = settings
     px, py, prior = motion[0], motion[1], motion[4]
-    x, y, posterior = px, py, prior
+    pr, prior_r = motion[7], motion[8]
+    smallest_px, largest_px = (1.0 - MOST_GROWTH) * rest_px, (1.0 + MOST_GROWTH) * rest_px
+    x, y, radius_px, posterior = px, py, pr, prior
     for _ in range(iterations):
         _normal_equations_kernel(maps, (x, y, radius_px, reach_px), table, band_weight, sums)
-        xx, xy, yy = sums[0] + 1.0 / prior, sums[1], sums[2] + 1.0 / prior
-        gx, gy = sums[3] + (px - x) / prior, sums[4] + (py - y) / prior
-        determinant = xx * yy - xy * xy
-        step_x, step_y = (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
-        posterior = 0.5 * (xx + yy) / determinant
+        away = px - x, py - y, pr - radius_px
+        step_x, step_y, step_r, posterior = _solve_kernel(sums, away, (prior, prior_r))
         length = np.hypot(step_x, step_y)
         share = LARGEST_STEP_PX / max(length, LARGEST_STEP_PX)
         x, y = x + share * step_x, y + share * step_y
+        grown_px = radius_px + share * step_r
+        radius_px = min(max(grown_px, smallest_px), largest_px)
         if length < SMALL_STEP_PX:
             break
+    motion[7], motion[8] = radius_px, 1.0 / (sums[5] + 1.0 / prior_r)
     gain, speed_gain = max(1.0 - posterior / prior, 0.0), motion[5] / prior
     motion[0], motion[1] = x, y
     motion[2] += speed_gain * (x - px)
@@ -227,7 +242,7 @@ def fit_bands_kernel(
     motion: NDArray[np.float64],
     dt_s: float,
     discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]],
-    filtering: tuple[float, float, float, float],
+    filtering: tuple[float, float, float, float, float, float],
     fitting: tuple[float, float, int],
     agreement: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
@@ -236,12 +251,13 @@ def fit_bands_kernel(
     Args:
         maps: Memory, variance, fired, signed steps, the turn, and the padded expected levels of
             :class:`~spikingtac.state_map.bands.BandStateMap`; the levels are changed.
-        motion: ``(m, 7)`` x, y (px), vx, vy (px/s), and the variances of place, of place and
-            speed, and of speed, the same for both axes; changed.
+        motion: ``(m, 9)`` x, y (px), vx, vy (px/s), the variances of place, of place and speed,
+            and of speed, the same for both axes, the radius (px) and its variance; changed.
         dt_s: Time since the last call, s.
-        discs: ``(m,)`` radii, px; values and reaches of `profile_tables.ProfileTables`.
+        discs: ``(m,)`` radii at rest, px; values and reaches of `profile_tables.ProfileTables`.
         filtering: Noise density of the acceleration, px^2/s^3; time in which the speed of a marker
-            fades near which nothing fires, s; its largest variances of place and speed.
+            fades near which nothing fires, s; its largest variances of place and speed; share of
+            its radius by which a disc grows, and time in which motion forgets that, s.
         fitting: Weight of a pixel that did not fire; largest gain of a level; Gauss-Newton steps
             at most.
         agreement: ``(m,)`` result: share of the edge that agrees with the map, 0 to 1; kept where
@@ -250,16 +266,17 @@ def fit_bands_kernel(
     fired, turn = maps[2], maps[4]
     radius_px, tables, reach_px = discs
     height, width = fired.shape
-    sums = np.zeros(5)
+    sums = np.zeros(9)
     for m in range(motion.shape[0]):
         x, y = motion[m, 0], motion[m, 1]
-        _predict_kernel(motion[m], dt_s, filtering[0])
+        predict_kernel(motion[m], dt_s, filtering[0])
         window = _window_kernel(
             motion[m, 0], motion[m, 1], radius_px[m] + reach_px[m], width, height
         )
         if _any_fired_kernel(fired, turn, window):
+            predict_radius_kernel(motion[m], dt_s, radius_px[m], filtering[4:])
             disc = (radius_px[m], reach_px[m])
             agreement[m] = _fit_one_kernel(maps, motion[m], disc, tables[m], fitting, sums)
         else:
             motion[m, 0], motion[m, 1] = x, y
-            _hold_kernel(motion[m], dt_s, filtering[1:])
+            hold_kernel(motion[m], dt_s, filtering[1:4])

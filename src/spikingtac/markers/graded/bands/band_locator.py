@@ -36,6 +36,11 @@ class BandLocatorConfig:
         stop_s: Time in which the speed of a marker fades near which no pixel fires, s (ours).
         band_weight: Weight of a pixel that did not fire, over that of one that did (ours).
         most_gain: Largest share of a level's disagreement that one estimate corrects (ours).
+        growth_share: How much discs grow under load, as a share of their radius, on sensors whose
+            pixels recover; on others the radius stays (ours: on the first two presses of the
+            recorded gel, 0.1 to 0.3 bring the markers as near to the reference).
+        growth_s: Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are
+            alike there).
         far_px: A marker that is predicted farther away than this was found elsewhere, px (ours).
     """
 
@@ -44,6 +49,8 @@ class BandLocatorConfig:
     stop_s: float = 3.0e-3
     band_weight: float = field(default=0.4, metadata={"range": (0.0, 1.0)})
     most_gain: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
+    growth_share: float = field(default=0.2, metadata={"range": (0.0, 0.3)})
+    growth_s: float = field(default=0.3, metadata={"range": (0.01, 10.0), "unit": "s"})
     far_px: float = 2.0
 
     def __post_init__(self) -> None:
@@ -51,6 +58,8 @@ class BandLocatorConfig:
             raise ConfigError(f"iterations is {self.iterations}, it must be at least 1")
         if not (self.acceleration_px2_s3 > 0.0 and self.stop_s > 0.0 and self.far_px > 0.0):
             raise ConfigError("acceleration_px2_s3, stop_s and far_px must be positive")
+        if not (0.0 <= self.growth_share <= 1.0 and self.growth_s > 0.0):
+            raise ConfigError("growth_share must lie between 0 and 1, growth_s must be positive")
         if not (0.0 <= self.band_weight <= 1.0 and 0.0 <= self.most_gain <= 1.0):
             raise ConfigError("band_weight and most_gain must lie between 0 and 1")
 
@@ -65,7 +74,9 @@ class BandLocator:
         self.outline_px = round_outline(self._radius_px)
         tables = profile_tables(appearance_of(calibration).profiles)
         self._discs = self._radius_px, tables.values, tables.reach_px
-        self._filtering = config.acceleration_px2_s3, config.stop_s, *MOST_VARIANCES
+        recovers = calibration.recovery_s is not None
+        growth = (config.growth_share if recovers else 0.0), config.growth_s
+        self._filtering = config.acceleration_px2_s3, config.stop_s, *MOST_VARIANCES, *growth
         self._fitting = config.band_weight, config.most_gain, config.iterations
         self._far_px = config.far_px
         self._recovery_s = calibration.recovery_s or math.inf
@@ -99,7 +110,7 @@ class BandLocator:
         apart_px = np.linalg.norm(predicted_px - self._motion[:, :2], axis=1)
         placed = apart_px > self._far_px
         if placed.any():
-            self._motion[placed] = _at_rest(predicted_px[placed])
+            self._motion[placed] = _at_rest(predicted_px[placed], self._radius_px[placed])
         maps = (
             state_map.memory,
             state_map.variance,
@@ -115,7 +126,8 @@ class BandLocator:
         if self._recovery_s < math.inf:
             share = -math.expm1(-dt_s / self._recovery_s)
             levels = state_map.padded, state_map.memory
-            recover_levels_kernel(*levels, center_px, self._discs, self._within_px, share)
+            discs = np.ascontiguousarray(self._motion[:, 7]), *self._discs[1:]
+            recover_levels_kernel(*levels, center_px, discs, self._within_px, share)
         return center_px, self._agreement
 
     def initial_map(self, calibration: Calibration) -> BandStateMap:
@@ -124,14 +136,16 @@ class BandLocator:
 
     def reset(self) -> None:
         """Forget where the markers went."""
-        self._motion = _at_rest(self._start_px)
+        self._motion = _at_rest(self._start_px, self._radius_px)
         self._agreement = np.ones(len(self._start_px))
 
 
-def _at_rest(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 7)`` states of markers that rest somewhere, nothing being known of a motion."""
-    motion = np.zeros((len(position_px), 7))
-    motion[:, :2] = position_px
+def _at_rest(
+    position_px: NDArray[np.float64], radius_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return ``(m, 9)`` states of markers that rest somewhere, nothing being known of a motion."""
+    motion = np.zeros((len(position_px), 9))
+    motion[:, :2], motion[:, 7] = position_px, radius_px
     motion[:, 4], motion[:, 6] = MOST_VARIANCES
     return motion
 

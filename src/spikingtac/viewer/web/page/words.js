@@ -10,6 +10,8 @@ export const WORDS = {
   "bands.acceleration_px2_s3": ["freedom of motion", "Larger values follow sudden motion better; smaller ones are calmer."],
   "bands.band_weight": ["weight of silent pixels", "How much a pixel counts that sent no event, though the disc would ask for one."],
   "bands.most_gain": ["correction of levels", "How fast a pixel's level is drawn to the disc that was found."],
+  "bands.growth_share": ["growth of discs", "How much discs may grow under load, as a share of their radius, on sensors whose pixels recover."],
+  "bands.growth_s": ["return of the radius", "Time in which a moving disc returns to its radius at rest."],
   "centroid.reach_px": ["margin of the centroid", "How far around a marker the map is averaged."],
   "centroid.floor": ["ground level", "Pixels up to this brightness count as ground."],
   "maintenance.leak_per_s": ["forgetting of errors", "How fast the map gives up what noise and lost events left in it."],
