@@ -199,7 +199,7 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
 ) -> None:
     from spikingtac.touch.elastic import synthetic_contacts
 
-    few = synthetic_contacts.SyntheticContactConfig(frames=120, series=2)
+    few = synthetic_contacts.SyntheticContactConfig(frames=120, series=2, rounds=1)
     monkeypatch.setattr(synthetic_contacts, "SyntheticContactConfig", lambda: few)
     places = 37.0 * REFERENCE[:, :2] / 1.5 + 40.0
     document = {

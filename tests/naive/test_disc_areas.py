@@ -6,7 +6,7 @@ import pytest
 from spikingtac.touch.indentation.disc_areas import (
     PROFILE_STEP_PX,
     disc_areas_kernel,
-    ease_discs_kernel,
+    return_outlines_kernel,
 )
 
 CENTRES = np.array([[12.3, 9.8], [30.0, 20.0], [0.5, 31.2], [45.0, 10.0]])
@@ -42,7 +42,7 @@ def test_areas_and_wiping_are_those_of_a_plain_loop(seed: int):
     assert found[3] == 0.0  # outside of the sensor
 
 
-def test_easing_is_that_of_a_plain_loop():
+def test_the_return_of_outlines_is_that_of_a_plain_loop():
     memory, level = maps(2)
     rim = np.array([6.0, 5.0, 7.0, 3.0])
     profiles = np.linspace(1.0, 0.0, 40) ** np.arange(1, 5)[:, None]
@@ -53,6 +53,6 @@ def test_easing_is_that_of_a_plain_loop():
         wanted = np.interp(away, np.arange(40) * PROFILE_STEP_PX, profile)
         for one in expected:
             one += np.where(away <= reach, 0.3 * (wanted - one), 0.0).astype(np.float32)
-    ease_discs_kernel((memory, level), CENTRES, rim, profiles, 0.3)
+    return_outlines_kernel((memory, level), CENTRES, rim, profiles, 0.3)
     np.testing.assert_allclose(memory, expected[0], atol=1e-5)
     np.testing.assert_allclose(level, expected[1], atol=1e-5)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.slip import features as slip
-from spikingtac.touch.slip.feature_stream import spans_kernel
+from spikingtac.touch.slip import own_motion as own
+from spikingtac.touch.slip.feature_stream import FeatureStream, spans_kernel
 from spikingtac.touch.slip.field_summary import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
 
 Array = np.ndarray
@@ -55,6 +56,51 @@ def features(now: Array, before: Array, spans_s: Array) -> Array:
         out += [change[11] / noisy, change[8] / noisy]
         out += [slip.CENTER_SHARE * (change[16:] @ along) / (size / total + slip.CENTER_SLACK)]
     return np.clip(out, -slip.LARGEST, slip.LARGEST)
+
+
+def own_features(places: Array, motion: Array, now: Array, elapsed_s: float) -> Array:
+    mine = summary(places, motion)
+    shift, growth, turn = mine[:8].reshape(4, 2), mine[8:12], mine[12:16]
+    size = np.sqrt((mine[:16] ** 2).sum() / 4)
+    noisy, known = size + slip.CHANGE_SCATTER, size / (size + own.SLIGHT)
+    length, strength = np.sqrt((shift**2).sum(axis=1)), np.sqrt((now[2:4] ** 2).sum())
+    along = shift[1] / length[1] if length[1] > 0 else np.array([1.0, 0.0])
+    across = np.array([-along[1], along[0]])
+    away = mine[16:] - now[16:]
+    out = [np.log(size / (elapsed_s * slip.USUAL_SPEED) + slip.LEAST_SPEED)]
+    out += (length / noisy).tolist() + (growth[:3] / noisy).tolist()
+    out += (abs(turn[:3]) / noisy).tolist()
+    out += [own.AWAY_SCALE * known * (away @ along), own.AWAY_SCALE * known * abs(away @ across)]
+    out += [known * (now[2:4] @ along) / (strength + own.SLIGHT)]
+    return np.clip(out, -slip.LARGEST, slip.LARGEST)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 2)])
+@pytest.mark.parametrize("scale", [0.0, 1e-3, 1.0])
+def test_a_motion_about_its_own_centre_has_the_features_that_its_sums_say(
+    shape: tuple[int, int], scale: float
+) -> None:
+    rng, places = np.random.default_rng(11), grid(*shape) / PITCH
+    motion = scale * rng.normal(size=places.shape)
+    now, found = summary(places, rng.normal(size=places.shape)), np.empty(own.SPAN_FEATURES)
+    decay = np.array([0.5 / width**2 for width in WIDTHS])
+    own.own_motion_kernel(places, decay, motion, now, 20_000, found)
+    expected = own_features(places, motion, now, 0.02)
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-14)
+
+
+def test_the_stream_looks_at_the_motions_of_the_last_spans() -> None:
+    rng, reference = np.random.default_rng(12), grid()
+    moved = np.cumsum(rng.normal(size=(150, *reference.shape)), axis=0)
+    stream = FeatureStream(reference)
+    found = [stream.update(k * 1_000, row) for k, row in enumerate(moved)][-1]
+    assert found is not None
+    places, now = reference / PITCH, summary(reference / PITCH, moved[-1] / PITCH)
+    for number, span_us in enumerate(own.SPANS_US):
+        before = moved[149 - span_us // 1_000]
+        expected = own_features(places, (moved[-1] - before) / PITCH, now, span_us / 1e6)
+        first = slip.FEATURES + number * own.SPAN_FEATURES
+        np.testing.assert_allclose(found[first : first + own.SPAN_FEATURES], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 2)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,6 @@ STILL_MM_S = 0.5
 HELD_SHARE = 0.9
 """Sticking share below which a contact has slipped: what it carries while it stands is no longer
 told by what sticks."""
-NOISE_PX, NOISE_S = (0.03, 0.12), 0.03
-"""Range of the standard deviation of a tracker's errors, px, and how long each lasts, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,42 +74,6 @@ def watch_slide(slide: Slide, seed: int, camera: str = "typical") -> WatchedSlid
     return _watched(slide, source.reference_px, list(frames), truth)
 
 
-def watch_without_camera(slide: Slide, seed: int) -> WatchedSlide:
-    """Return a contact with the true places and a tracker's usual errors: five times as fast."""
-    source, rng = SceneSource(slide.scene, seed), np.random.default_rng(seed)
-    times, places, truth = [], [], []
-    for state, image in source.frames():
-        times.append(state.t_us)
-        places.append(image.center_px - source.reference_px)
-        truth.append((state.t_us, *_cells(state.patch.touching, state.patch.sticking)))
-    moved = np.array(places).reshape(len(times), -1)
-    steps = np.arange(times[0], times[-1], round(1e6 / RATE_HZ))
-    exact = np.column_stack([np.interp(steps, times, column) for column in moved.T])
-    noisy = (exact + _errors(exact.shape, rng)).reshape(len(steps), -1, 2)
-    none, sure = np.zeros(noisy.shape[1], np.bool_), np.ones(noisy.shape[1])
-    frames = [
-        MarkerFrame(
-            int(t_us), source.reference_px + row, source.reference_px + row, row, none, sure
-        )
-        for t_us, row in zip(steps, noisy, strict=True)
-    ]
-    return _watched(slide, source.reference_px, frames, truth)
-
-
-def with_slack(watched: WatchedSlide, slack_px: float) -> WatchedSlide:
-    """Return a contact of which each marker is seen to move only when a string is taut.
-
-    An event camera does not see the beginning of a motion that turns back (the play operator of
-    :mod:`spikingtac.touch.touches.backlash`).
-    """
-    moved = watched.moved_px.copy()
-    for row in range(1, len(moved)):
-        away = watched.moved_px[row] - moved[row - 1]
-        length = np.maximum(np.sqrt((away**2).sum(axis=1, keepdims=True)), 1e-12)
-        moved[row] = moved[row - 1] + away * np.maximum(1.0 - slack_px / length, 0.0)
-    return replace(watched, moved_px=moved)
-
-
 class _Packets:
     """The events of a source, with the truth of what sticks kept on the way."""
 
@@ -129,18 +91,6 @@ class _Packets:
 
 def _cells(touching: NDArray[np.uint8], sticking: NDArray[np.uint8]) -> tuple[int, int]:
     return int(np.bitwise_count(touching).sum()), int(np.bitwise_count(sticking).sum())
-
-
-def _errors(shape: tuple[int, int], rng: np.random.Generator) -> Field:
-    """Return errors ``(n, 2 m)`` that last for a while, as a tracker's do, px."""
-    kept = float(np.exp(-1.0 / (RATE_HZ * NOISE_S)))
-    fresh = rng.normal(0.0, rng.uniform(*NOISE_PX), shape)
-    errors = np.empty(shape)
-    now = fresh[0]
-    for number, row in enumerate(fresh):
-        now = kept * now + np.sqrt(1.0 - kept**2) * row
-        errors[number] = now
-    return errors
 
 
 def _watched(

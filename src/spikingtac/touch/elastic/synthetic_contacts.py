@@ -42,7 +42,9 @@ class SyntheticContactConfig:
 
     Attributes:
         frames: Contacts in a series.
-        series: Number of series; each draws its sizes from its own part of the range.
+        series: Parts of the range of sizes; the contacts of a series are drawn from one of them.
+        rounds: Series of each part (ours: with twice as many contacts the normal force errs by an
+            eighth to a fifth less on 60 validation contacts; the fit takes three times as long).
         smallest_mm: Smallest semi-axis of a patch, mm.
         largest_mm: Largest semi-axis of a patch, mm.
         largest_pressure: Largest mean pressure over the shear modulus (ours: a layer is indented by
@@ -52,8 +54,9 @@ class SyntheticContactConfig:
         rest_share: Share of the frames that are rest.
     """
 
-    frames: int = 2000
+    frames: int = 3000
     series: int = 3
+    rounds: int = 2
     smallest_mm: float = 0.8
     largest_mm: float = 5.0
     largest_pressure: float = 3.3
@@ -87,8 +90,9 @@ def synthetic_series(
     response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach)
     patches = _Patches(skin, sources, response)
     out = []
-    for number in range(config.series):
-        force = np.array([_contact(patches, rng, config, number) for _ in range(config.frames)])
+    for number in range(config.series * config.rounds):
+        part = number % config.series
+        force = np.array([_contact(patches, rng, config, part) for _ in range(config.frames)])
         moved = _moved_mm(force, places, sources, response, skin.camera_distance_mm)
         moved += rng.normal(0.0, config.noise_mm, moved.shape)
         out.append(_series(moved, force, sources, reference_px, px_per_mm, number))

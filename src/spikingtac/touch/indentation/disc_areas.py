@@ -59,7 +59,7 @@ def disc_areas_kernel(
 
 
 @njit(cache=True, nogil=True)
-def ease_discs_kernel(
+def return_outlines_kernel(
     maps: tuple[Levels, Levels], center_px: Field, rim_px: Field, profiles: Field, share: float
 ) -> None:
     """Draw the levels around resting discs towards what was calibrated.

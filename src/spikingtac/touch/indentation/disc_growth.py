@@ -5,7 +5,7 @@ change of its area, whatever its shift: what is ON ahead of a moving disc is OFF
 levels are those of :mod:`spikingtac.state_map.graded`, clipped, so that noise cancels where a rim
 sweeps a pixel wholly. Only a ring about the rim is summed: the disc within and the ground without
 are known. What noise adds to a ring at rest is taken off, as a rate that wears off; and at rest the
-discs are eased to how they were calibrated, and their areas are the zero.
+outlines return to the calibrated ones, and their areas are the zero.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from spikingtac.touch.indentation.disc_areas import (
     INSIDE_PX,
     OUTSIDE_PX,
     disc_areas_kernel,
-    ease_discs_kernel,
+    return_outlines_kernel,
 )
 from spikingtac.touch.indentation.resting_discs import RestingDiscs
 from spikingtac.types import EventPacket
@@ -47,7 +47,8 @@ class DiscGrowthConfig:
     """How growth is measured. All values are ours, chosen on the training scenes of the twin.
 
     Attributes:
-        ease_per_s: Rate at which resting discs return to their calibrated levels, 1/s.
+        outline_return_per_s: Rate at which the edges of resting discs return to their calibrated
+            levels, 1/s.
         zero_s: Time constant of the resting areas, s.
         drift_s: Time constant of the rate at which noise changes a resting area, s.
         settle_s: Time constant with which that change wears off in a touch, s: levels end at 0
@@ -57,7 +58,7 @@ class DiscGrowthConfig:
         growth_share: Share of the growth that is its error: rims are no circles.
     """
 
-    ease_per_s: float = 3.0
+    outline_return_per_s: float = 3.0
     zero_s: float = 0.2
     drift_s: float = 2.0
     settle_s: float = 1.0
@@ -119,7 +120,7 @@ class DiscGrowthGauge:
         dark = known.polarity == "dark"
         self._map = GradedStateMap(blank, *self._discs.steps, dark_markers=dark)
         self._growth = np.zeros(len(known.reference_px))
-        self._ease(known.reference_px, 1.0)
+        self._return_outlines(known.reference_px, 1.0)
         self._zero = self._last = self._areas(known.reference_px)
         self._last_us: int | None = None
         self._drift_px2_s = self._drift_weight_s = self._held_s = 0.0
@@ -158,7 +159,7 @@ class DiscGrowthGauge:
         return self._told(t_us, area - self._zero - drift, drift)
 
     def _rest(self, area: Field, place: Field, elapsed_s: float) -> None:
-        """Learn the drift, ease the discs, and let the zero follow."""
+        """Learn the drift, let outlines return, and let the zero follow."""
         config = self._config
         if elapsed_s > 0.0 and self._held_s == 0.0:
             kept = np.exp(-elapsed_s / config.drift_s)
@@ -167,7 +168,7 @@ class DiscGrowthGauge:
             share = elapsed_s / self._drift_weight_s
             self._drift_px2_s += share * (rate - self._drift_px2_s)
         self._held_s = 0.0
-        self._ease(place, float(-np.expm1(-config.ease_per_s * elapsed_s)))
+        self._return_outlines(place, float(-np.expm1(-config.outline_return_per_s * elapsed_s)))
         self._last = self._areas(place)
         share = -np.expm1(-elapsed_s / config.zero_s)
         self._zero = self._zero + share * (self._last - self._zero)
@@ -187,9 +188,9 @@ class DiscGrowthGauge:
         disc_areas_kernel(self._map.memory, self._map.values, place, bounds, area)
         return area
 
-    def _ease(self, place: Field, share: float) -> None:
+    def _return_outlines(self, place: Field, share: float) -> None:
         maps = (self._map.memory, self._map.values)
-        ease_discs_kernel(maps, place, self._half + OUTSIDE_PX, self._discs.profiles, share)
+        return_outlines_kernel(maps, place, self._half + OUTSIDE_PX, self._discs.profiles, share)
 
     def _told(self, t_us: int, grown_px2: Field, drift_px2: float) -> DiscGrowth:
         """Return the growth for areas ``(m,)`` over the zero: pi (r + offset)^2 changes with r."""

@@ -8,11 +8,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.touch.slip import own_motion
+from spikingtac.touch.slip.features import FEATURES as SUMMARY_FEATURES
 from spikingtac.touch.slip.features import LEAST_SPEED, SPANS_US, SPEEDS, slip_features
 from spikingtac.touch.slip.field_summary import SIZE, WIDTHS, FieldSummary
+from spikingtac.touch.slip.own_motion import SPAN_FEATURES, own_motion_kernel
 
 Field = NDArray[np.float64]
 
+FEATURES = SUMMARY_FEATURES + own_motion.FEATURES
+"""Number of features of a frame."""
 LONGEST_GAP_US = 6_000
 """Frames further apart say nothing of slip: the shortest span must hold some (ours)."""
 CAPACITY = 2048
@@ -38,7 +43,7 @@ class FeatureStream:
         >>> stream.update(0, np.zeros((64, 2))) is None  # nothing is known of its change
         True
         >>> stream.update(1_000, np.ones((64, 2))).shape
-        (46,)
+        (74,)
 
     Attributes:
         still: Whether the skin stood still over the longest span or, more strictly, the middle one.
@@ -56,6 +61,9 @@ class FeatureStream:
         self._times = np.zeros(CAPACITY, np.int64)
         self._rows = np.zeros((CAPACITY, SIZE))
         self._before = np.zeros((len(SPANS_US), SIZE))
+        self._fields = np.zeros((CAPACITY, reference.size))
+        self._fields_before = np.zeros((len(own_motion.SPANS_US), reference.size))
+        self._own_spans_us = np.array(own_motion.SPANS_US)
         self._spans_us, self._spans = np.array(SPANS_US), np.array(SPANS_US) / US_PER_S
         self.reset()
 
@@ -64,6 +72,7 @@ class FeatureStream:
         self._count = 0
         self.still, self.slowing, self.speed = True, 0.0, 0.0
         self._starts = np.zeros(len(SPANS_US), np.int64)
+        self._own_starts = np.zeros(len(own_motion.SPANS_US), np.int64)
 
     def update(self, t_us: int, displacement: Field) -> Field | None:
         """Take in displacements ``(m, 2)`` from the rest and return their features.
@@ -77,18 +86,32 @@ class FeatureStream:
         now = self._summary.of(displacement)
         slot = self._count % CAPACITY
         self._times[slot], self._rows[slot] = t_us, now
+        self._fields[slot] = displacement.ravel() / self._summary.pitch
         self._count += 1
         if self._count == 1:
             return None
         change = spans_kernel(
             self._times, self._rows, self._count, self._spans_us, self._starts, self._before
         )
-        features = slip_features(now, self._before, self._spans)
+        features = np.empty(FEATURES)
+        features[:SUMMARY_FEATURES] = slip_features(now, self._before, self._spans)
+        self._own_motion(now, slot, features[SUMMARY_FEATURES:])
         short, middle, long = (float(features[place]) for place in SPEEDS)
         paused = middle < log(PAUSED + LEAST_SPEED)
         self.still = paused or change < len(WIDTHS) * STILL**2
         self.slowing, self.speed = short - long, exp(long) - LEAST_SPEED
         return features
+
+    def _own_motion(self, now: Field, slot: int, out: Field) -> None:
+        """Fill the features of the latest motions about their own centres."""
+        spans_us, starts, before = self._own_spans_us, self._own_starts, self._fields_before
+        spans_kernel(self._times, self._fields, self._count, spans_us, starts, before)
+        moved, summary = self._fields[slot], self._summary
+        for number, start in enumerate(starts.tolist()):
+            motion = (moved - before[number]).reshape(-1, 2)
+            elapsed_us = int(self._times[slot] - self._times[start % CAPACITY])
+            own = out[number * SPAN_FEATURES : (number + 1) * SPAN_FEATURES]
+            own_motion_kernel(summary.places, summary.decay, motion, now, elapsed_us, own)
 
 
 @njit(cache=True, nogil=True)
@@ -100,16 +123,16 @@ def spans_kernel(
     starts: NDArray[np.int64],
     before: Field,
 ) -> float:
-    """Fill the summaries at the beginnings of the spans; return the square of the last's change.
+    """Fill the rows at the beginnings of the spans; return the square of the last's change.
 
     Args:
         times_us: ``(c,)`` times of the frames, us; frame k lies in slot k modulo c.
-        rows: ``(c, SIZE)`` their summaries.
+        rows: ``(c, n)`` what is kept of each: its summary, or the whole field.
         count: Frames so far.
         spans_us: ``(s,)`` spans up to the last frame, us, from short to long.
         starts: ``(s,)`` number of the frame at which each began before; moved on to the last one
             at or before its beginning, or to the first that is remembered.
-        before: ``(s, SIZE)`` overwritten.
+        before: ``(s, n)`` overwritten.
     """
     capacity = len(times_us)
     now = (count - 1) % capacity

@@ -27,15 +27,21 @@ SIZE = 4 * len(WIDTHS) + 2
 
 
 class FieldSummary:
-    """Summarises the displacement fields of one sensor, in pitches of its markers."""
+    """Summarises the displacement fields of one sensor, in pitches of its markers.
+
+    Attributes:
+        pitch: Distance between neighbours, in the unit of the markers.
+        places: ``(m, 2)`` the markers at rest, pitches.
+        decay: ``(k,)`` halves of the inverse squared widths of the windows.
+    """
 
     def __init__(self, reference: Field) -> None:
         """Prepare for markers ``(m, 2)`` at rest, px or mm."""
         away = ((reference[:, None] - reference[None]) ** 2).sum(axis=2)
         np.fill_diagonal(away, np.inf)
         self.pitch = float(np.sqrt(np.median(away.min(axis=1))))
-        self._places = np.ascontiguousarray(reference / self.pitch)
-        self._decay = np.array([0.5 / width**2 for width in WIDTHS])
+        self.places = np.ascontiguousarray(reference / self.pitch)
+        self.decay = np.array([0.5 / width**2 for width in WIDTHS])
 
     def of(self, displacement: Field) -> Field:
         """Return the summary ``(SIZE,)`` of displacements ``(m, 2)`` in the unit of the markers.
@@ -44,7 +50,7 @@ class FieldSummary:
         centre); the centre is in pitches from the image's origin.
         """
         out = np.empty(SIZE)
-        field_summary_kernel(self._places, displacement / self.pitch, self._decay, out)
+        field_summary_kernel(self.places, displacement / self.pitch, self.decay, out)
         return out
 
 

@@ -28,7 +28,9 @@ class AlarmConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipConfig:
-    """When slip is reported. Set on 203 drawn contacts that the law was not fitted to.
+    """When slip is reported.
+
+    Set on 150 drawn contacts and 24 carried bodies that the law was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
@@ -46,10 +48,10 @@ class SlipConfig:
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.75, hold_us=8_000)
-    gross: AlarmConfig = AlarmConfig(probability=0.8, hold_us=0)
+    incipient: AlarmConfig = AlarmConfig(probability=0.93, hold_us=4_000)
+    gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     stopped_probability: float = 0.75
-    slow_probability: float = 0.6
+    slow_probability: float = 0.65
     slow_share: float = 0.28
     stopped_share: float = 0.55
     settle_us: int = 20_000

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.slip.features import FEATURES
+from spikingtac.touch.slip.feature_stream import FEATURES
 from spikingtac.touch.slip.stick_network import StickNetwork
 
 Field = NDArray[np.float64]
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of the file of weights."""
 OUTPUTS = 2
 """The sticking share, and the probability of incipient slip."""

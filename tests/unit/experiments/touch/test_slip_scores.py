@@ -8,7 +8,7 @@ import pytest
 from spikingtac.experiments.touch.slides import KINDS, TAUGHT, TESTED, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
 from spikingtac.experiments.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
-from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_without_camera
+from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
 from spikingtac.sim.scene.timeline import Timeline
 
 
@@ -70,11 +70,11 @@ def test_bodies_that_are_tested_were_not_all_taught() -> None:
 
 @pytest.fixture(scope="module")
 def slid() -> WatchedSlide:
-    """A finger that is dragged until it slips, as the twin's markers move."""
+    """A finger that is dragged until it slips, as camera and tracker see it."""
     for seed in range(100):
         slide = draw_slide(np.random.default_rng(seed), TAUGHT[2:], (0.5,), ("slide",))
         if 8.0 < slide.speed_mm_s < 20.0:
-            return watch_without_camera(slide, seed)
+            return watch_slide(slide, seed)
     raise AssertionError("no slide of a middle speed was drawn")
 
 
