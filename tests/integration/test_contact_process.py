@@ -143,8 +143,8 @@ def test_a_failure_is_told_however_long_its_text_is(notes: Path) -> None:
 @pytest.mark.parametrize(
     ("stream", "phase", "reason"),
     [
-        ({"end": TOUCH}, "ended", "the event stream ended"),
-        ({"fault": TOUCH}, "failed", "OSError: the camera was unplugged"),
+        ({"end": LATE_TOUCH}, "ended", "the event stream ended"),
+        ({"fault": LATE_TOUCH}, "failed", "OSError: the camera was unplugged"),
     ],
 )
 def test_a_stream_that_ends_or_breaks_stops_the_arm(

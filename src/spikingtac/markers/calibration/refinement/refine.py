@@ -90,6 +90,7 @@ def refine(
     still: NDArray[np.int64],
     cell: NDArray[np.int64],
     noise: NDArray[np.float64],
+    rounds: int = MOST_ROUNDS,
 ) -> Refined:
     """Return everything refined.
 
@@ -99,10 +100,11 @@ def refine(
         still: ``(rests, 3)`` first, typical and last sample of each rest: nothing moves in it.
         cell: Nearest marker of each pixel, row by row.
         noise: ``(2,)`` ON and OFF events that are expected near a marker without any motion.
+        rounds: Times that the ideal pixels walk at most.
     """
     at = start
     first_radius_px = start.discs.radius_px
-    for _ in range(MOST_ROUNDS):
+    for _ in range(rounds):
         at = replace(at, course=_frozen(at.course, still))
         seen = walk(events, at.course, at.states, at.discs, at.pixel, at.recovery_s)
         found = corrections(seen, at.course.shown(at.states), at.discs, at.pixel, MEMORY)

@@ -62,11 +62,14 @@ def recover_levels_kernel(
     last = tables.shape[2] - 1
     for m in range(center_px.shape[0]):
         x, y, far = center_px[m, 0], center_px[m, 1], within_px[m]
-        scale = 0.5 * last / reach_px[m]
+        scale, ground = 0.5 * last / reach_px[m], tables[m, 0, last]
         for row in range(max(0, int(np.ceil(y - far))), min(height - 1, int(y + far)) + 1):
             half = np.sqrt(max(far * far - (row - y) ** 2, 0.0))
             for column in range(max(0, int(np.ceil(x - half))), min(width - 1, int(x + half)) + 1):
-                place = (np.hypot(column - x, row - y) - radius_px[m] + reach_px[m]) * scale
+                if memory[row, column] <= ground:  # no disc is darker than its ground
+                    continue
+                rho = np.sqrt((column - x) ** 2 + (row - y) ** 2)
+                place = (rho - radius_px[m] + reach_px[m]) * scale
                 shown = tables[m, 0, min(max(int(place), 0), last)]
                 excess = memory[row, column] - shown
                 if excess > 0.0:
