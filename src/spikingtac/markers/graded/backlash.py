@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of
+from spikingtac.play_operator import within_play_kernel
 
 SHORT_PLAY = 0.2
 """Half of the way in which the direction of motion is told anew, in crossings (ours: 0.1 to 0.3 are
@@ -125,19 +126,6 @@ class BacklashCompensation:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pull_kernel(
-    string_px: NDArray[np.float64], dx: float, dy: float, play_px: float
-) -> None:  # pragma: no cover - compiled
-    """Move a play operator's state on by a step, and cut it to its play."""
-    x, y = string_px[0] + dx, string_px[1] + dy
-    length2 = x * x + y * y
-    if length2 > play_px * play_px:
-        shrunk = play_px / np.sqrt(length2)
-        x, y = x * shrunk, y * shrunk
-    string_px[0], string_px[1] = x, y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def lead_kernel(
     fits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     states: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
@@ -163,8 +151,10 @@ def lead_kernel(
         last_px[m, 0], last_px[m, 1] = fitted_px[m, 0], fitted_px[m, 1]
         if dx * dx + dy * dy > LEAP_PX * LEAP_PX:
             dx, dy = 0.0, 0.0
-        _pull_kernel(short_px[m], dx, dy, SHORT_PLAY * crossings[m])
-        _pull_kernel(long_px[m], dx, dy, LONG_PLAY * crossings[m])
+        x, y = short_px[m, 0] + dx, short_px[m, 1] + dy
+        short_px[m, 0], short_px[m, 1] = within_play_kernel(x, y, SHORT_PLAY * crossings[m])
+        x, y = long_px[m, 0] + dx, long_px[m, 1] + dy
+        long_px[m, 0], long_px[m, 1] = within_play_kernel(x, y, LONG_PLAY * crossings[m])
         for axis in range(2):
             ahead = short * short_px[m, axis] - long * long_px[m, axis]
             given_px[m, axis] = fitted_px[m, axis] + lag_s * velocity_px_s[m, axis] + ahead

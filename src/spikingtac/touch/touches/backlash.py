@@ -2,8 +2,8 @@
 
 After a motion every pixel at a marker's edge is closer to its next event in that direction than in
 the other, so the first part of a motion the other way makes no event. Each marker is followed by a
-point on a short slack string (the play operator of M. A. Krasnosel'skii and A. V. Pokrovskii,
-"Systems with Hysteresis", 1989): the string lies along the marker's last motion.
+point on a short slack string (:mod:`spikingtac.play_operator`): the string lies along the marker's
+last motion.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from spikingtac.play_operator import within_play_kernel
 
 Field = NDArray[np.float64]
 
@@ -76,8 +78,7 @@ def play_kernel(displacement: Field, length: float, followed: Field, string: Fie
     for marker in range(len(displacement)):
         x = displacement[marker, 0] - followed[marker, 0]
         y = displacement[marker, 1] - followed[marker, 1]
-        share = length / max(np.sqrt(x * x + y * y), length)
-        string[marker, 0], string[marker, 1] = x * share, y * share
+        string[marker, 0], string[marker, 1] = within_play_kernel(x, y, length)
         followed[marker, 0] = displacement[marker, 0] - string[marker, 0]
         followed[marker, 1] = displacement[marker, 1] - string[marker, 1]
 
