@@ -110,6 +110,13 @@ MUTATIONS = (
         tests=(ACCURACY,),
     ),
     Mutation(
+        name="growth-ignored",
+        file="markers/graded/bands/band_locator.py",
+        old="(config.growth_share if recovers else 0.0)",
+        new="0.0",
+        tests=("tests/naive/test_bands.py",),
+    ),
+    Mutation(
         name="silent-pixels-expected",
         file="markers/graded/event_loss.py",
         old="expected += asked * dt_s * (1.0 - silent)",
