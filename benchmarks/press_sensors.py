@@ -37,6 +37,8 @@ CREEP_SHARE, CREEP_S = 0.04, 1.0
 """What a press leaves behind, as a share of itself, and how fast it goes."""
 OVERSHOOT_S = 0.02
 """How long a release goes too far."""
+MOST_GROWTH = 0.3
+"""Share of a radius within which all of a grown disc is drawn."""
 MOST_EVENTS = 4_000_000
 RATE_HZ = 500.0
 LOST_PX = 5.0
@@ -136,7 +138,7 @@ def record_kernel(
             here, before = course_px[s, m], course_px[s - 1, m]
             if abs(here[0] - before[0]) + abs(here[1] - before[1]) < 1e-5:
                 continue
-            reach = 1.3 * look[m, 0] + 5.0 * look[m, 1] + 2.0
+            reach = (1.0 + MOST_GROWTH) * look[m, 0] + 5.0 * look[m, 1] + 2.0
             for y in range(max(0, int(here[1] - reach)), min(height, int(here[1] + reach) + 2)):
                 for x in range(max(0, int(here[0] - reach)), min(width, int(here[0] + reach) + 2)):
                     old = light[y, x]

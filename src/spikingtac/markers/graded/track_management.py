@@ -105,10 +105,6 @@ class TrackManager:
         self.moved = np.zeros(count, np.bool_)
         self.position_px = calibration.reference_px.copy()
 
-    def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
-        return self.neighbours.expected_px(position_px)
-
     def judge(
         self,
         t_us: int,
@@ -166,7 +162,7 @@ class TrackManager:
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
         coasted = self.coasted
         blended = np.where(coasted[:, np.newaxis], self.position_px, fitted_px)
-        self.position_px[coasted] = self.expected_px(blended)[coasted]
+        self.position_px[coasted] = self.neighbours.expected_px(blended)[coasted]
         self.moved |= coasted
         self.placed = True
 

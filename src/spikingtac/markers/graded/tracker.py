@@ -172,7 +172,7 @@ class GradedTracker:
         self._t_us = t_us
         predicted_px = self._filter.predict(dt_s)
         asked = self._locator.needs_expectation
-        expected_px = self._manager.expected_px(predicted_px) if asked else None
+        expected_px = self._manager.neighbours.expected_px(predicted_px) if asked else None
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._manager.coasted)
         self._maintain(t_us, located_px, agreement)
