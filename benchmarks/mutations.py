@@ -96,8 +96,15 @@ MUTATIONS = (
         tests=(ACCURACY,),
     ),
     Mutation(
+        name="no-estimates-in-between",
+        file="markers/maintenance_config.py",
+        old="longest_period_us: int = 2_000",
+        new="longest_period_us: int = 0",
+        tests=(ACCURACY,),
+    ),
+    Mutation(
         name="turn-not-made-good",
-        file="markers/graded/tracker.py",
+        file="markers/maintenance_config.py",
         old="turn_backlash: float = field(default=0.3,",
         new="turn_backlash: float = field(default=0.0,",
         tests=(ACCURACY,),

@@ -10,11 +10,12 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
 from spikingtac.markers.lag.estimate import estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile
 from spikingtac.markers.lag.recording_lag import recording_lag
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 
 LAG_US = 2_600.0
 EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)

@@ -10,8 +10,8 @@ from spikingtac.markers.anchored_law import AnchoredLawConfig
 from spikingtac.markers.graded.bands.band_locator import BandLocatorConfig
 from spikingtac.markers.graded.centroid.centroid_locator import CentroidLocatorConfig
 from spikingtac.markers.graded.disc_locator import DiscLocatorConfig
-from spikingtac.markers.graded.tracker import MaintenanceConfig
 from spikingtac.markers.hysteresis import PaperLawConfig
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
 from spikingtac.types import LawName
 

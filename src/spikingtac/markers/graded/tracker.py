@@ -11,13 +11,12 @@ discs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.backlash import BacklashCompensation, crossing_px
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -30,8 +29,9 @@ from spikingtac.markers.graded.map_leak import (
 )
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
-from spikingtac.markers.graded.track_management import TrackManagementConfig, TrackManager
+from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.markers.motion_filter import MotionFilter
 from spikingtac.markers.periodic_task import PeriodicTask
 from spikingtac.markers.released_zero import ReleasedZero
@@ -46,72 +46,6 @@ MOST_LEAKING = 32
 
 MOST_PARTS = 4
 """Turns that a period of the leak is divided into, for many markers (ours)."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class MaintenanceConfig:
-    """What the tracker does beside locating, for every locator.
-
-    Attributes:
-        period_us: Period of each maintenance task, us; 0 runs all of them at every estimate (ours:
-            at 4 ms the tracks are as accurate as at 1 ms, and at 1 kHz each step runs one task).
-        leak_per_s: Rate at which map pixels give up their disagreement with the disc, 1/s. It cures
-            what noise and lost events leave in the map (ours).
-        leak_tolerance: Disagreement that is left alone in a stream that is known to be whole, in
-            mean steps of the marker (ours).
-        lossy_leak_tolerance: The same before enough motion was seen, and where most events are
-            lost; in between where some are. A disc that lags behind its marker for want of events
-            must not erase the map's evidence of it (ours).
-        leak_reach_px: How far outside of a disc the leak works, px (ours).
-        outline_return_per_s: Rate at which the edges of resting discs return to their calibrated
-            outlines, 1/s (ours: over fifty contacts on a training seed the error stays at 0.12 px;
-            without it it grows to 0.15 px, and the radii by 0.35 px).
-        leak_groups: The leak visits every n-th marker per round, in turn: less work, same effect.
-        lag_us: Delay of the events behind the motion, us; None takes the calibration's.
-        backlash: By how much a fit stays behind its marker in steady motion, as a share of the way
-            in which an edge crosses one step (ours: on the training scenes 0.05 to 0.2 are alike
-            within 1 %).
-        turn_backlash: By how much more it stays behind just after the marker turned round (ours:
-            chosen on the training scenes; both together shrink their errors by 5 %).
-        shrink_px: Difference from the neighbours' prediction that is as likely an error of the fit
-            as deformation, px (ours, on the training scenes and others like v2e's: 0.1 and 0.15 are
-            alike; with ``shrink_crossings`` their errors shrink by 8 and 15 %).
-        shrink_crossings: How much more it is, in the ways in which an edge crosses one step.
-        adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
-        track_management: When a marker counts as lost, and how it is found again.
-    """
-
-    period_us: int = 4_000
-    leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
-    leak_tolerance: float = field(default=0.3, metadata={"range": (0.0, 3.0)})
-    lossy_leak_tolerance: float = field(
-        default=1.0, metadata={"range": (0.0, 3.0), "former_names": ("wary_tolerance",)}
-    )
-    leak_reach_px: float = 3.5
-    outline_return_per_s: float = field(
-        default=0.3,
-        metadata={"range": (0.0, 10.0), "unit": "1/s", "former_names": ("ease_per_s",)},
-    )
-    leak_groups: int = 8
-    lag_us: float | None = None
-    backlash: float = field(default=0.15, metadata={"range": (0.0, 1.0)})
-    turn_backlash: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
-    shrink_px: float = field(default=0.1, metadata={"range": (0.0, 1.0), "unit": "px"})
-    shrink_crossings: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
-    adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
-    track_management: TrackManagementConfig = field(
-        default_factory=TrackManagementConfig, metadata={"former_names": ("custody",)}
-    )
-
-    def __post_init__(self) -> None:
-        rates = ("leak_per_s", "outline_return_per_s")
-        tolerances = ("leak_tolerance", "lossy_leak_tolerance")
-        plays = ("backlash", "turn_backlash", "shrink_px", "shrink_crossings")
-        for name in ("period_us", *rates, *tolerances, "leak_reach_px", *plays):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
-        if self.leak_groups < 1:
-            raise ConfigError(f"leak_groups is {self.leak_groups}, it must be at least 1")
 
 
 class GradedTracker:
@@ -134,6 +68,7 @@ class GradedTracker:
         """
         self._locator = locator
         self._maintenance_config = maintenance
+        self._longest_us = maintenance.longest_period_us or math.inf
         self._calibration = calibration
         self._law = law or NoLaw()
         appearance = appearance_of(calibration)
@@ -158,11 +93,23 @@ class GradedTracker:
         return self._kept.doubt if self._maintenance_config.adapt_to_loss else 0.0
 
     def absorb(self, packet: EventPacket) -> None:
-        """Take in every event of the next stretch of time.
+        """Take in every event of the next stretch of time, however long it is.
 
         Raises:
             ConfigError: The recording comes from a sensor of another size.
         """
+        # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
+        # keep it near.
+        if self._due_us is None or self._due_us < packet.t_start_us:
+            self._due_us = packet.t_start_us + self._longest_us
+        while self._due_us < packet.t_end_us:
+            due_us = int(self._due_us)
+            before, packet = packet.split(due_us)
+            self._take_in(before)
+            self.estimate(due_us)
+        self._take_in(packet)
+
+    def _take_in(self, packet: EventPacket) -> None:
         self._map.absorb(packet)
         self._kept.count(packet)
 
@@ -170,6 +117,7 @@ class GradedTracker:
         """Return the markers at ``t_us``, the end of what was absorbed."""
         dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
         self._t_us = t_us
+        self._due_us = t_us + self._longest_us
         predicted_px = self._filter.predict(dt_s)
         asked = self._locator.needs_expectation
         expected_px = self._manager.neighbours.expected_px(predicted_px) if asked else None
@@ -198,6 +146,7 @@ class GradedTracker:
 
     def _start(self) -> None:
         self._t_us: int | None = None
+        self._due_us: float | None = None
         period_us = self._maintenance_config.period_us
         self._counting, self._listening = PeriodicTask(period_us), PeriodicTask(period_us, 1 / 4)
         self._judging = PeriodicTask(period_us, 2 / 4)

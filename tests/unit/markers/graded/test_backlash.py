@@ -13,7 +13,7 @@ from spikingtac.markers.graded.backlash import (
     BacklashCompensation,
     crossing_px,
 )
-from spikingtac.markers.graded.tracker import MaintenanceConfig
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from stand_ins.moving_rims import calibration
 
 CROSSING_PX = 0.4

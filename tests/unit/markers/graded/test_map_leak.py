@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.disc_locator import LARGEST_FALL, DiscLocator, DiscLocatorConfig
 from spikingtac.markers.graded.map_leak import ALL_LEVELS, USUAL_S, LeakTolerances
-from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.state_map.graded import GradedStateMap
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
 

@@ -36,7 +36,8 @@ from spikingtac.markers.graded.bands.band_locator import (
     banded,
 )
 from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.tracker import GradedTracker, MaintenanceConfig
+from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.types import EventPacket
 
 GROWTH = 1.25
@@ -72,8 +73,9 @@ PERIODS_US = 4_000, 64_000
 the former. (Every 4 ms always: five times the time, the same factors, and places that differ by
 0.05 px on the average, two recordings.)"""
 
-BAND_PERIODS_US = 1_000, 1_000
-"""The same for bands, whose prediction strays over longer times."""
+BAND_PERIODS_US = 1_000, 4_000
+"""The same for bands, whose prediction strays over longer times. (1 ms at rest, too: twice the
+time; the rests of the recorded sensor differ by 0.03 px.)"""
 
 EVENTS_PER_MARKER = 1.0
 """A stretch with fewer events than this a marker is no motion: a pixel of it sends some 30."""
@@ -158,7 +160,7 @@ def track(
     """
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
-    maintenance = MaintenanceConfig(backlash=0.0, turn_backlash=0.0)
+    maintenance = MaintenanceConfig(longest_period_us=0, backlash=0.0, turn_backlash=0.0)
     if bright.band_scale_on is None:
         locator = DiscLocator(DiscLocatorConfig(), bright)
     else:

@@ -17,13 +17,17 @@ from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel,
 from spikingtac.markers.graded.disc_fit import round_outline
 from spikingtac.markers.graded.initial_map import painted_band_map
 from spikingtac.markers.graded.profile_tables import profile_tables
-from spikingtac.markers.graded.tracker import MaintenanceConfig
+from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import GradedStateMap
 
 MOST_VARIANCES = (0.05, 1.0e4)
 """Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at most:
 a motion that begins within one estimate."""
+
+LONGEST_PERIOD_US = 1_000
+"""Longest time between estimates: over longer ones the motion's own prediction, which is the prior,
+strays (recorded gel, every 4 ms: 0.85 px pressed instead of 0.80)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -167,6 +171,7 @@ def band_maintenance(maintenance: MaintenanceConfig) -> MaintenanceConfig:
     """
     return dataclasses.replace(
         maintenance,
+        longest_period_us=min(maintenance.longest_period_us, LONGEST_PERIOD_US),
         leak_per_s=0.0,
         outline_return_per_s=0.0,
         adapt_to_loss=False,
