@@ -64,17 +64,21 @@ class ReleasedZero:
             dt_s: Time since the last call, s.
         """
         left_px = detected_px - self._reference_px
-        away_px = np.hypot(left_px[:, 0], left_px[:, 1])[~held]
-        if not away_px.size:
+        seen = ~held
+        count = np.count_nonzero(seen)
+        if not count:
             return detected_px.copy()
-        speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[~held].mean())
+        # Sums over a count: the method mean takes three times as long for so few numbers.
+        away_px = np.hypot(left_px[:, 0], left_px[:, 1])[seen]
+        mean_away_px = float(away_px.sum()) / count
+        speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[seen].sum()) / count
         self._still_s = self._still_s + dt_s if speed_px_s < STILL_PX_S else 0.0
-        if away_px.mean() > LOADED_PX:
+        if mean_away_px > LOADED_PX:
             self._loaded = True
         elif self._loaded and self._still_s > WAIT_S:
-            if away_px.mean() < NEAR_PX and away_px.max() < FARTHEST_PX:
+            if mean_away_px < NEAR_PX and away_px.max() < FARTHEST_PX:
                 share = -np.expm1(-dt_s / SETTLE_S)
-                self._zero_px[~held] += share * (left_px - self._zero_px)[~held]
+                self._zero_px[seen] += share * (left_px - self._zero_px)[seen]
             self._loaded = self._still_s < LEARN_S
         left_px -= self._zero_px
         away2 = (left_px**2).sum(axis=1, keepdims=True)
