@@ -106,7 +106,7 @@ class GradedTracker:
             due_us = int(self._due_us)
             before, packet = packet.split(due_us)
             self._take_in(before)
-            self.estimate(due_us)
+            self._locate(due_us)
         self._take_in(packet)
 
     def _take_in(self, packet: EventPacket) -> None:
@@ -115,6 +115,21 @@ class GradedTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
+        detected_px, agreement = self._locate(t_us)
+        reference_px, coasted = self._calibration.reference_px, self._manager.coasted
+        # A law may have a memory: it sees those estimates alone that were asked for.
+        position_px = self._law.update(detected_px, reference_px)
+        return MarkerFrame(
+            t_us=t_us,
+            detected_px=detected_px,
+            position_px=position_px,
+            displacement_px=position_px - reference_px,
+            coasted=coasted.copy(),
+            confidence=agreement * ~coasted,
+        )
+
+    def _locate(self, t_us: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where the markers are at ``t_us``, ``(m, 2)``, px, and the fits' agreement."""
         dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
         self._t_us = t_us
         self._due_us = t_us + self._longest_us
@@ -124,7 +139,7 @@ class GradedTracker:
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._manager.coasted)
         self._maintain(t_us, located_px, agreement)
-        return self._frame(t_us, agreement, dt_s)
+        return self._corrected(dt_s), agreement
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -227,7 +242,8 @@ class GradedTracker:
             (1.0 - np.exp(-settings.outline_return_per_s * time_s), AT_REST_PX_S),
         )
 
-    def _frame(self, t_us: int, agreement: NDArray[np.float64], dt_s: float) -> MarkerFrame:
+    def _corrected(self, dt_s: float) -> NDArray[np.float64]:
+        """Return the filtered places, ``(m, 2)``, px, with what they lag behind made good."""
         fit_px, velocity_px_s = self._filter.position_px, self._filter.velocity_px_s
         known = self._kept.judged or not self._maintenance_config.adapt_to_loss
         background_hz_px = self._kept.background_hz_px
@@ -235,15 +251,7 @@ class GradedTracker:
             fit_px, velocity_px_s, self._lag_s, known=known, background_hz_px=background_hz_px
         )
         detected_px = self._manager.neighbours.shrunk_px(detected_px, self._noise_px)
-        reference_px, coasted = self._calibration.reference_px, self._manager.coasted
         if self._zero is not None:
+            coasted = self._manager.coasted
             detected_px = self._zero.update(detected_px, velocity_px_s, coasted, dt_s)
-        position_px = self._law.update(detected_px, reference_px)
-        return MarkerFrame(
-            t_us=t_us,
-            detected_px=detected_px,
-            position_px=position_px,
-            displacement_px=position_px - reference_px,
-            coasted=coasted.copy(),
-            confidence=agreement * ~coasted,
-        )
+        return detected_px
