@@ -13,7 +13,12 @@ from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.bands import band_fit, band_motion
 from spikingtac.markers.graded.bands.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
 from spikingtac.markers.graded.bands.band_locator import BandLocator, BandLocatorConfig, banded
-from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel, recovering_px
+from spikingtac.markers.graded.bands.band_recovery import (
+    GROUPS,
+    RecoveryTurns,
+    recover_levels_kernel,
+    recovering_px,
+)
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.registry import make_tracker
@@ -169,7 +174,7 @@ def test_levels_above_their_disc_recover_and_others_are_left_alone() -> None:
     discs = np.array([RADIUS_PX]), tables.values, tables.reach_px
     place_px = np.array([[24.4, 20.2]])
     within_px = recovering_px(place_px, discs[0], discs[2])
-    recover_levels_kernel(padded, memory, place_px, discs, within_px, 0.4)
+    recover_levels_kernel(padded, memory, place_px, discs, within_px, np.array([0.4]))
     row, column = np.mgrid[: SIZE[1], : SIZE[0]]
     away_px = np.hypot(column - 24.4, row - 20.2)
     excess = (before - PROFILE.level(away_px - RADIUS_PX)).clip(0.0)
@@ -177,6 +182,17 @@ def test_levels_above_their_disc_recover_and_others_are_left_alone() -> None:
     np.testing.assert_allclose(memory, before - lost, atol=0.01)
     np.testing.assert_allclose(padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX], expected - lost, atol=0.01)
     assert lost[away_px > RADIUS_PX + discs[2][0] + 1.0].max() > 0.05, "former places recover"
+
+
+def test_markers_recover_in_turn_and_as_fast_as_all_at_once() -> None:
+    turns, kept = RecoveryTurns(2 * GROUPS + 1, recovery_s=0.2), np.ones(2 * GROUPS + 1)
+    for _ in range(3 * GROUPS):
+        share = turns.shares(0.001)
+        assert np.count_nonzero(share) <= 3
+        kept *= 1.0 - share
+    left = np.exp(-0.001 * 3 * GROUPS / 0.2)
+    np.testing.assert_array_less(left - 1e-12, kept)
+    np.testing.assert_array_less(kept, left * np.exp(0.001 * GROUPS / 0.2))
 
 
 def test_levels_recover_no_nearer_to_the_next_disc_than_halfway() -> None:

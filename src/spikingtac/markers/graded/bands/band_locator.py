@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +12,11 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.bands.band_fit import fit_bands_kernel
-from spikingtac.markers.graded.bands.band_recovery import recover_levels_kernel, recovering_px
+from spikingtac.markers.graded.bands.band_recovery import (
+    RecoveryTurns,
+    recover_levels_kernel,
+    recovering_px,
+)
 from spikingtac.markers.graded.disc_fit import round_outline
 from spikingtac.markers.graded.initial_map import painted_band_map
 from spikingtac.markers.graded.profile_tables import profile_tables
@@ -83,7 +86,7 @@ class BandLocator:
         self._filtering = config.acceleration_px2_s3, config.stop_s, *MOST_VARIANCES, *growth
         self._fitting = config.band_weight, config.most_gain, config.iterations
         self._far_px = config.far_px
-        self._recovery_s = calibration.recovery_s or math.inf
+        self._recovery_s = calibration.recovery_s
         self._within_px = recovering_px(self._start_px, self._radius_px, tables.reach_px)
         self.reset()
 
@@ -127,8 +130,8 @@ class BandLocator:
         fit_bands_kernel(maps, self._motion, dt_s, self._discs, *settings, self._agreement)
         state_map.turn += 1
         center_px = self._motion[:, :2].copy()
-        if self._recovery_s < math.inf:
-            share = -math.expm1(-dt_s / self._recovery_s)
+        if self._recovery is not None:
+            share = self._recovery.shares(dt_s)
             levels = state_map.padded, state_map.memory
             discs = np.ascontiguousarray(self._motion[:, 7]), *self._discs[1:]
             recover_levels_kernel(*levels, center_px, discs, self._within_px, share)
@@ -142,6 +145,8 @@ class BandLocator:
         """Forget where the markers went."""
         self._motion = _at_rest(self._start_px, self._radius_px)
         self._agreement = np.ones(len(self._start_px))
+        known_s = self._recovery_s
+        self._recovery = RecoveryTurns(len(self._start_px), known_s) if known_s else None
 
 
 def _at_rest(

@@ -19,6 +19,10 @@ LEFT_BEHIND_PX = 8.0
 """So far outside of a disc its former places recover, px, if no other disc comes so near (ours:
 most of a press's way)."""
 
+GROUPS = 4
+"""The levels around every n-th marker recover at an estimate, in turn: each marker's every 4 ms, a
+fiftieth of the time that it takes (ours)."""
+
 
 def recovering_px(
     reference_px: NDArray[np.float64],
@@ -38,6 +42,23 @@ def recovering_px(
     return np.clip(0.5 * smallest_spacing_px(reference_px), disc_px, disc_px + LEFT_BEHIND_PX)
 
 
+class RecoveryTurns:
+    """Divides the markers into groups whose levels recover in turn, one at each estimate."""
+
+    def __init__(self, markers: int, recovery_s: float) -> None:
+        """Begin with nothing given up; ``recovery_s`` is the time constant, s."""
+        self._since_s, self._recovery_s, self._turn = np.zeros(markers), recovery_s, 0
+
+    def shares(self, dt_s: float) -> NDArray[np.float64]:
+        """Return the ``(m,)`` shares that are given up now, ``dt_s`` after the last call, s."""
+        self._since_s += dt_s
+        self._turn = (self._turn + 1) % GROUPS
+        share, due = np.zeros(len(self._since_s)), slice(self._turn, None, GROUPS)
+        share[due] = -np.expm1(-self._since_s[due] / self._recovery_s)
+        self._since_s[due] = 0.0
+        return share
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def recover_levels_kernel(
     padded: NDArray[np.float32],
@@ -45,7 +66,7 @@ def recover_levels_kernel(
     center_px: NDArray[np.float64],
     discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]],
     within_px: NDArray[np.float64],
-    share: float,
+    share: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Let levels that lie above their disc give up a share of that.
 
@@ -55,12 +76,14 @@ def recover_levels_kernel(
         center_px: ``(m, 2)`` disc centres, px.
         discs: ``(m,)`` radii, px; values and reaches of `profile_tables.ProfileTables`.
         within_px: ``(m,)`` distances from the centres within which levels recover, px.
-        share: Share of the excess that is given up.
+        share: ``(m,)`` shares of the excess that are given up around each; 0 passes a marker by.
     """
     radius_px, tables, reach_px = discs
     height, width = memory.shape
     last = tables.shape[2] - 1
     for m in range(center_px.shape[0]):
+        if share[m] == 0.0:
+            continue
         x, y, far = center_px[m, 0], center_px[m, 1], within_px[m]
         scale, ground = 0.5 * last / reach_px[m], tables[m, 0, last]
         for row in range(max(0, int(np.ceil(y - far))), min(height - 1, int(y + far)) + 1):
@@ -73,5 +96,6 @@ def recover_levels_kernel(
                 shown = tables[m, 0, min(max(int(place), 0), last)]
                 excess = memory[row, column] - shown
                 if excess > 0.0:
-                    memory[row, column] -= np.float32(share * excess)
-                    padded[row + PAD_PX, column + PAD_PX] -= np.float32(share * excess)
+                    given_up = np.float32(share[m] * excess)
+                    memory[row, column] -= given_up
+                    padded[row + PAD_PX, column + PAD_PX] -= given_up
