@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spikingtac.markers.neighbours import Neighbourhood
 from spikingtac.markers.released_zero import FADE_PX, ReleasedZero
 
 REST_PX = np.array([[10.0, 10.0], [40.0, 10.0], [70.0, 10.0]])
@@ -28,7 +29,7 @@ def pressed(zero: ReleasedZero) -> None:
 
 
 def test_what_is_left_after_a_contact_is_taken_off() -> None:
-    zero = ReleasedZero(REST_PX)
+    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, LEFT_PX, 1.0), 0.0, atol=1e-3)
 
@@ -36,12 +37,14 @@ def test_what_is_left_after_a_contact_is_taken_off() -> None:
 @pytest.mark.parametrize("seconds", [1.0, 60.0])
 def test_a_soft_press_from_rest_stays(seconds: float) -> None:
     np.testing.assert_allclose(
-        shown_px(ReleasedZero(REST_PX), LEFT_PX, seconds), LEFT_PX, atol=1e-9
+        shown_px(ReleasedZero(REST_PX, Neighbourhood(REST_PX)), LEFT_PX, seconds),
+        LEFT_PX,
+        atol=1e-9,
     )
 
 
 def test_a_press_that_begins_after_a_rest_stays() -> None:
-    zero = ReleasedZero(REST_PX)
+    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     shown_px(zero, 0.0 * LEFT_PX, 3.0)
     np.testing.assert_allclose(shown_px(zero, LEFT_PX, 60.0), LEFT_PX, atol=1e-9)
@@ -49,19 +52,29 @@ def test_a_press_that_begins_after_a_rest_stays() -> None:
 
 @pytest.mark.parametrize("left_px", [np.full((3, 2), 0.7), 6.0 * LEFT_PX, 2.0 * np.eye(3, 2)])
 def test_a_press_that_is_held_is_no_rest(left_px: np.ndarray) -> None:
-    zero = ReleasedZero(REST_PX)
+    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, left_px, 60.0), left_px, atol=1e-9)
 
 
+def test_what_differs_from_marker_to_marker_is_no_press_where_the_same_size_alike_is() -> None:
+    for left_px, rests in ((2.5 * LEFT_PX, True), (np.full((3, 2), 1.0), False)):
+        zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
+        pressed(zero)
+        assert np.linalg.norm(left_px, axis=1).mean() > 1.3
+        np.testing.assert_allclose(
+            shown_px(zero, left_px, 1.5), 0.0 if rests else left_px, atol=1e-3
+        )
+
+
 def test_nothing_is_learned_while_the_skin_moves() -> None:
-    zero = ReleasedZero(REST_PX)
+    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, LEFT_PX, 1.0, speed_px_s=20.0), LEFT_PX, atol=1e-9)
 
 
 def test_far_from_rest_nothing_is_taken_off() -> None:
-    zero = ReleasedZero(REST_PX)
+    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     shown_px(zero, LEFT_PX, 1.0)
     far_px = LEFT_PX + np.array([3.0 * FADE_PX, 0.0])
@@ -69,7 +82,7 @@ def test_far_from_rest_nothing_is_taken_off() -> None:
 
 
 def test_markers_that_are_held_tell_nothing() -> None:
-    zero, held = ReleasedZero(REST_PX), np.array([False, False, True])
+    zero, held = ReleasedZero(REST_PX, Neighbourhood(REST_PX)), np.array([False, False, True])
     pressed(zero)
     given_px = REST_PX
     for _ in range(100):

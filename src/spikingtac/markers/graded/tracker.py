@@ -178,9 +178,9 @@ class GradedTracker:
         )
         self._filter = MotionFilter(self._calibration.reference_px)
         self._backlash = self._no_backlash_yet(self._calibration.reference_px)
-        recovers = self._calibration.recovery_s is not None
-        self._zero = ReleasedZero(self._calibration.reference_px) if recovers else None
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
+        rests = self._calibration.reference_px, self._manager.neighbours
+        self._zero = ReleasedZero(*rests) if self._calibration.recovery_s is not None else None
         self._kept = EventLoss(self._calibration)
         self._cells = self._kept.take(0.0)
         self._silence = MissingMarkers(self._calibration)
