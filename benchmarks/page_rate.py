@@ -30,6 +30,8 @@ COMMAND = Path(sys.executable).with_name("spikingtac")
 SIZES = ((1400, 900), (1920, 1080), (390, 844))
 LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
 SETTLING_S, WATCHED_S, PATIENCE_S = 3.0, 10.0, 300.0
+WARM_UP_S = 10.0
+"""The browser compiles the page's script while it runs: the first seconds draw a picture less."""
 PICTURED_US = 6_000_000
 """Moment of the demo that the picture shows, us."""
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
@@ -118,6 +120,7 @@ def watch(address: str, picture: Path | None) -> list[dict[str, Any]]:
                     "const b = document.getElementById(arguments[0]); if (!b.checked) b.click()",
                     layer,
                 )
+            time.sleep(WARM_UP_S)
             return [measured(page, size) for size in SIZES]
         finally:
             page.quit()
