@@ -143,10 +143,10 @@ class BandLocator:
 
     def reset(self) -> None:
         """Forget where the markers went."""
+        markers, recovery_s = len(self._start_px), self._recovery_s
         self._motion = _at_rest(self._start_px, self._radius_px)
-        self._agreement = np.ones(len(self._start_px))
-        known_s = self._recovery_s
-        self._recovery = RecoveryTurns(len(self._start_px), known_s) if known_s else None
+        self._agreement = np.ones(markers)
+        self._recovery = RecoveryTurns(markers, recovery_s) if recovery_s else None
 
 
 def _at_rest(
