@@ -13,6 +13,7 @@ from spikingtac.touch.force.creep_memory import CreepConfig
 from spikingtac.touch.force.files.model_file import load_force, save_force
 from spikingtac.touch.force.fit import CHOICES, NORMAL, fit_force
 from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.force.neighbourhood import likeness, unlike_ones
 from spikingtac.touch.force.rest_zero import RestZeroConfig
 from spikingtac.touch.force.score import score_force
 from spikingtac.touch.force.wrench_series import WrenchSeries
@@ -178,8 +179,28 @@ def test_another_law_of_the_normal_force_must_be_clearly_better(
     rng = np.random.default_rng(3)
     truth, noise = rng.normal(size=500), rng.normal(size=500)
     errors = dict(zip(NORMAL, (0.5, error), strict=True))
-    between = {(2, law): truth + errors[law] * noise for law in NORMAL}
-    assert fit._chosen(2, truth, between).law == NORMAL[taken]
+    between = {law: truth + errors[law] * noise for law in NORMAL}
+    assert fit._chosen(truth, between, fit.LEAST_GAINS["fz"]).law == NORMAL[taken]
+    assert fit._chosen(truth, between, 0.0).law == NORMAL[1]
+
+
+def test_remembered_fields_of_drawn_contacts_are_unlike_each_other() -> None:
+    rng = np.random.default_rng(4)
+    crowd = rng.normal(0.0, 1e-3, (300, 3))
+    lone = np.array([[2.0, 0.0, 0.0], [0.0, -1.5, 0.0], [0.0, 0.0, 1.0]])
+    places = np.insert(crowd, (50, 120, 290), lone, axis=0)
+    chosen = unlike_ones(places, 4)
+    apart = np.linalg.norm(chosen[:, np.newaxis] - lone, axis=2).min(axis=0)
+    np.testing.assert_array_equal(apart, 0.0)
+    assert (np.linalg.norm(chosen, axis=1) < 0.01).sum() == 1
+    # The plain twin: each is the field whose variance, given those before, is largest.
+    scattered = rng.normal(0.0, 0.8, (60, 3))
+    chosen = unlike_ones(scattered, 10)
+    for count in range(1, 10):
+        known, squares = chosen[:count], (chosen[:count] ** 2).sum(axis=1)
+        like = likeness(scattered, known, squares)
+        told = like @ np.linalg.solve(likeness(known, known, squares), like.T)
+        np.testing.assert_array_equal(chosen[count], scattered[(1.0 - told.diagonal()).argmax()])
 
 
 def test_drawn_contacts_help_where_labels_are_few() -> None:

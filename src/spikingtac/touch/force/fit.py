@@ -7,7 +7,7 @@ that does this best, and the intervals hold the errors that it makes there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,7 +20,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
-from spikingtac.touch.force.neighbourhood import CENTERS, DRAWN_CENTERS
+from spikingtac.touch.force.neighbourhood import DRAWN_CENTERS, unlike_ones
 from spikingtac.touch.force.novelty import learn_novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.score import r_squared
@@ -101,11 +101,13 @@ def fit_force(
     fields = np.concatenate([group.fields for group in groups])
     wrench = np.concatenate([group.wrench for group in groups])
     dimensions = kept[0].reference.shape[1]
-    learn = partial(
-        FieldBasis.learn, dimensions=dimensions, centers=DRAWN_CENTERS if drawn else CENTERS
-    )
+    learn = partial(FieldBasis.learn, dimensions=dimensions)
+    if drawn:
+        learn = partial(learn, centers=DRAWN_CENTERS, choose=unlike_ones)
     features = FieldFeatures(fields, learn(fields))
-    chosen = _choose(_folds(labelled, others, learn), wrench.shape[1])
+    # Drawn contacts hold all forces, so that a formula that fits them needs no head start.
+    least_gains = {} if drawn else LEAST_GAINS
+    chosen = _choose(_folds(labelled, others, learn), wrench.shape[1], least_gains)
     return ForceModel(
         unit=kept[0].unit,
         reference=np.mean([one.reference for one in kept], axis=0),
@@ -201,7 +203,9 @@ class _Chosen:
     r2: float
 
 
-def _choose(folds: Iterable[_Fold], components: int) -> list[_Chosen]:
+def _choose(
+    folds: Iterable[_Fold], components: int, least_gains: Mapping[str, float]
+) -> list[_Chosen]:
     """Return the best law of each component."""
     truth: list[Field] = []
     between: dict[tuple[int, LawChoice], list[Field]] = {}
@@ -213,18 +217,22 @@ def _choose(folds: Iterable[_Fold], components: int) -> list[_Chosen]:
                 between.setdefault((index, choice), []).append(law(fold.left_out))
     every = np.concatenate(truth)
     estimates = {key: np.concatenate(parts) for key, parts in between.items()}
-    return [_chosen(index, every[:, index], estimates) for index in range(components)]
+    return [
+        _chosen(
+            every[:, index],
+            {choice: estimates[index, choice] for choice in CHOICES[COMPONENTS[index]]},
+            least_gains.get(COMPONENTS[index], 0.0),
+        )
+        for index in range(components)
+    ]
 
 
-def _chosen(index: int, truth: Field, estimates: dict[tuple[int, LawChoice], Field]) -> _Chosen:
+def _chosen(truth: Field, between: dict[LawChoice, Field], least_gain: float) -> _Chosen:
     """Choose the law of a component by what each told of groups that it had not seen."""
-    choices = CHOICES[COMPONENTS[index]]
-    between = {choice: estimates[index, choice] for choice in choices}
-    unexplained = {choice: 1.0 - r_squared(truth, between[choice]) for choice in choices}
-    best = min(choices, key=unexplained.__getitem__)
-    least_gain = LEAST_GAINS.get(COMPONENTS[index], 0.0)
-    if unexplained[best] > (1.0 - least_gain) * unexplained[choices[0]]:
-        best = choices[0]
+    unexplained = {choice: 1.0 - r_squared(truth, told) for choice, told in between.items()}
+    first, best = next(iter(between)), min(unexplained, key=unexplained.__getitem__)
+    if unexplained[best] > (1.0 - least_gain) * unexplained[first]:
+        best = first
     interval = _interval(between[best], truth - between[best])
     return _Chosen(best, interval, r_squared(truth, between[best]))
 

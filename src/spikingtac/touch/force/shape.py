@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from spikingtac.touch.force.neighbourhood import (
     CENTERS,
-    choose_centers,
     coordinates,
+    evenly_chosen,
     likeness,
     whitening,
 )
@@ -101,18 +101,25 @@ class FieldBasis:
         return whitening(self.centers)
 
     @classmethod
-    def learn(cls, displacement: Field, dimensions: int, centers: int = CENTERS) -> FieldBasis:
+    def learn(
+        cls,
+        displacement: Field,
+        dimensions: int,
+        centers: int = CENTERS,
+        choose: Callable[[Field, int], Field] = evenly_chosen,
+    ) -> FieldBasis:
         """Learn from training fields ``(n, size)`` in units of their rms.
 
         Args:
             displacement: The fields.
             dimensions: Coordinates of a marker.
             centers: Fields to remember.
+            choose: Returns so many of their places.
         """
         modes = shape_modes(displacement)
         size, shape = shape_features(displacement, modes, SHAPE_FLOOR * np.sqrt(dimensions))
         places = coordinates(size, shape[:, : modes.shape[1]])
-        return cls(modes, choose_centers(places, centers), dimensions)
+        return cls(modes, choose(places, centers), dimensions)
 
 
 class FieldFeatures:
