@@ -81,7 +81,10 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> MeanSteps:
 
 
 def level_maps(
-    events: BufferedEvents, steps: MeanSteps, index: NDArray[np.int64]
+    events: BufferedEvents,
+    steps: MeanSteps,
+    index: NDArray[np.int64],
+    start: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """Return ``(len(index), height, width)`` levels from 0 (ground) to 1 (marker).
 
@@ -89,9 +92,10 @@ def level_maps(
         events: The recording, markers brighter than the ground.
         steps: What one event stands for.
         index: How many events came before each map, increasing.
+        start: ``(height, width)`` levels when the recording begins.
     """
     both = np.array([steps.on, steps.off], np.float32)
-    level = np.zeros(events.pixels, np.float32)
+    level = start.ravel().copy()
     add_kernel(level, events.code, both)
     maps = np.empty((len(index), events.pixels), np.float32)
     last = len(events)

@@ -18,6 +18,7 @@ from spikingtac.markers.calibration.finding.rest import (
     moving_events,
     unloaded_rests,
 )
+from spikingtac.markers.calibration.finding.starting_levels import starting_levels
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector, Blobs
 
 SMOOTH_PX = 1.0
@@ -130,7 +131,8 @@ def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
         CalibrationError: There is no grid of markers.
     """
     rests_us = find_rests(events, config.rest)
-    steps = mean_steps(events, moving_events(events, rests_us))
+    moving = moving_events(events, rests_us)
+    steps = mean_steps(events, moving)
     looks_us = rests_us
     if not len(rests_us):
         edges_us = np.linspace(0, events.duration_us, EVEN_LOOKS + 1).astype(np.int64)
@@ -141,7 +143,8 @@ def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
         seen = events if polarity == "white" else events.inverted()
         mean = steps if polarity == "white" else steps.inverted()
         if config.polarity in ("auto", polarity):
-            views[polarity] = (seen, mean, level_maps(seen, mean, index))
+            start = starting_levels(seen, moving, mean)
+            views[polarity] = (seen, mean, level_maps(seen, mean, index, start))
     polarity = min(views, key=lambda name: lit_share(views[name][2]))
     seen, mean, maps = views[polarity]
     length_us = np.diff(looks_us, axis=1)[:, 0]
