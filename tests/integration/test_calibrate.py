@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.render import simulate
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.types import EventPacket
+from stand_ins.calibrated import corner
 from stand_ins.ideal_events import ideal_events
 from stand_ins.small_twin import slides_scene
 
@@ -239,16 +239,10 @@ def test_a_foreign_recording_by_the_published_method(data_dir: Path) -> None:
     # are those of all 64 markers, halved: 0.04 and 0.07 px are measured in the corner.
     truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
     inside = (truth["reference_px"] < CORNER_PX).all(axis=1)
-    corner = [in_corner(packet) for packet in open_events(data_dir / "v2e" / "bootstrap.raw")]
-    source = PacketSource(corner, (CORNER_PX, CORNER_PX))
+    source = corner(data_dir / "v2e" / "bootstrap.raw", (CORNER_PX, CORNER_PX))
     calibration = calibrate(source, CalibrationConfig(method="bounding-box"), None)
     assert calibration.grid == (4, 4)
     error_px = errors_px(calibration, truth["reference_px"][inside])
     assert error_px.mean() <= 0.075
     assert error_px.max() <= 0.175
     assert np.abs(calibration.radius_px - truth["radius_px"][inside]).mean() < 0.1
-
-
-def in_corner(packet: EventPacket) -> EventPacket:
-    chosen = packet.select((packet.x < CORNER_PX) & (packet.y < CORNER_PX))
-    return replace(chosen, size=(CORNER_PX, CORNER_PX))

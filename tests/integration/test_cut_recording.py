@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +26,7 @@ from stand_ins.small_twin import HOLD_US, RETURN_US, calibration, touches
 
 REPEATS, HOLDS = 6, 32
 SLOWLY = "--rate-hz", "200"
-"""A recording of 15 s is tracked a dozen times: a fifth of the estimates are a third of the time."""
+"""A recording of 15 s is tracked a dozen times: a fifth of the estimates, a third of the time."""
 ERROR_PX = 0.35
 """Above the error of the whole (0.2 px), below that of a marker looked for in a wrong place."""
 
@@ -71,16 +74,22 @@ def repeated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray
     return folder, course
 
 
+@pytest.fixture(scope="module")
+def in_pieces(repeated: tuple[Path, np.ndarray]) -> dict[str, Any]:
+    """Track the same in three pieces by two workers; return what is said."""
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        options = "--cut-s", "5", "--workers", "2", *SLOWLY
+        assert track(repeated[0], "pieces.npz", *options) == 0
+    return json.loads(said.getvalue())
+
+
 def test_pieces_give_what_the_whole_gives(
-    repeated: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
+    repeated: tuple[Path, np.ndarray], in_pieces: dict[str, Any]
 ) -> None:
     folder, course_px = repeated
-    capsys.readouterr()
-    assert track(folder, "pieces.npz", "--cut-s", "5", "--workers", "2", *SLOWLY) == 0
-    said = json.loads(capsys.readouterr().out)
     whole, joined = Tracks.load(folder / "whole.npz"), Tracks.load(folder / "pieces.npz")
     np.testing.assert_array_equal(joined.t_us, whole.t_us)
-    assert (said["pieces"], said["estimates"]) == (3, len(whole.t_us))
+    assert (in_pieces["pieces"], in_pieces["estimates"]) == (3, len(whole.t_us))
     cuts_us = joined.meta["seams"]["cuts_us"]
     assert len(cuts_us) == 2
     np.testing.assert_array_equal(
@@ -108,13 +117,11 @@ def test_a_law_with_a_memory_sees_the_whole_path(repeated: tuple[Path, np.ndarra
     assert np.abs(joined.position_px - joined.detected_px).max() > 0.1  # the law does something
 
 
+@pytest.mark.usefixtures("in_pieces")
 def test_an_interrupted_run_goes_on(
     repeated: tuple[Path, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, _ = repeated
-    assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY) == 0
-    expected = (folder / "again.npz").read_bytes()
-    (folder / "again.npz").unlink()
     # What an interruption leaves: some pieces, and the lines that tell of them.
     pieces = folder / "again.npz.pieces"
     kept = _interrupted(folder, pieces)
@@ -123,7 +130,7 @@ def test_an_interrupted_run_goes_on(
     assert "--resume" in capsys.readouterr().err
     assert track(folder, "again.npz", "--cut-s", "5", "--workers", "1", *SLOWLY, "--resume") == 0
     assert json.loads(capsys.readouterr().out)["kept"] == kept
-    assert (folder / "again.npz").read_bytes() == expected
+    assert (folder / "again.npz").read_bytes() == (folder / "pieces.npz").read_bytes()
     assert not pieces.exists()
 
 
