@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,27 +27,33 @@ def blocks() -> Iterator[tuple[str, str]]:
                 yield f"{page.relative_to(PROJECT)}[{index}]", code
 
 
-@pytest.fixture
-def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the calibration, the recording and the tracks that the examples name."""
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.sim.scene.catalog import load
     from spikingtac.sim.scene.render import simulate
     from spikingtac.sim.scene.source import SceneSource
 
-    scene = load("finger-torsion")
+    folder, scene = tmp_path_factory.mktemp("named"), load("finger-torsion")
     at_rest = SceneSource(scene)
     Calibration(
         reference_px=np.asarray(at_rest.reference_px),
         radius_px=np.asarray(at_rest.radius_px),
         grid=scene.skin.grid,
         size=scene.size,
-    ).save(tmp_path / "left_finger.json")
-    simulate(scene, tmp_path / "twist", seed=1, duration_s=1.0)
+    ).save(folder / "left_finger.json")
+    simulate(scene, folder / "twist", seed=1, duration_s=1.0)
     for name in ("tracks.npz", "other.npz"):
-        circling_tracks(estimates=20).save(tmp_path / name)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+        circling_tracks(estimates=20).save(folder / name)
+    return folder
+
+
+@pytest.fixture
+def beside(named: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of each example's own with copies of these."""
+    monkeypatch.chdir(shutil.copytree(named, tmp_path / "beside"))
+    return Path.cwd()
 
 
 @pytest.mark.parametrize("code", [pytest.param(code, id=name) for name, code in blocks()])

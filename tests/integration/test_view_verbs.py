@@ -79,7 +79,7 @@ def test_demo_replaces_its_own_files_when_told_to(
     short = ("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
     assert called(*short).returncode == 2
     assert tracks.read_bytes() == before
-    again = spikingtac(*short, "--overwrite")
+    again = called(*short, "--overwrite")
     assert again.returncode == 0, again.stderr
     assert tracks.read_bytes() != before
 
@@ -128,14 +128,15 @@ def test_view_refuses_what_does_not_fit_a_recording(
     assert "default" in done.stderr or "--camera" in done.stderr
 
 
-def test_view_shows_what_is_left_of_a_cut_recording(recording: Path, tmp_path: Path) -> None:
+def test_view_shows_what_is_left_of_a_cut_recording(
+    recording: Path, tmp_path: Path, called: Callable[..., Done]
+) -> None:
     whole = recording / "events.raw"
     cut = whole.stat().st_size // 2 | 1  # in the middle of a word
     (tmp_path / "events.raw").write_bytes(whole.read_bytes()[:cut])
     (tmp_path / "calibration.json").write_bytes((recording / "calibration.json").read_bytes())
-    done = spikingtac(
-        "view", str(tmp_path), "--headless", "--seconds", "0.5", "--port", "0", "--json"
-    )
+    words = "view", str(tmp_path), "--headless", "--seconds", "0.5", "--port", "0", "--json"
+    done = called(*words)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["losses"]["truncated"] == 1
 

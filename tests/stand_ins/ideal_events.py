@@ -12,11 +12,14 @@ THRESHOLD = 0.25
 
 def log_image(centers_px: np.ndarray, radius_px: float, size: tuple[int, int]) -> np.ndarray:
     """Return the log intensity of white discs (contrast 6) on a ground of 1."""
-    y, x = np.mgrid[: size[1], : size[0]]
     cover = np.zeros((size[1], size[0]))
+    reach = int(radius_px) + 2  # nothing of a disc lies beyond: the rest of the image is left out
     for center in np.atleast_2d(centers_px):
-        distance = np.hypot(x - center[0], y - center[1])
-        cover = np.maximum(cover, np.clip(radius_px - distance + 0.5, 0.0, 1.0))
+        left, top = np.maximum(np.floor(center).astype(int) - reach, 0)
+        near = cover[top : int(center[1]) + reach + 1, left : int(center[0]) + reach + 1]
+        y, x = np.mgrid[: near.shape[0], : near.shape[1]]
+        distance = np.hypot(x + left - center[0], y + top - center[1])
+        np.maximum(near, np.clip(radius_px - distance + 0.5, 0.0, 1.0), out=near)
     return np.log(1.0 + (CONTRAST - 1.0) * cover)
 
 

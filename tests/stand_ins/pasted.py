@@ -16,8 +16,8 @@ SHOWN = ("view", "demo")
 """Verbs that show a page until they are ended."""
 SHORT = "--seconds", "1"
 """What such verbs show here, and what they export."""
-SHORTER = {"bootstrap": ("--duration-s", "5.4"), "finger-torsion": ("--duration-s", "4.2")}
-"""Scene -> what is simulated here: four of eight slides, and a finger that turned both ways."""
+SHORTER = {"bootstrap": (), "finger-torsion": ("--duration-s", "4.2")}
+"""Scene -> what is simulated here: all slides, and a finger that turned both ways."""
 
 
 def pieces(page: str) -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ import numpy as np
 from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
 
-SIZE, GRID, PITCH_PX, RADIUS_PX = (220, 180), (4, 5), 38.0, 7.0
+SIZE, GRID, PITCH_PX, RADIUS_PX = (182, 144), (3, 4), 38.0, 7.0
 MARKERS = GRID[0] * GRID[1]
 STEPS, STEP_US, REST_US = 30, 4_000, 600_000
 FAR_PX = 18.0

@@ -88,44 +88,49 @@ def walk(
 
 
 @njit(cache=True)
-def follow_level_kernel(
-    which: tuple[Any, Any],
+def follow_levels_kernel(
+    which: tuple[NDArray[np.int64], NDArray[np.int32]],
     levels: tuple[NDArray[np.float32], NDArray[np.float32]],
     copies: tuple[NDArray[np.float32], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     events: NDArray[np.float64],
     clock: tuple[NDArray[np.float64], Any, Any],
 ) -> None:
-    """Let one pixel's ideal copies follow its level; add what they fire to the marker's events.
+    """Let pixels' ideal copies follow their levels; add what they fire to the markers' events.
 
-    ``which`` is the pixel and its marker; ``levels`` are those of now and of before; ``copies`` is
-    ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)`` the mean sum
-    of their steps. ``clock`` is when each pixel was followed last, the time of now, s, and the
-    rate at which light that was lost without an event is forgotten, 1/s. (Whole arrays and
-    indices: views of rows took half of the time.)
+    ``which`` is some pixels, and every pixel's marker; ``levels`` are those of now and of before;
+    ``copies`` is ``(pixels, PHASES)``, the level at which each copy fired last, and ``(pixels,)``
+    the mean sum of their steps. ``clock`` is when each pixel was followed last, the time of now, s,
+    and the rate at which light that was lost without an event is forgotten, 1/s. (A call for each
+    pixel counted references to all these arrays anew, and took twice the time.)
     """
-    (q, marker), (now, before), (phases, sums) = which, levels, copies
-    on, off = steps[0][q], steps[1][q]
-    seen_s, now_s, per_s = clock
-    middle = np.float32(0.5) * (now[q] + before[q])
-    share = np.float32(np.exp(-per_s * (now_s - seen_s[q])))
-    seen_s[q] = now_s
-    rises = falls = 0
-    for phase in range(PHASES):
-        last = phases[q, phase]
-        if last > middle and share < np.float32(1.0):
-            last = middle + share * (last - middle)
-        while now[q] > last + on:
-            last += on
-            rises += 1
-        while now[q] < last - off:
-            last -= off
-            falls += 1
-        phases[q, phase] = last
-    events[marker, 2] += rises
-    events[marker, 3] += falls
-    sums[q] += (np.float32(rises) * on - np.float32(falls) * off) / np.float32(PHASES)
-    before[q] = now[q]
+    (chosen, marker), (now, before), (phases, sums) = which, levels, copies
+    (on_steps, off_steps), (seen_s, now_s, per_s) = steps, clock
+    for q in chosen:
+        level = now[q]
+        if abs(level - before[q]) <= STILL_LEVEL:
+            continue
+        on, off, share = on_steps[q], off_steps[q], np.float32(1.0)
+        middle = np.float32(0.5) * (level + before[q])
+        if per_s > 0.0:
+            share = np.float32(np.exp(-per_s * (now_s - seen_s[q])))
+        rises = falls = 0
+        for phase in range(PHASES):
+            last = phases[q, phase]
+            if last > middle and share < np.float32(1.0):
+                last = middle + share * (last - middle)
+            while level > last + on:
+                last += on
+                rises += 1
+            while level < last - off:
+                last -= off
+                falls += 1
+            phases[q, phase] = last
+        if rises or falls:
+            events[marker[q], 2] += rises
+            events[marker[q], 3] += falls
+            sums[q] += (np.float32(rises) * on - np.float32(falls) * off) / np.float32(PHASES)
+        before[q], seen_s[q] = level, now_s
 
 
 @njit(cache=True)
@@ -202,14 +207,10 @@ def walk_kernel(
         count = draw_kernel(places[sample], stretched, (image, owner), touched)
         if sample == 0:
             spread_kernel(copies[0], now, before, steps)
-        # What was a disc and is ground now, then what is a disc.
-        for q in former[:formers]:
-            if whose[q] < 0 and before[q] > STILL_LEVEL:
-                follow_level_kernel((q, last_owner[q]), (now, before), copies, steps, events, clock)
         for q in touched[:count]:
             last_owner[q] = whose[q]
-            if abs(now[q] - before[q]) > STILL_LEVEL:
-                follow_level_kernel((q, whose[q]), (now, before), copies, steps, events, clock)
+        for some in (former[:formers], touched[:count]):  # what may be ground now, then the discs
+            follow_levels_kernel((some, last_owner), (now, before), copies, steps, events, clock)
         if kept < len(states) and states[kept] == sample:
             measured[kept], drawn[kept] = total.reshape(image.shape), image
             expected[kept] = copies[1].reshape(image.shape)
