@@ -101,8 +101,9 @@ def level(
 def test_level_maps_equal_the_twin(count: int) -> None:
     events, steps = few_pixels(count, 3), MeanSteps(0.2, 0.3)
     index = np.unique(np.array([0, count // 3, count]))
-    got = level_maps(events, steps, index)
-    value = np.zeros(SIZE[0] * SIZE[1])
+    start = np.linspace(0.0, 1.0, events.pixels, dtype=np.float32).reshape(events.shape)
+    got = level_maps(events, steps, index, start)
+    value = start.ravel().astype(np.float64)
     forward, backward = [], []
     for code in events.code.tolist():
         change = steps.on if code & 1 else -steps.off

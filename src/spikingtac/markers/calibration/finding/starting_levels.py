@@ -10,6 +10,8 @@ them brighten.) Beside them are pixels that swing a little, and darken first, to
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +22,11 @@ SMOOTH_PX = 1.0
 """Width of the Gaussian over which events of motion are counted: single pixels are noisy."""
 
 FEWEST_EVENTS, OVER_NOISE = 1.0, 3.0
-"""A pixel fires where so many events of motion were counted, and so many times what the median
-pixel, ground, sent in noise."""
+"""A pixel fires where so many events of motion were counted, and so many times what the quiet
+pixels send in noise."""
+
+QUIET_PERCENT = 10.0
+"""Pixels that are taken to be quiet: on dense skins moving discs pass most of the ground."""
 
 UNDECIDED = 0.5
 """Difference between a map that began dark and one that began bright from which the events do not
@@ -29,7 +34,7 @@ tell the level: less is left where a pixel swung over more than half."""
 
 GROWN_PX = 5
 """How far beside silent pixels those that swing a little are covered, too (ours, on four sensors: 5
-and 8 are alike; with 3 a gap stays inside of large discs, without bound the feet of edges are taken)."""
+and 8 are alike; with 3 a gap stays inside of large discs, without a bound feet of edges count)."""
 
 RIM_PX = 4
 """Width of the rim around silent pixels that tells whose they are."""
@@ -55,9 +60,11 @@ def starting_levels(
     code = events.code[moving]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
     smooth = ndimage.gaussian_filter(sent.astype(np.float32), SMOOTH_PX)
-    fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * float(np.median(smooth)))
+    fires = smooth > max(FEWEST_EVENTS, OVER_NOISE * float(np.percentile(smooth, QUIET_PERCENT)))
     falls, rises = _first_steps(events, code, steps)
-    silent, count = ndimage.label(ndimage.binary_fill_holes(fires) & ~fires)
+    enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
+    silent = np.zeros(events.shape, np.int32)
+    count = int(cast(int, ndimage.label(enclosed, output=silent)))
     covered = np.zeros(events.shape, bool)
     for number in range(1, count + 1):
         one = silent == number

@@ -1,0 +1,56 @@
+"""Where a marker always is, and where the ground is, from what the events around tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.events.source import PacketSource
+from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
+from spikingtac.markers.calibration.finding import starting_levels as module
+from spikingtac.markers.calibration.finding.level_maps import MeanSteps
+from spikingtac.markers.calibration.finding.starting_levels import starting_levels
+from stand_ins.ideal_events import ideal_events
+
+SIZE, STEPS = (80, 60), MeanSteps(0.15, 0.15)
+CENTER, RADIUS_PX = (40.0, 30.0), 14.0
+WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def discs_moved(amplitude_px: float, centers: list[tuple[float, float]]) -> BufferedEvents:
+    """Return the events of discs that go to and fro in four directions."""
+    trip = amplitude_px * np.sin(np.linspace(0, np.pi, 24)) ** 2
+    path = np.concatenate([trip[:, np.newaxis] * np.array(way) for way in WAYS])
+    moving = np.array(centers) + path[:, np.newaxis]
+    packet = ideal_events(moving, RADIUS_PX, SIZE, 4_000)
+    return buffer_events(PacketSource([packet], SIZE), 1_000_000)
+
+
+def away_px() -> np.ndarray:
+    """Return the distance of each pixel from the disc's middle."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    return np.hypot(x - CENTER[0], y - CENTER[1])
+
+
+def starts(events: BufferedEvents) -> np.ndarray:
+    return starting_levels(events, np.ones(len(events), bool), STEPS) > 0.5
+
+
+@pytest.mark.parametrize("amplitude_px", [3.0, 6.0])
+def test_what_a_disc_never_leaves_is_covered(amplitude_px: float) -> None:
+    covered, away = starts(discs_moved(amplitude_px, [CENTER])), away_px()
+    assert covered[away < RADIUS_PX - amplitude_px - 3.0].all()
+    assert not covered[away > RADIUS_PX + 1.0].any()
+
+
+def test_a_disc_that_leaves_all_of_its_pixels_leaves_no_doubt() -> None:
+    assert not starts(discs_moved(24.0, [CENTER])).any()
+
+
+def test_ground_that_discs_enclose_is_no_marker(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four discs close in on ground that none of them reaches: all around it brightens."""
+    around = [(CENTER[0] + 21.0 * x, CENTER[1] + 21.0 * y) for x, y in WAYS]
+    events, middle = discs_moved(6.0, around), away_px() < 1.0
+    assert not starts(events)[middle].any()
+    monkeypatch.setattr(module, "LEAST_DARKENED", -1.0)
+    assert starts(events)[middle].all(), "it is enclosed, and only its rim tells it from a marker"
