@@ -131,8 +131,7 @@ def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
         CalibrationError: There is no grid of markers.
     """
     rests_us = find_rests(events, config.rest)
-    moving = moving_events(events, rests_us)
-    steps = mean_steps(events, moving)
+    steps = mean_steps(events, moving_events(events, rests_us))
     looks_us = rests_us
     if not len(rests_us):
         edges_us = np.linspace(0, events.duration_us, EVEN_LOOKS + 1).astype(np.int64)
@@ -143,7 +142,7 @@ def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
         seen = events if polarity == "white" else events.inverted()
         mean = steps if polarity == "white" else steps.inverted()
         if config.polarity in ("auto", polarity):
-            start = starting_levels(seen, moving, mean)
+            start = starting_levels(seen, rests_us, mean)
             views[polarity] = (seen, mean, level_maps(seen, mean, index, start))
     polarity = min(views, key=lambda name: lit_share(views[name][2]))
     seen, mean, maps = views[polarity]

@@ -33,7 +33,7 @@ def away_px() -> np.ndarray:
 
 
 def starts(events: BufferedEvents) -> np.ndarray:
-    return starting_levels(events, np.ones(len(events), bool), STEPS) > 0.5
+    return starting_levels(events, np.empty((0, 2), np.int64), STEPS) > 0.5
 
 
 @pytest.mark.parametrize("amplitude_px", [3.0, 6.0])
@@ -49,8 +49,8 @@ def test_a_disc_that_leaves_all_of_its_pixels_leaves_no_doubt() -> None:
 
 def test_ground_that_discs_enclose_is_no_marker(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four discs close in on ground that none of them reaches: all around it brightens."""
-    around = [(CENTER[0] + 21.0 * x, CENTER[1] + 21.0 * y) for x, y in WAYS]
+    around = [(CENTER[0] + 23.5 * x, CENTER[1] + 23.5 * y) for x, y in WAYS]
     events, middle = discs_moved(6.0, around), away_px() < 1.0
     assert not starts(events)[middle].any()
-    monkeypatch.setattr(module, "LEAST_DARKENED", -1.0)
+    monkeypatch.setattr(module, "LEAST_LIT", -1.0)
     assert starts(events)[middle].all(), "it is enclosed, and only its rim tells it from a marker"
