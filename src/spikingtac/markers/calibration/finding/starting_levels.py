@@ -11,8 +11,6 @@ swings fully, clipping tells how it began, whatever was assumed. Ours.
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,16 +62,24 @@ def starting_levels(
     undecided, lit = bright - dark > UNDECIDED, dark + bright > 1.0
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)
-    count = int(cast(int, ndimage.label(enclosed, output=silent)))
+    ndimage.label(enclosed, output=silent)
     covered = np.zeros(events.shape, bool)
-    for number in range(1, count + 1):
-        one = silent == number
+    for number, (rows, columns) in enumerate(ndimage.find_objects(silent), start=1):
+        part = _widened(rows), _widened(columns)
+        one = silent[part] == number
         near = np.asarray(ndimage.binary_dilation(one, iterations=RIM_PX), bool)
-        rim = near & fires & ~undecided
-        covered |= one & (np.count_nonzero(lit[rim]) > LEAST_LIT * np.count_nonzero(rim))
+        rim = near & (fires & ~undecided)[part]
+        covered[part] |= one & (
+            np.count_nonzero(lit[part][rim]) > LEAST_LIT * np.count_nonzero(rim)
+        )
     around = covered | (fires & undecided & _darkening(events, code, steps))
     grown = ndimage.binary_dilation(covered, iterations=GROWN_PX, mask=around)
     return grown.astype(np.float32)
+
+
+def _widened(span: slice) -> slice:
+    """Return the rows or columns of some pixels and of the rim around them."""
+    return slice(max(span.start - RIM_PX, 0), span.stop + RIM_PX)
 
 
 def _noise(events: BufferedEvents, moving: int, rests_us: NDArray[np.int64]) -> float:
