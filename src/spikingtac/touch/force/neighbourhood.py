@@ -51,8 +51,7 @@ def unlike_ones(places: Field, count: int) -> Field:
     contacts; of recorded frames the most unlike are the worst measured (ours: 0.872 instead of
     0.880 of the normal force's variance on data/force, with depth).
     """
-    rows = np.linspace(0, len(places) - 1, min(MOST_CANDIDATES, len(places))).astype(np.int64)
-    candidates = places[rows]
+    candidates = evenly_chosen(places, MOST_CANDIDATES)
     squares = (candidates * candidates).sum(axis=1)
     factor = np.empty((min(count, len(candidates)), len(candidates)))
     left, chosen = np.ones(len(candidates)), []
