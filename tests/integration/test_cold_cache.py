@@ -35,9 +35,10 @@ neighbours = Neighbourhood(places)
 digest = hashlib.sha256()
 for shift in range(12):
     level = rng.random((320, 320)).astype(np.float32) * np.float32(0.3)
-    y, x = np.mgrid[:320, :320]
-    for place in places + shift * 0.13:
-        level[np.hypot(x - place[0], y - place[1]) < 9.2] += np.float32(1.6)
+    for x, y in places + shift * 0.13:
+        near = np.s_[int(y) - 10 : int(y) + 12, int(x) - 10 : int(x) + 12]
+        rows, columns = np.mgrid[near]
+        level[near][np.hypot(columns - x, rows - y) < 9.2] += np.float32(1.6)
     predicted = places + rng.normal(0.0, 0.8, (64, 2))
     state_map = GradedStateMap(level)
     expected = neighbours.expected_px(predicted)

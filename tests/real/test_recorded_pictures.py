@@ -36,10 +36,11 @@ def test_a_picture(name: str, options: tuple[str, ...], tracks: Path, tmp_path: 
 
 def test_the_animation(tracks: Path, tmp_path: Path) -> None:
     made, stored = tmp_path / "press.gif", IMAGES / "recorded_press.gif"
-    span = ["--from-s", "38.5", "--to-s", "40.6", "--slow", "2"]
-    assert main(["plot", str(tracks), *span, "-o", str(made)]) == 0
+    middle = ["--from-s", "39.2", "--to-s", "39.9", "--slow", "2"]  # of 38.5 to 40.6 s
+    assert main(["plot", str(tracks), *middle, "-o", str(made)]) == 0
     with Image.open(made) as now, Image.open(stored) as then:
-        assert now.n_frames == then.n_frames
-        frames = now.n_frames
+        frames, later = now.n_frames, then.n_frames // 3
+        assert then.n_frames == 3 * frames - 2, "the last picture of one is the next one's first"
     for frame in (0, frames // 2, frames - 1):
-        assert different_cells(made, stored, frame) < MOST_DIFFERENT_CELLS, frame
+        # A field that is pressed differs from one at rest in 2 % of the cells.
+        assert different_cells(made, stored, frame, later) < MOST_DIFFERENT_CELLS / 4, frame

@@ -15,15 +15,16 @@ CELL_LEVELS = 24.0
 """Grey levels of 255 from which on a cell differs."""
 
 
-def different_cells(one: Path, other: Path, frame: int = 0) -> float:
+def different_cells(one: Path, other: Path, frame: int = 0, later: int = 0) -> float:
     """Return the share of the cells that differ; 1 where the sizes do.
 
     Args:
         one: A picture or an animation.
         other: The same.
         frame: Which picture of an animation.
+        later: How many pictures later the other animation shows it.
     """
-    first, second = (_cells(path, frame) for path in (one, other))
+    first, second = _cells(one, frame), _cells(other, frame + later)
     if first.shape != second.shape:
         return 1.0
     return float((np.abs(first - second).max(axis=2) > CELL_LEVELS).mean())
