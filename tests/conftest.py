@@ -42,12 +42,6 @@ FOLDERS = ("naive", "real", "integration")
 would keep one core busy alone."""
 
 
-def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than there are cores: tests of live streams mostly wait."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return (cores or 1) + 1
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files that take longest first; each file's tests keep their order."""
     folders = [*FOLDERS, *sorted({_folder(item) for item in items}.difference(FOLDERS))]
