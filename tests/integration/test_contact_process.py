@@ -20,11 +20,11 @@ from stand_ins.guarded import (
     SLOWED,
     NotingArm,
     SlowArm,
-    detector,
     long_failure,
     moving_ur,
     paced,
     stops,
+    watching,
 )
 from stand_ins.moving_rims import PERIOD_US
 from stand_ins.ur_controller import EVERYTHING, WATCHDOG, URController
@@ -55,7 +55,7 @@ def guard(notes: Path) -> Iterator[Any]:
     def start(recorder: Any = None, **stream: Any) -> ContactProcess:
         arm = Factory(function=NotingArm, arguments={"notes": str(notes)})
         source = Factory(function=paced, arguments=stream)
-        made.append(ContactProcess(source, Factory(function=detector), arm, CALM, recorder))
+        made.append(ContactProcess(source, watching(stream), arm, CALM, recorder))
         return made[-1]
 
     yield start
@@ -115,7 +115,7 @@ def test_windows_that_waited_before_the_watch_are_not_lag_and_later_ones_are(
     arguments = {"notes": str(notes), "slow": slow}
     config = WatchdogConfig(stale_s=60.0, backlog_s=SLOW_S / 2.0)
     arm = Factory(function=SlowArm, arguments=arguments)
-    process = ContactProcess(Factory(function=paced), Factory(function=detector), arm, config)
+    process = ContactProcess(Factory(function=paced), watching({}), arm, config)
     try:
         status = wait(process, "ready", "tripped", "ended", "failed")
         assert status["phase"] == "ready", status
@@ -174,7 +174,7 @@ def moving(controller: URController) -> Iterator[Any]:
         source = Factory(function=paced, arguments=stream)
         status: dict[str, Any] = {}
         for _ in range(STARTS):
-            made.append(ContactProcess(source, Factory(function=detector), arm, CALM))
+            made.append(ContactProcess(source, watching(stream), arm, CALM))
             status = wait(made[-1], "ready", "tripped", "ended", "failed")
             if status["phase"] == "ready":
                 until(lambda: controller.twin.speed_mm_s()[0] > 30.0 or tripped(made[-1]))

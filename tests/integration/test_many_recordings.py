@@ -19,6 +19,7 @@ from spikingtac.cli.main import main
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 from stand_ins.dask_cluster import DaskCluster
+from stand_ins.jobs_here import run_here
 from stand_ins.small_twin import calibration, touches
 
 COUNT = 4
@@ -40,6 +41,12 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "recordings" / "bad.raw").write_bytes(b"junk")
     calibration().save(folder / "calibration.json")
     return folder
+
+
+@pytest.fixture
+def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work on the recordings in this process, where nothing is said of the workers."""
+    monkeypatch.setattr("spikingtac.batch.processes.run_in_processes", run_here)
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -66,6 +73,7 @@ def test_many_are_tracked_as_each_would_be(
     one_by_one: dict[str, str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
 ) -> None:
     capsys.readouterr()
     assert main(track(day, tmp_path / "out", "--workers", "1", "--json")) == 1  # one failed
@@ -78,10 +86,12 @@ def test_many_are_tracked_as_each_would_be(
     assert Path(found["report"]).is_file()
     assert digests(tmp_path / "out") == one_by_one
     assert not list((tmp_path / "out").glob(".*"))
+    request.getfixturevalue("jobs_here")
     assert main([*track(day, tmp_path / "out", "--workers", "1", "--json"), "--resume"]) == 1
     assert json.loads(capsys.readouterr().out)["kept"] == COUNT
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_touches_of_many_tracks_and_events_of_many_files(
     day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,6 +125,7 @@ def start(arguments: list[str]) -> subprocess.Popen[bytes]:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.usefixtures("jobs_here")  # of what goes on: the interrupted run is a program
 def test_an_interrupted_run_goes_on_where_it_was(
     day: Path, one_by_one: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

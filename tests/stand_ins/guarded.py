@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError
+from spikingtac.live.factory import Factory
 from spikingtac.live.guard.contact_loop import Arrival
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.types import EventPacket, Pose
@@ -85,6 +87,25 @@ def stops(notes: Path) -> list[float]:
 
 def detector() -> ContactDetector:
     return make_detector("default", DetectionConfig(), [calibration()], windows(1000, seed=1))
+
+
+@cache
+def _counting() -> ContactDetector:
+    return make_detector("event_count", DetectionConfig(), [calibration()], windows(1000, seed=1))
+
+
+def as_it_is(detector: ContactDetector) -> ContactDetector:
+    return detector
+
+
+def watching(stream: Mapping[str, int]) -> Factory[ContactDetector]:
+    """Return the detector for a stream of :func:`paced`: one that has learned where none touches.
+
+    What stalls, ends, breaks or leaps is noticed by whoever watches the stream, not by a detector.
+    """
+    if "touch" in stream:
+        return Factory(function=detector)
+    return Factory(function=as_it_is, arguments={"detector": _counting()})
 
 
 def paced(

@@ -6,7 +6,7 @@ Rendered once per run with fixed seeds: sixteen markers on 176 x 176 px, a camer
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -27,6 +27,8 @@ SENSOR: dict[str, Any] = {
     "optics": {"size": [176, 176]},
     "gel": {"grid": {"cells": 24, "span_mm": 28.0}},
 }
+SMALLEST = SENSOR | {"skin": {"grid": [3, 3]}, "optics": {"size": [140, 140]}}
+"""Nine of its markers."""
 PLATE = {"kind": "punch", "settings": {"radius_mm": 12.5}}
 """It carries all markers alike."""
 
@@ -128,11 +130,11 @@ def _slides_of_a_plate(dx_mm: float, dy_mm: float) -> dict[str, Any]:
     return {"indenter": PLATE, "pause_s": 0.15, "motion": motion}
 
 
-def slides_scene() -> Scene:
-    """Return four slides of the whole skin, to and fro."""
+def slides_scene(sensor: Mapping[str, Any] = SENSOR, slides: int = 4) -> Scene:
+    """Return slides of the whole skin, to and fro: to four sides, or to fewer."""
     ways = ((OUT_MM, 0.0), (-OUT_MM, 0.0), (0.0, OUT_MM), (0.0, -OUT_MM))
-    contacts = [_slides_of_a_plate(*way) for way in ways]
-    tree = SENSOR | {"lead_in_s": 0.2, "lead_out_s": LAST_LEAD_S, "contacts": contacts}
+    contacts = [_slides_of_a_plate(*way) for way in ways[:slides]]
+    tree = {**sensor} | {"lead_in_s": 0.2, "lead_out_s": LAST_LEAD_S, "contacts": contacts}
     return build(Scene, tree, "small twin")
 
 
