@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -145,17 +146,16 @@ def slides(amplitude_px: float = 16.0, duration_ms: int = 350) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def filmed(
-    preset: str, bandwidth_hz: float, moved_px: np.ndarray
-) -> tuple[EventPacket, np.ndarray, np.ndarray]:
-    """Return the twin's events of 16 discs, their true paths and their radii."""
+@cache
+def filmed(preset: str, bandwidth_hz: float) -> tuple[EventPacket, np.ndarray, np.ndarray]:
+    """Return the twin's events of 16 discs that slide, their true paths and their radii."""
     base = load_camera(preset)
     camera = replace(base, size=(150, 150), pixel=replace(base.pixel, bandwidth_hz=bandwidth_hz))
     place = np.arange(4) * 37.0 + 18.6
     rest = np.stack(np.meshgrid(place, place), -1).reshape(-1, 2)
     rest += np.random.default_rng(1).uniform(-0.8, 0.8, rest.shape)
     radius, shape = np.full(16, 7.0), np.tile(np.eye(2), (16, 1, 1))
-    path = rest + moved_px[:, None]
+    path = rest + slides()[:, None]
     images = [MarkerImage(1_000 * i, at, shape, radius) for i, at in enumerate(path)]
     lens = EventCamera(camera, seed=3)
     lens.settle(images[0], "random")
@@ -176,7 +176,7 @@ def delayed(path: np.ndarray, lag_us: float) -> MarkerTrack:
 )
 def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
     """The twin's pixels are late by (tau + latency) at white over the light; so is the track."""
-    packet, path, _ = filmed(preset, bandwidth_hz, slides())
+    packet, path, _ = filmed(preset, bandwidth_hz)
     white_us = 1e6 / (2 * np.pi * bandwidth_hz) + 150.0
     middle_us = white_us * 6.0**0.5
     # The camera's edge: sqrt(0.5^2 + 1/12) px Gaussian, as the nearest logistic.
@@ -191,7 +191,7 @@ def test_the_twins_lag_is_found(preset: str, bandwidth_hz: float) -> None:
 
 
 def test_a_later_track_is_found_later_by_as_much() -> None:
-    packet, path, _ = filmed("typical", 500.0, slides())
+    packet, path, _ = filmed("typical", 500.0)
     edge = EdgeProfile(contrast=6.0, edge_px=0.577 / 1.702)
     lags = [
         estimate_lag(observe_crossings(packet, delayed(path, late_us)), edge).lag_us
@@ -247,7 +247,7 @@ class Late:
 
 
 def test_a_recording_is_tracked_and_its_lag_found() -> None:
-    packet, path, radius = filmed("typical", 500.0, slides())
+    packet, path, radius = filmed("typical", 500.0)
     lag_us = 1_147.0
     calibration = Calibration(reference_px=path[0], radius_px=radius, grid=(4, 4), size=packet.size)
     source, late = PacketSource([packet], packet.size), Late(path, lag_us)
@@ -262,7 +262,7 @@ def test_a_recording_is_tracked_and_its_lag_found() -> None:
 def test_a_part_of_the_markers_tells_the_lag_of_a_large_skin(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    packet, path, radius = filmed("typical", 500.0, slides())
+    packet, path, radius = filmed("typical", 500.0)
     known = Calibration(
         reference_px=path[0],
         radius_px=radius,
