@@ -210,7 +210,7 @@ def share_recovered(truth: EventPacket, found: EventPacket) -> float:
 @pytest.mark.parametrize("seed", range(6))
 def test_local_damage_costs_little(tmp_path: Path, encoding: str, kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    n = 60_000
+    n = 30_000
     t = np.cumsum(rng.integers(0, 3, n))
     rows = np.sort(rng.integers(0, 240, n).reshape(-1, 20), axis=1).ravel()
     truth = packet_of(t, rng.integers(0, 320, n), rows, rng.random(n) < 0.5)
