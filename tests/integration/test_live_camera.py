@@ -32,6 +32,7 @@ from stand_ins.piped_camera import PipedCamera
 from stand_ins.viewer import record_circling
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
+SLOWLY = "--rate-hz", "200"
 TOUCH_MS = 400
 LATE_TOUCH_MS = 3_000
 """A touch for which a guard on a busy machine is ready."""
@@ -81,7 +82,7 @@ def spikingtac(*arguments: object, stdin: Path | None = None) -> subprocess.Comp
 
 
 def test_track_reads_standard_input_as_it_reads_the_file(circling: Path, tmp_path: Path) -> None:
-    known = "--calibration", circling / "calibration.json"
+    known = "--calibration", circling / "calibration.json", *SLOWLY
     live, whole = tmp_path / "live.npz", tmp_path / "whole.npz"
     done = spikingtac("track", "-", *known, "-o", live, stdin=circling / "events.raw")
     assert done.returncode == 0, done.stderr
@@ -109,12 +110,13 @@ def test_contact_watches_a_stream_with_what_a_quiet_recording_taught(
 
 
 def test_the_page_shows_a_camera(circling: Path, tmp_path: Path) -> None:
-    known = "--calibration", circling / "calibration.json", "--headless", "--port", "0", "--json"
+    known = "--calibration", circling / "calibration.json", *SLOWLY
+    shown = *known, "--headless", "--port", "0", "--json"
     summary: dict[str, float] = {}
     for seconds in LONGER_AND_LONGER_S:  # a cold cache is compiled meanwhile
         (pipe := tmp_path / "live").unlink(missing_ok=True)
         PipedCamera(pipe, (circling / "events.raw").read_bytes(), lasting_s=2.0)
-        done = spikingtac("view", pipe, "--seconds", seconds, *known)
+        done = spikingtac("view", pipe, "--seconds", seconds, *shown)
         assert done.returncode == 0, done.stderr
         summary = json.loads(done.stdout)
         if summary["estimates"] > 10 and summary["displacement_max_px"] > 0.1:

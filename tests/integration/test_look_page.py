@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
@@ -15,14 +18,16 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
 from spikingtac.viewer.session.calibrating.desk import SaveTarget
 from spikingtac.viewer.session.events_only import open_view_or_events
+from spikingtac.viewer.session.source import ViewSource
 from stand_ins.browser import browser
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.serving import served
-from stand_ins.sliding import GRID, MARKERS, SIZE, sliding_packets
+from stand_ins.sliding import GRID, MARKERS, SIZE, packets_of_trips, trip
 from stand_ins.viewer import record_circling
 
 ARTEFACTS = Path(__file__).resolve().parents[2] / "artefacts"
 PATIENCE_S = 120.0
+RATE_HZ = 200.0
 READINGS = ("rate", "on", "noise", "hot")
 
 
@@ -30,9 +35,29 @@ READINGS = ("rate", "on", "noise", "hot")
 def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("slides") / "slides.raw"
     with create_events(path, SIZE) as writer:
-        for packet in sliding_packets():
+        for packet in packets_of_trips([trip((1, 0)), trip((0, 1))]):
             writer.write(packet)
     return path
+
+
+@pytest.fixture(scope="module")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
+    with browser(tmp_path_factory.mktemp("profile"), 1400, 900) as opened:
+        yield opened
+
+
+@contextmanager
+def page_of(chrome: WebDriver, **arguments: Any) -> Iterator[WebDriver]:
+    """Serve a view and open its page, which nothing of another page has touched."""
+    opener: Callable[..., ViewSource] = open_view_or_events
+    with served(opener, **arguments) as port:
+        chrome.get_log("browser")
+        chrome.get(f"http://127.0.0.1:{port}/")
+        try:
+            yield chrome
+        finally:
+            chrome.get("about:blank")
+            chrome.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def text(page: WebDriver, name: str) -> str:
@@ -59,15 +84,15 @@ def complaints(page: WebDriver) -> list[str]:
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
-def test_events_figures_and_advice_are_on_the_page(width: int, height: int, tmp_path: Path) -> None:
+def test_events_figures_and_advice_are_on_the_page(
+    width: int, height: int, chrome: WebDriver, tmp_path: Path
+) -> None:
     folder = record_circling(tmp_path)
     (folder / "calibration.json").unlink()
     source = str(folder / "events.raw")
-    with (
-        served(open_view_or_events, source=source) as port,
-        browser(tmp_path / "profile", width, height) as page,
-    ):
-        page.get(f"http://127.0.0.1:{port}/")
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    with page_of(chrome, source=source) as page:
         wait(page, "document.querySelector('[data-testid=reading-noise]')?.innerText")
         texts = {name: text(page, f"reading-{name}") for name in READINGS}
         assert texts["on"].endswith("%")
@@ -82,13 +107,12 @@ def test_events_figures_and_advice_are_on_the_page(width: int, height: int, tmp_
         assert complaints(page) == []
 
 
-def test_a_recording_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -> None:
+def test_a_recording_is_calibrated_with_the_page(
+    chrome: WebDriver, slides: Path, tmp_path: Path
+) -> None:
     target = tmp_path / "calibration.json"
-    with (
-        served(open_view_or_events, source=str(slides), save=SaveTarget(path=target)) as port,
-        browser(tmp_path / "profile", 1400, 900) as page,
-    ):
-        page.get(f"http://127.0.0.1:{port}/")
+    saved = SaveTarget(path=target)
+    with page_of(chrome, source=str(slides), save=saved, rate_hz=RATE_HZ) as page:
         wait(page, "__m.meta?.guide?.grid && __m.meta.guide.enough > 0")
         keep(page, "guide-recording")
         wait(page, "__m.meta.guide.ready")
@@ -108,15 +132,14 @@ def test_a_recording_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -
     assert Calibration.load(target).grid == GRID
 
 
-def test_a_camera_in_a_pipe_is_calibrated_with_the_page(slides: Path, tmp_path: Path) -> None:
+def test_a_camera_in_a_pipe_is_calibrated_with_the_page(
+    chrome: WebDriver, slides: Path, tmp_path: Path
+) -> None:
     data, pipe, target = slides.read_bytes(), tmp_path / "live", tmp_path / "calibration.json"
-    camera = PipedCamera(pipe, data, lasting_s=4.0, pieces=400)
+    camera = PipedCamera(pipe, data, lasting_s=2.4, pieces=400)
     camera.pause_after(0.98)  # a camera that goes on, but says nothing for a while
-    with (
-        served(open_view_or_events, source=str(pipe), save=SaveTarget(path=target)) as port,
-        browser(tmp_path / "profile", 1400, 900) as page,
-    ):
-        page.get(f"http://127.0.0.1:{port}/")
+    saved = SaveTarget(path=target)
+    with page_of(chrome, source=str(pipe), save=saved, rate_hz=RATE_HZ) as page:
         wait(page, "__m.meta?.guide?.ready")
         threading.Thread(target=_let_go, args=(camera,), daemon=True).start()
         page.find_element(By.ID, "calibrate").click()

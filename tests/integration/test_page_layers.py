@@ -262,7 +262,7 @@ def test_where_there_is_room_the_settings_lie_below_all_columns(page: WebDriver)
 
 def test_charts_stay_filled_when_time_goes_back(page: WebDriver) -> None:
     if not js(page, "__m.meta.playing"):
-        paused_at(page, 100_000)
+        paused_at(page, 1_000_000)  # before what a quarter of the strip shows
         found(page, "play").click()
     wait(page, "__m.meta.t_us > 3000000")
     for t_us in (3_200_000, 2_800_000):  # the second time, what was drawn before is known

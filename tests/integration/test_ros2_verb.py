@@ -23,7 +23,7 @@ from stand_ins.viewer import record_circling
 pytest.importorskip("cyclonedds", reason="the extra [ros2] is not installed")
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
-FRAMES, LONG = 500, 30_000
+FRAMES, LONG = 500, 15_000
 FIELD_TYPE = "sensor_msgs/msg/PointCloud2"
 PATIENCE_S = 60
 
@@ -31,6 +31,14 @@ PATIENCE_S = 60
 @pytest.fixture
 def domain() -> str:
     return str(1 + os.getpid() % 100)
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tracks that a publisher is not through with when it is ended."""
+    path = tmp_path_factory.mktemp("tracks") / "long.npz"
+    circling_tracks(estimates=LONG, px_per_mm=8.0).save(path)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -108,9 +116,7 @@ def test_every_frame_arrives_as_it_was_tracked_and_a_slow_reader_does_no_harm(
     assert all(data.startswith("typehash=RIHS01_") for data in topics)
 
 
-def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, tmp_path: Path, tracks: Path) -> None:
-    long = tmp_path / "long.npz"
-    circling_tracks(estimates=LONG, px_per_mm=8.0).save(long)
+def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, long: Path, tracks: Path) -> None:
     first = crowd.publisher(long, "--wait-s", "0")
     late = crowd.subscriber("late.npz", 100, "reliable")
     assert late.wait(timeout=PATIENCE_S) == 0
@@ -125,9 +131,7 @@ def test_a_late_reader_and_a_killed_publisher(crowd: Crowd, tmp_path: Path, trac
     assert len(crowd.read("again.npz")["t_ns"]) == FRAMES
 
 
-def test_ctrl_c_ends_with_a_summary(crowd: Crowd, tmp_path: Path) -> None:
-    long = tmp_path / "long.npz"
-    circling_tracks(estimates=LONG).save(long)
+def test_ctrl_c_ends_with_a_summary(crowd: Crowd, long: Path) -> None:
     publisher = crowd.publisher(long, "--wait-s", "0")
     reader = crowd.subscriber("a.npz", 1, "reliable")
     reader.wait(timeout=PATIENCE_S)

@@ -41,6 +41,7 @@ COMMAND = Path(sys.executable).with_name("spikingtac")
 LATER_US = 7_000_000
 """The second sensor's clock is ahead of the first one's by so much."""
 BURSTS, PERIOD_S = 40, 0.02
+FAST = "--preset", "fast", "--rate-hz", "1000"
 
 
 def burst(number: int, shift_us: int) -> EventPacket:
@@ -183,7 +184,7 @@ def calibrations(day: Path) -> list[object]:
 def test_track_and_touch_take_two(
     day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = [day, "--second", day, *calibrations(day), "--preset", "fast"]
+    given = [day, "--second", day, *calibrations(day), *FAST]
     found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
     assert found["second"]["output"] == str(tmp_path / "t_1.npz")
     one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
@@ -200,12 +201,12 @@ def test_two_cameras_are_tracked_at_once(
     day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ports = [free_port(), free_port()]
-    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&seconds=2" for port in ports]
+    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&seconds=1" for port in ports]
     ended = threading.Event()
     sender = threading.Thread(target=send_dots, args=(ports, ended))
     sender.start()
     try:
-        given = [addresses[0], "--second", addresses[1], *calibrations(day), "--preset", "fast"]
+        given = [addresses[0], "--second", addresses[1], *calibrations(day), *FAST]
         found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
     finally:
         ended.set()
@@ -296,7 +297,7 @@ def test_align_writes_two_recordings_that_felt_the_same_as_one(
 def test_view_shows_two_and_tells_of_both(day: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["view", str(day), "--second", str(day), "--headless", "--seconds", "1", "--port", "0"]
     done = subprocess.run(
-        [COMMAND, *given, "--preset", "fast", "--json"], capture_output=True, text=True, timeout=300
+        [COMMAND, *given, *FAST, "--json"], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)

@@ -33,7 +33,7 @@ def spikingtac(*arguments: str) -> Done:
 
 @pytest.fixture
 def called(capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
-    """The same without a process of its own, for what serves nothing: Python's start takes 2 s."""
+    """The same without a process of its own, for what is not about its start or its end."""
 
     def call(*arguments: str) -> Done:
         code = main(arguments)
@@ -106,8 +106,8 @@ def test_a_picture_that_cannot_be_written_is_refused_at_once(
     assert "open http" not in done.stderr
 
 
-def test_view_of_a_folder(recording: Path) -> None:
-    done = spikingtac("view", str(recording), "--headless", "--seconds", "0.5", "--port", "0")
+def test_view_of_a_folder(recording: Path, called: Callable[..., Done]) -> None:
+    done = called("view", str(recording), "--headless", "--seconds", "0.5", "--port", "0")
     assert done.returncode == 0, done.stderr
     assert "displacement max px" in done.stdout
     assert "Traceback" not in done.stderr

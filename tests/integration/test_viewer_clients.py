@@ -33,12 +33,6 @@ LEAST_PACE = 0.5
 """Slowed to a crawl, or not; benchmarks/viewer_load.py measures the few percent."""
 
 
-@pytest.fixture(scope="module")
-def port() -> Iterator[int]:
-    with served(open_circling) as number:
-        yield number
-
-
 def socket(port: int, **options: Any) -> ClientConnection:
     url = f"ws://127.0.0.1:{port}/socket"
     return connect(url, max_size=None, open_timeout=PATIENCE_S, **options)
@@ -90,6 +84,65 @@ def pace(client: ClientConnection) -> float:
     return (last["steps"] - first["steps"]) / (last["stamp_ms"] - first["stamp_ms"]) * 1000
 
 
+def test_a_token_guards_a_server_that_others_can_reach() -> None:
+    with served(open_circling, token="s3cret") as number:
+        assert get(number).status_code == 403
+        assert get(number, params={"token": "wrong"}).status_code == 403
+        assert get(number, params={"token": "s3cret"}).status_code == 200
+        with pytest.raises(InvalidStatus), socket(number):
+            pass
+        with connect(f"ws://127.0.0.1:{number}/socket?token=s3cret", max_size=None) as client:
+            assert frame(client)[1]["position_px"].shape == (64, 2)
+
+
+def test_memory_does_not_grow_with_frames() -> None:
+    session = SessionProcess(
+        Factory(function=open_circling, arguments={"duration_us": 300_000}), repeat=True
+    )
+    try:
+        sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S
+        while len(sizes) < WATCHED_FRAMES and time.monotonic() < until_s:
+            got = session.frame(number)
+            if got is not None:
+                number = got[0]
+                sizes.append(resident_kb(session.pid))
+            time.sleep(0.005)
+        assert len(sizes) == WATCHED_FRAMES
+        late = sizes[WATCHED_FRAMES // 2 :]
+        assert np.median(late[-10:]) < np.median(late[:10]) + 8 * 1024
+    finally:
+        session.close()
+
+
+def resident_kb(pid: int | None) -> int:
+    try:
+        text = Path(f"/proc/{pid}/statm").read_text()
+    except OSError:
+        pytest.skip("this system does not tell a process's memory")
+    return int(text.split()[1]) * resource.getpagesize() // 1024
+
+
+def test_a_session_that_cannot_open_says_why() -> None:
+    session = SessionProcess(Factory(function=open_nothing))
+    try:
+        until_s, error = time.monotonic() + PATIENCE_S, None
+        while error is None and time.monotonic() < until_s:
+            error = session.failure()
+            time.sleep(0.02)
+        assert isinstance(error, FileNotFoundError)
+        assert not isinstance(error, SpikingTacError)
+        assert error.filename == "nowhere.raw"
+    finally:
+        session.close()
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    """A server for all tests from here on; those before have their own."""
+    with served(open_circling) as number:
+        yield number
+
+
 def test_a_page_gets_a_greeting_and_then_frames(port: int) -> None:
     with admitted(port) as client:
         greeting = client.recv(PATIENCE_S)
@@ -123,8 +176,10 @@ def test_twenty_stalled_pages_do_not_slow_tracking(port: int) -> None:
                 for _ in range(20):
                     stack.enter_context(admitted(port))
                 shares.append(pace(watcher) / alone)
+            if shares[-1] > LEAST_PACE:
+                break
     print(f"pace beside twenty stalled pages, of that alone: {np.round(shares, 2)}")
-    assert max(shares) > LEAST_PACE  # the best round is the one that no other program disturbed
+    assert shares[-1] > LEAST_PACE  # in one round that no other program disturbed
 
 
 def test_too_many_pages_are_turned_away(port: int) -> None:
@@ -183,55 +238,3 @@ def test_the_page_comes_with_its_policy(port: int) -> None:
 )
 def test_only_the_page_is_served(port: int, path: str) -> None:
     assert get(port, path).status_code in (400, 403, 404)
-
-
-def test_a_token_guards_a_server_that_others_can_reach() -> None:
-    with served(open_circling, token="s3cret") as number:
-        assert get(number).status_code == 403
-        assert get(number, params={"token": "wrong"}).status_code == 403
-        assert get(number, params={"token": "s3cret"}).status_code == 200
-        with pytest.raises(InvalidStatus), socket(number):
-            pass
-        with connect(f"ws://127.0.0.1:{number}/socket?token=s3cret", max_size=None) as client:
-            assert frame(client)[1]["position_px"].shape == (64, 2)
-
-
-def test_memory_does_not_grow_with_frames() -> None:
-    session = SessionProcess(
-        Factory(function=open_circling, arguments={"duration_us": 300_000}), repeat=True
-    )
-    try:
-        sizes, number, until_s = [], 0, time.monotonic() + PATIENCE_S
-        while len(sizes) < WATCHED_FRAMES and time.monotonic() < until_s:
-            got = session.frame(number)
-            if got is not None:
-                number = got[0]
-                sizes.append(resident_kb(session.pid))
-            time.sleep(0.005)
-        assert len(sizes) == WATCHED_FRAMES
-        late = sizes[WATCHED_FRAMES // 2 :]
-        assert np.median(late[-10:]) < np.median(late[:10]) + 8 * 1024
-    finally:
-        session.close()
-
-
-def resident_kb(pid: int | None) -> int:
-    try:
-        text = Path(f"/proc/{pid}/statm").read_text()
-    except OSError:
-        pytest.skip("this system does not tell a process's memory")
-    return int(text.split()[1]) * resource.getpagesize() // 1024
-
-
-def test_a_session_that_cannot_open_says_why() -> None:
-    session = SessionProcess(Factory(function=open_nothing))
-    try:
-        until_s, error = time.monotonic() + PATIENCE_S, None
-        while error is None and time.monotonic() < until_s:
-            error = session.failure()
-            time.sleep(0.02)
-        assert isinstance(error, FileNotFoundError)
-        assert not isinstance(error, SpikingTacError)
-        assert error.filename == "nowhere.raw"
-    finally:
-        session.close()

@@ -18,7 +18,7 @@ from stand_ins.viewer import open_circling, positions_px, reference_px
 
 PROJECT = Path(__file__).resolve().parents[2]
 ARTEFACTS = PROJECT / "artefacts"
-WATCHED_FRAMES = 100
+WATCHED_FRAMES = 50
 
 
 @pytest.fixture(scope="module")
