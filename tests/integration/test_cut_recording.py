@@ -22,7 +22,6 @@ from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.wrench_series import WrenchSeries
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
-from stand_ins.jobs_here import run_here
 from stand_ins.small_twin import HOLD_US, RETURN_US, calibration, touches
 
 REPEATS, QUIET, HOLDS = 3, 8, 26
@@ -34,12 +33,6 @@ SLOWLY = "--rate-hz", "100"
 """A recording of 15 s is tracked a dozen times: a tenth of the estimates will do."""
 ERROR_PX = 0.35
 """Above the error of the whole (0.2 px), below that of a marker looked for in a wrong place."""
-
-
-@pytest.fixture
-def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Track the pieces in this process, where nothing is said of the workers."""
-    monkeypatch.setattr("spikingtac.batch.processes.run_in_processes", run_here)
 
 
 def part(first_us: int, last_us: int) -> tuple[EventPacket, np.ndarray]:

@@ -19,7 +19,6 @@ from spikingtac.cli.main import main
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
 from stand_ins.dask_cluster import DaskCluster
-from stand_ins.jobs_here import run_here
 from stand_ins.small_twin import calibration, touches
 
 COUNT = 4
@@ -41,12 +40,6 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "recordings" / "bad.raw").write_bytes(b"junk")
     calibration().save(folder / "calibration.json")
     return folder
-
-
-@pytest.fixture
-def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work on the recordings in this process, where nothing is said of the workers."""
-    monkeypatch.setattr("spikingtac.batch.processes.run_in_processes", run_here)
 
 
 def digests(folder: Path) -> dict[str, str]:
