@@ -209,6 +209,26 @@ def test_what_is_given_out_belongs_to_the_caller(name: str) -> None:
     assert np.isfinite(later.position_px).all()
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_events_of_known_hot_pixels_tell_nothing(name: str) -> None:
+    packet = events()
+    row, column = int(GRID[4, 1]), int(GRID[4, 0] + RADIUS_PX)
+    clean = packet.select((packet.x != column) | (packet.y != row))
+    t = np.arange(500, LAST_US, 500)
+    order = np.argsort(np.concatenate([packet.t, t]), kind="stable")
+    columns = (
+        np.concatenate([packet.x, np.full(len(t), column, np.uint16)])[order],
+        np.concatenate([packet.y, np.full(len(t), row, np.uint16)])[order],
+        np.concatenate([packet.p, t % 1_000 == 0])[order],
+        np.concatenate([packet.t, t])[order],
+    )
+    hot = EventPacket(*columns, packet.t_start_us, packet.t_end_us, SIZE)
+    knowing = replace(calibration(), hot_px=np.array([[column, row]]))
+    run = frames(main_methods()[name].build(knowing), hot)
+    expected = frames(main_methods()[name].build(calibration()), clean)
+    np.testing.assert_array_equal(detected(run), detected(expected))
+
+
 @pytest.mark.parametrize("name", ["evetac", "evetac-strong", "neutac", "ekalibr"])
 def test_dark_markers_are_white_ones_with_swapped_polarity(name: str) -> None:
     packet = events()

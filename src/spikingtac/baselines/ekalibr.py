@@ -33,6 +33,7 @@ from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
 from spikingtac.baselines.recent import RecentEvents
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.types import EventPacket, MarkerFrame
@@ -87,6 +88,7 @@ class EkalibrTracker:
             calibration: Rest positions, radii and polarity of the markers.
         """
         self._config, self._calibration = config, calibration
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._radius_px = float(calibration.radius_px.mean())
         spacing_px = smallest_spacing_px(calibration.reference_px)
         self._proximity_px = config.proximity_fraction * spacing_px
@@ -102,6 +104,7 @@ class EkalibrTracker:
             ConfigError: The packet comes from a sensor of another size, or leaves it.
         """
         packet.require_map(self._last_us.shape[1:])
+        packet = self._hot.kept(packet)
         bright = packet.p != (self._calibration.polarity == "dark")
         polarity = bright.astype(np.int64)
         update_active_kernel(packet.x, packet.y, polarity, packet.t, self._last_us)

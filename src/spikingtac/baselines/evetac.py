@@ -32,6 +32,7 @@ from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3
@@ -104,6 +105,7 @@ class EvetacTracker:
             calibration: Rest positions of the markers; polarity is not used.
         """
         self._config, self._calibration = config, calibration
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         many = len(calibration.reference_px) > 1
         pitch_px = marker_pitch_px(calibration.reference_px) if many else SOURCE_PITCH_PX
         self._scale = pitch_px / SOURCE_PITCH_PX
@@ -117,7 +119,7 @@ class EvetacTracker:
 
     def absorb(self, packet: EventPacket) -> None:
         """Take in all events of the next packet. Complete slices move the dots."""
-        for part in self._slices.take(self._filter(packet)):
+        for part in self._slices.take(self._filter(self._hot.kept(packet))):
             self._advance(part)
 
     def estimate(self, t_us: int) -> MarkerFrame:

@@ -36,6 +36,8 @@ OPTIONAL_MARKER_NUMBERS = (
 """Keys that may be absent: one positive number for each marker."""
 MEASURED = "marker_measured"
 """Key that may be absent: one true or false for each marker."""
+HOT_PIXELS = "hot_px"
+"""Key that may be absent: column and row of each hot pixel."""
 OPTIONAL_MAPS = ("step_on_map", "step_off_map")
 """Keys that may be absent; packed maps (:mod:`spikingtac.calibration.step_maps`)."""
 
@@ -78,6 +80,7 @@ def _checked(document: Any) -> dict[str, Any]:
         **_numbers(document),
         **_marker_values(document, grid[0] * grid[1]),
         **_maps(document, size),
+        HOT_PIXELS: _pixels(document.get(HOT_PIXELS), size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
         "lens": None if document.get("lens") is None else Lens.from_document(document["lens"]),
@@ -164,6 +167,19 @@ def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[
 def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
     given = {name: document.get(name) for name in OPTIONAL_MAPS}
     return {name: unpack_map(text, size, name) for name, text in given.items() if text is not None}
+
+
+def _pixels(value: Any, size: tuple[int, int]) -> NDArray[np.int64] | None:
+    if value is None:
+        return None
+    pixels = np.array(value)
+    if not pixels.size:
+        return np.empty((0, 2), np.int64)
+    if pixels.dtype.kind != "i" or pixels.shape[1:] != (2,):
+        raise ValueError(f"{HOT_PIXELS} must hold the column and the row of each hot pixel")
+    if not ((pixels >= 0) & (pixels < size)).all():
+        raise ValueError(f"{HOT_PIXELS} holds a pixel off the sensor of {size[0]}x{size[1]} px")
+    return pixels.astype(np.int64)
 
 
 def _size(value: Any) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
+    HOT_PIXELS,
     MEASURED,
     OPTIONAL_MAPS,
     OPTIONAL_MARKER_NUMBERS,
@@ -58,6 +59,8 @@ class Calibration:
         band_scale_off: The same for ``step_off``.
         recovery_s: Time in which pixels forget light that they lost without an event, s, or None:
             they do not (:mod:`spikingtac.markers.calibration.refinement.recovery`).
+        hot_px: ``(h, 2)`` columns and rows of pixels whose events tell nothing, or None
+            (:mod:`spikingtac.events.hot_pixels`).
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
         provenance: Where the calibration came from.
     """
@@ -84,6 +87,7 @@ class Calibration:
     band_scale_on: float | None = None
     band_scale_off: float | None = None
     recovery_s: float | None = None
+    hot_px: NDArray[np.int64] | None = None
     hysteresis: str | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -135,6 +139,8 @@ class Calibration:
             document["hysteresis"] = self.hysteresis
         if self.lens is not None:
             document["lens"] = self.lens.document()
+        if self.hot_px is not None:
+            document[HOT_PIXELS] = self.hot_px.tolist()
         document["reference_px"] = np.round(self.reference_px, 4).tolist()
         document["radius_px"] = np.round(self.radius_px, 4).tolist()
         for name in OPTIONAL_MARKER_NUMBERS:

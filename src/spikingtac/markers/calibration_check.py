@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.markers.graded.appearance import appearance_of, nearest_marker
 from spikingtac.types import EventPacket
 
@@ -99,6 +100,7 @@ class CalibrationCheck:
         self._turn = 0
         self._last_us = np.full((2, *asked.shape), np.iinfo(np.int64).min // 2)
         self._dark = calibration.polarity == "dark"
+        self._filter = HotPixelFilter(calibration.hot_px, calibration.size)
         self._turn_us: int | None = None
         own = float(calibration.provenance.get("contradiction", 0.0))
         self.limit = max(LEAST_LIMIT, OWN_FACTOR * own)
@@ -121,6 +123,7 @@ class CalibrationCheck:
 
     def absorb(self, packet: EventPacket) -> None:
         """Take in the next packet; any cutting of the stream gives the same judgement."""
+        packet = self._filter.kept(packet)
         begin = 0
         while begin < len(packet) and not self.ended:
             if self._turn_us is None:

@@ -30,10 +30,13 @@ def test_one_radius_stands_for_all() -> None:
 
 def test_save_and_load_agree(tmp_path: Path) -> None:
     document = {**MINIMAL, "step_on": 0.15, "polarity": "dark", "provenance": {"from": "slides"}}
+    document["hot_px"] = [[5, 6], [319, 0]]
     calibration = Calibration.from_document(document)
     calibration.save(tmp_path / "c.json")
     again = Calibration.load(tmp_path / "c.json")
     np.testing.assert_array_equal(again.reference_px, calibration.reference_px)
+    assert again.hot_px is not None
+    assert again.hot_px.tolist() == [[5, 6], [319, 0]]
     assert (again.step_on, again.polarity, again.provenance) == (0.15, "dark", {"from": "slides"})
 
 
@@ -48,6 +51,9 @@ def test_save_and_load_agree(tmp_path: Path) -> None:
         ({"reference_px": [[1.0, float("nan")], [2.0, 3.0]]}, "finite"),
         ({"polarity": "blue"}, "'white' and 'dark'"),
         ({"step_on": -0.1}, "step_on is -0.1"),
+        ({"hot_px": [[320, 0]]}, "hot_px holds a pixel off the sensor"),
+        ({"hot_px": [5]}, "column and the row"),
+        ({"hot_px": [[0.5, 1.0]]}, "column and the row"),
         ({"size": "large"}, "needs schema 1"),
     ],
 )

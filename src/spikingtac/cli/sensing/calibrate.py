@@ -117,6 +117,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "px_per_mm": calibration.px_per_mm,
         "lens": None if calibration.lens is None else calibration.lens.document(),
         "no_lens": notes.get("no_lens"),
+        "hot_px": [] if calibration.hot_px is None else calibration.hot_px.tolist(),
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
         **{
@@ -160,6 +161,8 @@ def _print(calibration: Calibration, args: Args) -> None:
     emit_table(str(args.output), ("", "", ""), rows, words=3)
     if found["no_lens"]:
         remark(f"No lens: {found['no_lens']}.")
+    if found["hot_px"]:
+        remark(f"Hot pixels, whose events are ignored: {len(found['hot_px'])}.")
     for marker in found["missing"]:
         remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
     if found["doubtful"]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
+from spikingtac.events.hot_pixels import find_hot_pixels, quiet_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import EventPacket, LossCounters
 
@@ -145,6 +146,19 @@ def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:
     return BufferedEvents(
         np.concatenate(codes), np.concatenate(times), source.size, start_us, end_us - start_us
     )
+
+
+def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[np.int64]]:
+    """Return the events of all pixels but the hot ones, and these ``(h, 2)``, columns and rows."""
+    quiet, _ = quiet_events(events.time_us, 0, events.duration_us)
+    pixel = events.code >> 1
+    hot_px = find_hot_pixels(pixel[quiet].astype(np.int64), events.size)
+    if not len(hot_px):
+        return events, hot_px
+    hot = np.zeros(events.shape, np.bool_)
+    hot[hot_px[:, 1], hot_px[:, 0]] = True
+    keep = ~hot.ravel()[pixel]
+    return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
 
 
 def _coded(packet: EventPacket) -> NDArray[np.uint32]:

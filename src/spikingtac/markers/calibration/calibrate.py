@@ -19,7 +19,11 @@ from spikingtac.calibration.lens_fit import with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
-from spikingtac.markers.calibration.buffered_events import BufferedSource, buffer_events
+from spikingtac.markers.calibration.buffered_events import (
+    BufferedSource,
+    buffer_events,
+    without_hot_pixels,
+)
 from spikingtac.markers.calibration.course import Course
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
 from spikingtac.markers.calibration.finding.grid import expected_places
@@ -141,14 +145,15 @@ def calibrate(
             where, and what to do.
     """
     config = config or CalibrationConfig()
-    look = look_at(buffer_events(source, config.most_events), config.finding)
+    events, hot_px = without_hot_pixels(buffer_events(source, config.most_events))
+    look = look_at(events, config.finding)
     refined, learned = _explained(look, config)
     noise = look.noise(_reach_px(refined.discs))
     quality = judge(level_changes(look.events, refined), refined.events, noise)
     refuse_without_grid(quality)
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(look.sighting.grid, look.events.size, missing, config.allow_missing)
-    calibration = _assembled(look, (refined, learned), quality, config)
+    calibration = replace(_assembled(look, (refined, learned), quality, config), hot_px=hot_px)
     if config.lens and config.pitch_mm is not None:
         calibration = with_lens(calibration, config.pitch_mm)
     calibration = with_step_scale(look.events, refined, calibration)

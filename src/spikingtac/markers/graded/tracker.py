@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.markers.graded.appearance import appearance_of
 from spikingtac.markers.graded.backlash import BacklashCompensation, crossing_px
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -73,6 +74,7 @@ class GradedTracker:
         self._law = law or NoLaw()
         appearance = appearance_of(calibration)
         self._appearance = appearance
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._map = locator.initial_map(calibration)
         self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
@@ -98,6 +100,7 @@ class GradedTracker:
         Raises:
             ConfigError: The recording comes from a sensor of another size.
         """
+        packet = self._hot.kept(packet)
         # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
         # keep it near.
         if self._due_us is None or self._due_us < packet.t_start_us:

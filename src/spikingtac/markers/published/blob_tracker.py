@@ -18,6 +18,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.periodic_task import PeriodicTask
@@ -124,6 +125,7 @@ class BlobTracker:
         self._config = config = _adapted(config, calibration)
         self._calibration = calibration
         self._denoiser = denoiser
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._map = state_map or painted_binary_map(calibration)
         self._refreshed = _refreshable(self._map, config.refresh_us)
         self._law = law or NoLaw()
@@ -158,6 +160,7 @@ class BlobTracker:
                 f"{self._calibration.size[0]}x{self._calibration.size[1]}; calibrate this sensor: "
                 "spikingtac calibrate RECORDING -o calibration.json"
             )
+        packet = self._hot.kept(packet)
         self._map.absorb(packet if self._filter is None else self._filter(packet))
 
     def estimate(self, t_us: int) -> MarkerFrame:

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.types import EventPacket
 
 Field = NDArray[np.float64]
@@ -70,6 +71,7 @@ class SwingRuns:
     def __init__(self, calibration: Calibration) -> None:
         """Start with a fresh count."""
         self._calibration = calibration
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         width, height = calibration.size
         self._run = np.zeros((height, width), np.int16)
         self._last_us = np.zeros((height, width), np.int64)
@@ -83,6 +85,7 @@ class SwingRuns:
             ConfigError: They are of another sensor.
         """
         packet.require_map(self._run.shape)
+        packet = self._hot.kept(packet)
         longest_runs_kernel(
             (packet.x, packet.y, packet.p, packet.t), self._run, self._last_us, self._longest
         )

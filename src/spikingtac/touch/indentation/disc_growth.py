@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.touch.indentation.disc_areas import (
     INSIDE_PX,
@@ -107,6 +108,7 @@ class DiscGrowthGauge:
             ConfigError: The calibration knows no contrast, edge or steps.
         """
         self._calibration, self._config = calibration, config or DiscGrowthConfig()
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._discs = RestingDiscs.of(calibration)
         self._half = self._discs.radius_px + self._discs.offset_px
         on, off = self._discs.steps
@@ -132,7 +134,7 @@ class DiscGrowthGauge:
         Raises:
             ConfigError: They are of another sensor.
         """
-        self._map.absorb(packet)
+        self._map.absorb(self._hot.kept(packet))
 
     def measure(self, t_us: int, place_px: Field, *, resting: bool) -> DiscGrowth:
         """Return the growth at a time, the end of what was absorbed.

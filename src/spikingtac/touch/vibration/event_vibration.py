@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.touch.vibration.edge_counts import Edge
 from spikingtac.touch.vibration.line_search import Band, strongest_line
 from spikingtac.touch.vibration.rim_amplitude import UNTOLD, Amplitude, RimCounts, rim_amplitude
@@ -100,6 +101,7 @@ class EventVibrationMonitor:
     ) -> None:
         """Start with the markers at rest."""
         self._calibration, self._config = calibration, config or EventVibrationConfig()
+        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._cells = RimCells(calibration.radius_px, calibration.size)
         self._cells.place(calibration.reference_px)
         self._memory = RimMemory(round(self._config.window_s * US_PER_S / BIN_US))
@@ -135,7 +137,7 @@ class EventVibrationMonitor:
         Raises:
             ConfigError: They are of another sensor.
         """
-        self._memory.absorb(packet, self._cells.cell)
+        self._memory.absorb(self._hot.kept(packet), self._cells.cell)
 
     def line(self) -> VibrationLine | None:
         """Return the strongest line of the last window; None before it is full, or at rest."""

@@ -1,0 +1,106 @@
+"""Hot pixels are told from noise, from rims that move, and from rims that flicker for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.events.hot_pixels import (
+    QUIET_SHARE,
+    WINDOW_US,
+    HotPixelFilter,
+    find_hot_pixels,
+    quiet_events,
+)
+from spikingtac.types import EventPacket
+
+SIZE = (40, 30)
+
+
+def noise(count: int) -> np.ndarray:
+    return np.random.default_rng(1).integers(0, SIZE[0] * SIZE[1], count)
+
+
+def at(column: int, row: int, count: int) -> np.ndarray:
+    return np.full(count, row * SIZE[0] + column)
+
+
+def mixed(*parts: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(2).permutation(np.concatenate(parts))
+
+
+def found(pixel: np.ndarray) -> set[tuple[int, int]]:
+    return {(int(column), int(row)) for column, row in find_hot_pixels(pixel, SIZE)}
+
+
+def test_hot_pixels_are_found_also_in_corners_and_side_by_side() -> None:
+    hot = {(0, 0), (39, 29), (20, 10), (21, 10)}
+    pixel = mixed(noise(600), *(at(*place, 60) for place in hot))
+    assert found(pixel) == hot
+
+
+def test_noise_alone_has_none() -> None:
+    assert found(noise(5_000)) == set()
+    assert found(np.empty(0, np.int64)) == set()
+
+
+def test_a_rim_that_moves_in_the_quietest_windows_is_not_hot() -> None:
+    rim = [at(column, row, 60) for column in range(15, 25) for row in (10, 11)]
+    assert found(mixed(noise(600), *rim)) == set()
+
+
+def test_a_pixel_that_flickers_while_a_marker_rests_is_not_hot() -> None:
+    flickering = at(20, 10, 60)
+    pixel = np.concatenate([noise(300), mixed(noise(100), flickering), noise(400)])
+    assert found(pixel) == set()
+    assert found(mixed(noise(800), flickering)) == {(20, 10)}
+
+
+def test_quiet_events_are_those_of_the_windows_with_the_fewest() -> None:
+    windows = 40
+    counts = np.full(windows, 9)
+    counts[[3, 17, 18, 30]] = (1, 2, 0, 3)
+    t_us = np.concatenate(
+        [1_000 + WINDOW_US * window + np.arange(count) for window, count in enumerate(counts)]
+    )
+    index, quiet_us = quiet_events(t_us, 1_000, 1_000 + windows * WINDOW_US)
+    assert quiet_us == round(QUIET_SHARE * windows) * WINDOW_US
+    assert sorted(set(((t_us[index] - 1_000) // WINDOW_US).tolist())) == [3, 17, 30]
+    assert (np.diff(index) > 0).all()
+    assert len(index) == 6
+
+
+def test_quiet_events_of_a_stretch_shorter_than_a_window() -> None:
+    index, quiet_us = quiet_events(np.array([5, 7]), 0, 100)
+    assert (index.tolist(), quiet_us) == ([0, 1], 100)
+
+
+def packet(x: list[int], y: list[int]) -> EventPacket:
+    t = np.arange(len(x), dtype=np.int64)
+    columns = np.array(x, np.uint16), np.array(y, np.uint16)
+    return EventPacket(*columns, t % 2 == 0, t, 0, 100, SIZE)
+
+
+def test_the_filter_drops_the_events_of_hot_pixels_alone() -> None:
+    hot = HotPixelFilter(np.array([[3, 4], [39, 29]]), SIZE)
+    kept = hot.kept(packet([3, 4, 3, 39, 3], [4, 3, 5, 29, 4]))
+    assert list(zip(kept.x.tolist(), kept.y.tolist(), kept.t.tolist(), strict=True)) == [
+        (4, 3, 1),
+        (3, 5, 2),
+    ]
+    assert (kept.t_start_us, kept.t_end_us, kept.size) == (0, 100, SIZE)
+    clean = packet([1], [1])
+    assert hot.kept(clean) is clean
+
+
+def test_a_filter_without_hot_pixels_does_nothing() -> None:
+    events = packet([3], [4])
+    assert HotPixelFilter(None, SIZE).kept(events) is events
+    assert HotPixelFilter(np.empty((0, 2), np.int64), SIZE).kept(events) is events
+
+
+def test_a_packet_of_another_sensor_is_refused() -> None:
+    hot = HotPixelFilter(np.array([[3, 4]]), (20, 20))
+    with pytest.raises(ConfigError, match="do not fit a map"):
+        hot.kept(packet([3], [4]))
