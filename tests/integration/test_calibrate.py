@@ -49,7 +49,11 @@ def slides_of(
 
 
 def trips_of(
-    still_px: np.ndarray, radius_px: float, size: tuple[int, int], ways_px: np.ndarray
+    still_px: np.ndarray,
+    radius_px: float,
+    size: tuple[int, int],
+    ways_px: np.ndarray,
+    rest_us: int = REST_US,
 ) -> EventPacket:
     """Events of trips ``(trips, m, 2)`` to and fro, with rests before, between and after."""
     trip = np.sin(np.linspace(0, np.pi, SLIDE_STEPS)) ** 2
@@ -57,8 +61,8 @@ def trips_of(
     events = ideal_events(still_px + path, radius_px, size, STEP_US)
     # The camera says nothing at rest: the rests are put in by moving the slides apart in time.
     rests = 1 + events.t // (SLIDE_STEPS * STEP_US)
-    end_us = events.t_end_us + (len(ways_px) + 1) * REST_US
-    return EventPacket(events.x, events.y, events.p, events.t + rests * REST_US, 0, end_us, size)
+    end_us = events.t_end_us + (len(ways_px) + 1) * rest_us
+    return EventPacket(events.x, events.y, events.p, events.t + rests * rest_us, 0, end_us, size)
 
 
 def with_noise(events: EventPacket, rate_hz: float) -> EventPacket:
@@ -153,14 +157,18 @@ def test_dark_markers() -> None:
     assert errors_px(calibration, truth_px).mean() < 0.10
 
 
-def pressed_discs(move_px: np.ndarray | float = 6.0) -> tuple[np.ndarray, EventPacket]:
+def pressed_discs(
+    move_px: np.ndarray | float = 6.0, rest_us: int = REST_US
+) -> tuple[np.ndarray, EventPacket]:
     """Return where twelve discs of 13 px rest, and the events of four presses that move them."""
     size = (200, 160)
     truth_px = markers(3, 4, size, 45.0)
     away_px = truth_px - truth_px.mean(axis=0)
     away_px /= np.linalg.norm(away_px, axis=1, keepdims=True).clip(1.0)
     ways_px = away_px * np.broadcast_to(move_px, 12)[:, np.newaxis]
-    return truth_px, trips_of(truth_px, 13.0, size, np.repeat(ways_px[np.newaxis], 4, axis=0))
+    return truth_px, trips_of(
+        truth_px, 13.0, size, np.repeat(ways_px[np.newaxis], 4, axis=0), rest_us
+    )
 
 
 def with_hot_pixels(events: EventPacket, hot_px: list[list[int]], rate_hz: int) -> EventPacket:
@@ -197,6 +205,14 @@ def test_events_of_hot_pixels_are_ignored() -> None:
     assert found.hot_px is not None
     assert sorted(found.hot_px.tolist()) == sorted(hot_px)
     assert errors_px(found, truth_px).max() < 0.15
+
+
+def test_a_haze_of_noise_hides_no_markers() -> None:
+    # 24 events of noise in every pixel add up to any level: it was refused as no grid of markers.
+    truth_px, events = pressed_discs(9.0, rest_us=1_500_000)
+    found = calibrate(PacketSource([with_noise(events, 3.0)], events.size), estimate_lag=None)
+    assert found.grid == (3, 4)
+    assert errors_px(found, truth_px).max() < 0.2
 
 
 def test_packets_do_not_matter() -> None:

@@ -157,6 +157,48 @@ def leak_to_discs_kernel(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def return_ground_kernel(
+    padded: NDArray[np.float32],
+    memory: NDArray[np.float32],
+    rows: tuple[int, int],
+    discs: tuple[NDArray[np.float64], NDArray[np.float64]],
+    law: tuple[float, float, float],
+) -> None:  # pragma: no cover - compiled
+    """Draw every n-th row of the ground, away from all discs, towards its own level, 0.
+
+    A pixel of the ground rightly remembers a level of up to a step, within which it sends no event,
+    until an event of noise moves it. What is above is noise.
+
+    Args:
+        padded: The map with its margin of PAD_PX; changed.
+        memory: The clipped sums behind it; changed.
+        rows: The first row, and n.
+        discs: ``(m, 2)`` centres, px; ``(m,)`` how far from them the ground begins, px.
+        law: The step, which share of the level up to it is given up, and of what is above.
+    """
+    (first, every), (center_px, reach_px) = rows, discs
+    height, width = memory.shape
+    step, below, above = np.float32(law[0]), np.float32(law[1]), np.float32(law[2])
+    is_ground = np.empty(width, np.float32)
+    for row in range(first, height, every):
+        is_ground[:] = 1.0
+        for m in range(len(center_px)):
+            half = reach_px[m] ** 2 - (row - center_px[m, 1]) ** 2
+            if half >= 0.0:
+                half = np.sqrt(half)
+                left = min(max(int(np.ceil(center_px[m, 0] - half)), 0), width)
+                after = max(min(int(np.floor(center_px[m, 0] + half)) + 1, width), left)
+                is_ground[left:after] = 0.0
+        sums, levels = memory[row], padded[row + PAD_PX, PAD_PX : PAD_PX + width]
+        for column in range(width):
+            old = sums[column]
+            known = min(old, step)
+            change = is_ground[column] * (below * known + above * (old - known))
+            sums[column] = old - change
+            levels[column] -= change
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def ease_outlines_kernel(
     padded: NDArray[np.float32],
     memory: NDArray[np.float32],

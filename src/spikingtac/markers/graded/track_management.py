@@ -76,6 +76,7 @@ class TrackManager:
         placed: Whether the last judgement placed any marker.
         moved: ``(m,)`` markers that it placed somewhere else.
         position_px: ``(m, 2)`` where it placed them.
+        capture_px: Largest distance between a prediction and a detection that is taken, px.
     """
 
     def __init__(self, config: TrackManagementConfig, calibration: Calibration) -> None:
@@ -94,7 +95,7 @@ class TrackManager:
             ),
         )
         spacing_px = smallest_spacing_px(calibration.reference_px)
-        self._capture_px = config.capture_share * spacing_px
+        self.capture_px = config.capture_share * spacing_px
         self._strain_px = config.strain_px * max(spacing_px / STRAIN_PITCH_PX, 1.0)
         self._doubted_since_us = np.full(count, -1, np.int64)
         self._search_at_us = 0
@@ -174,7 +175,7 @@ class TrackManager:
     ) -> None:
         blobs = self._detector.detect(levels)
         expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
-        match = associate(expected_px, blobs.center_px, self._capture_px)
+        match = associate(expected_px, blobs.center_px, self.capture_px)
         found = self.coasted & ~silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found

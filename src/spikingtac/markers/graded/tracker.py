@@ -27,6 +27,7 @@ from spikingtac.markers.graded.map_leak import (
     LeakTolerances,
     ease_outlines_kernel,
     leak_to_discs_kernel,
+    return_ground_kernel,
 )
 from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
@@ -44,6 +45,9 @@ AT_REST_PX_S = 3.0
 
 MOST_LEAKING = 32
 """Markers whose surroundings leak in one turn, where the turns can be as many: 0.2 ms (ours)."""
+
+GROUND_TURNS = 64
+"""Turns of the leak in which all rows of the ground are visited once: 5 rows of 320 (ours)."""
 
 MOST_PARTS = 4
 """Turns that a period of the leak is divided into, for many markers (ours)."""
@@ -79,6 +83,8 @@ class GradedTracker:
         self._mean_step = 0.5 * (appearance.step_on + appearance.step_off)
         self._tables = profile_tables(appearance.profiles)
         self._crossings_px = crossing_px(calibration)
+        self._ground_step = float(self._mean_step.mean())
+        self._ground_px = calibration.radius_px + maintenance.leak_reach_px
         self._noise_px = maintenance.shrink_px + maintenance.shrink_crossings * self._crossings_px
         lag_us = maintenance.lag_us if maintenance.lag_us is not None else calibration.lag_us
         self._lag_s = (LAG_DEFAULT_US if lag_us is None else lag_us) * 1e-6
@@ -222,8 +228,8 @@ class GradedTracker:
         if time_s <= 0.0 or not (settings.leak_per_s or settings.outline_return_per_s):
             return
         tolerance = self._leak_tolerances.update(agreement, dt_s, self._doubt)
-        self._turn = (self._turn + 1) % self._groups
-        some = slice(self._turn, None, self._groups)
+        self._turn += 1
+        some = slice(self._turn % self._groups, None, self._groups)
         position_px, outline_px = self._filter.position_px[some], self._locator.outline_px[some]
         tables = self._tables.of(some)
         leak_to_discs_kernel(
@@ -243,6 +249,22 @@ class GradedTracker:
             self._calibration.radius_px[some],
             tables,
             (1.0 - np.exp(-settings.outline_return_per_s * time_s), AT_REST_PX_S),
+        )
+        if settings.ground_return_per_s:
+            self._return_ground(dt_s * GROUND_TURNS)
+
+    def _return_ground(self, time_s: float) -> None:
+        """Let some rows of the ground, where no disc is, return to its level."""
+        # A lost marker is looked for in the map: around it nothing changes.
+        reach_px = self._ground_px + self._manager.capture_px * self._manager.coasted
+        rates_hz = self._kept.background_hz_px, self._maintenance_config.ground_return_per_s
+        below, above = (1.0 - math.exp(-rate_hz * time_s) for rate_hz in rates_hz)
+        return_ground_kernel(
+            self._map.padded,
+            self._map.memory,
+            (self._turn % GROUND_TURNS, GROUND_TURNS),
+            (self._filter.position_px, reach_px),
+            (self._ground_step, below, above),
         )
 
     def _corrected(self, dt_s: float) -> NDArray[np.float64]:

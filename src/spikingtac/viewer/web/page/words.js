@@ -17,6 +17,7 @@ export const WORDS = {
   "maintenance.leak_per_s": ["forgetting of errors", "How fast the map gives up what noise and lost events left in it."],
   "maintenance.leak_tolerance": ["error left alone", "Differences between map and disc up to this are not forgotten."],
   "maintenance.lossy_leak_tolerance": ["the same, events missing", "The tolerance while events are being lost, or before enough has moved to tell."],
+  "maintenance.ground_return_per_s": ["return of the ground", "How fast the ground away from all discs returns to its level. What noise leaves there draws a disc that comes near."],
   "maintenance.outline_return_per_s": ["return of outlines", "How fast the outline of a resting disc returns to its calibrated one."],
   "maintenance.backlash": ["play", "By how much a found disc stays behind its marker in steady motion, as a share of the way in which its edge crosses one step; the place given is ahead by as much."],
   "maintenance.turn_backlash": ["play after a turn", "By how much more a found disc stays behind just after its marker turned round."],
