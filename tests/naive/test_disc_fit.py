@@ -29,9 +29,13 @@ from spikingtac.markers.graded.fit_window import (
     POLYNOMIAL_DEGREE,
     fit_window,
 )
-from spikingtac.markers.graded.map_leak import ease_outlines_kernel, leak_to_discs_kernel
+from spikingtac.markers.graded.map_leak import (
+    ease_outlines_kernel,
+    leak_to_discs_kernel,
+    return_ground_kernel,
+)
 from spikingtac.markers.graded.profile_tables import profile_tables
-from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
 
 SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
@@ -252,6 +256,28 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=0.01)
     np.testing.assert_array_equal(state_map.values, state_map.memory)
     assert np.abs(state_map.memory - start).max() > 0.02
+
+
+@pytest.mark.parametrize("first", [0, 2])
+def test_the_ground_returns_to_its_level(first: int) -> None:
+    start = np.random.default_rng(10).random((SIZE[1], SIZE[0])).astype(np.float32)
+    state_map = GradedStateMap(start)
+    center_px = np.array([[18.3, 20.6], [79.0, 2.0], [-30.0, 45.0]])  # one cut, one off the sensor
+    reach_px = np.array([9.5, 8.0, 6.0])
+    every, (step, below, above) = 3, (0.14, 0.1, 0.4)
+    law = step, below, above
+    return_ground_kernel(
+        state_map.padded, state_map.memory, (first, every), (center_px, reach_px), law
+    )
+    expected = start.astype(float)
+    for y in range(first, SIZE[1], every):
+        for x in range(SIZE[0]):
+            if (np.hypot(*(center_px - (x, y)).T) > reach_px).all():
+                over = max(start[y, x] - step, 0.0)
+                expected[y, x] -= below * min(start[y, x], step) + above * over
+    np.testing.assert_allclose(state_map.memory, expected, atol=1e-6)
+    np.testing.assert_allclose(state_map.values, expected, atol=1e-6)
+    assert (state_map.padded[:, :PAD_PX] == OUTSIDE_LEVEL).all()
 
 
 def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
