@@ -59,7 +59,7 @@ class MaintenanceConfig:
         default=0.3,
         metadata={"range": (0.0, 10.0), "unit": "1/s", "former_names": ("ease_per_s",)},
     )
-    ground_return_per_s: float = field(default=1.0, metadata={"range": (0.0, 10.0), "unit": "1/s"})
+    ground_return_per_s: float = field(default=0.3, metadata={"range": (0.0, 10.0), "unit": "1/s"})
     leak_groups: int = 8
     lag_us: float | None = None
     backlash: float = field(default=0.15, metadata={"range": (0.0, 1.0)})
