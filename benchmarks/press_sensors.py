@@ -194,10 +194,10 @@ def presses_px(
     return course_px, depth
 
 
-def _smooth(
+def smooth(
     rest_px: NDArray[np.float64], bounds: tuple[float, float], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    # A tilted plane over the skin with a little scatter, from the lower to the upper bound.
+    """Return a tilted plane over the skin with a little scatter, between two bounds."""
     plane = (rest_px / SIZE - 0.5) @ rng.uniform(-1, 1, 2) + rng.normal(0.0, 0.08, len(rest_px))
     share = (plane - plane.min()) / (plane.max() - plane.min())
     return bounds[0] + share * (bounds[1] - bounds[0])
@@ -212,8 +212,8 @@ def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
     look = np.column_stack(
         [
             rng.normal(sensor.radius_px, 0.35, len(rest_px)),
-            _smooth(rest_px, sensor.edge_px, rng),
-            _smooth(rest_px, sensor.contrast, rng),
+            smooth(rest_px, sensor.edge_px, rng),
+            smooth(rest_px, sensor.contrast, rng),
         ]
     )
     course_px, depth = presses_px(rest_px, sensor.presses, sensor.overshoot, rng)

@@ -256,7 +256,8 @@ class GradedTracker:
     def _return_ground(self, time_s: float) -> None:
         """Let some rows of the ground, where no disc is, return to its level."""
         # A lost marker is looked for in the map: around it nothing changes.
-        reach_px = self._ground_px + self._manager.capture_px * self._manager.coasted
+        searched_px = min(self._manager.capture_px, float(max(self._calibration.size)))
+        reach_px = self._ground_px + searched_px * self._manager.coasted
         rates_hz = self._kept.background_hz_px, self._maintenance_config.ground_return_per_s
         below, above = (1.0 - math.exp(-rate_hz * time_s) for rate_hz in rates_hz)
         return_ground_kernel(
