@@ -1,7 +1,7 @@
 """Hot pixels: they send events whatever the light does, so that no event of theirs tells anything.
 
 Every sensor has some, at 10 Hz to some kHz. One that lies beside a marker outweighs its rim: the
-counts of a calibration were wrong by up to five times, and a marker strayed by 20 px (simulated).
+counts of a calibration were wrong by up to five times, and a marker strayed by 7 px (simulated).
 """
 
 from __future__ import annotations
