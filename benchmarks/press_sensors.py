@@ -39,7 +39,9 @@ OVERSHOOT_S = 0.02
 """How long a release goes too far."""
 MOST_GROWTH = 0.3
 """Share of a radius within which all of a grown disc is drawn."""
-MOST_EVENTS = 4_000_000
+MOST_EVENTS = 30_000_000
+BEFORE = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
+"""Course of a press before the recording: what a pixel's last level was is not known."""
 RATE_HZ = 500.0
 LOST_PX = 5.0
 
@@ -195,12 +197,60 @@ def presses_px(
 
 
 def smooth(
-    rest_px: NDArray[np.float64], bounds: tuple[float, float], rng: np.random.Generator
+    rest_px: NDArray[np.float64],
+    size: tuple[int, int],
+    bounds: tuple[float, float],
+    rng: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Return a tilted plane over the skin with a little scatter, between two bounds."""
-    plane = (rest_px / SIZE - 0.5) @ rng.uniform(-1, 1, 2) + rng.normal(0.0, 0.08, len(rest_px))
+    plane = (rest_px / size - 0.5) @ rng.uniform(-1, 1, 2) + rng.normal(0.0, 0.08, len(rest_px))
     share = (plane - plane.min()) / (plane.max() - plane.min())
     return bounds[0] + share * (bounds[1] - bounds[0])
+
+
+def events_of(
+    paths_px: tuple[NDArray[np.float64], NDArray[np.float64]],
+    growth: NDArray[np.float64],
+    look: NDArray[np.float64],
+    thresholds: NDArray[np.float64],
+    recovery_s: float,
+) -> list[NDArray]:
+    """Return times, columns, rows and polarities of the events of :data:`BEFORE` and a course.
+
+    Args:
+        paths_px: ``(m, 2)`` how far the press before goes, ``(steps, m, 2)`` the course, px.
+        growth: ``(steps, m)`` by which share radii grow along the course.
+        look: ``(m, 3)`` radius, edge scale (px) and contrast.
+        thresholds: ``(2, height, width)`` OFF and ON, in the logarithm of light.
+        recovery_s: See :class:`Sensor`.
+    """
+    before_px, course_px = paths_px
+    rest_px, (height, width) = course_px[0], thresholds.shape[1:]
+    there_px = rest_px + BEFORE[:, np.newaxis, np.newaxis] * before_px
+    whole_px = np.concatenate([there_px, course_px])
+    grown = np.concatenate([np.zeros((len(BEFORE), len(rest_px))), growth])
+    rows, columns = range(height), range(width)
+    level = np.array([[light_kernel(x, y, rest_px, look, grown[0]) for x in columns] for y in rows])
+    types = np.int64, np.uint16, np.uint16, np.bool_
+    out = tuple(np.empty(MOST_EVENTS, kind) for kind in types)
+    count = record_kernel(whole_px, grown, look, thresholds, level, recovery_s, out)
+    return [column[:count] for column in out]
+
+
+def write_events(
+    path: Path,
+    parts: tuple[list[NDArray], list[NDArray]],
+    size: tuple[int, int],
+    dark: bool = False,
+) -> None:
+    """Write what comes after :data:`BEFORE` of events and noise; dark markers swap polarities."""
+    t, x, y, p = (
+        np.concatenate([part, more.astype(part.dtype)]) for part, more in zip(*parts, strict=True)
+    )
+    t -= len(BEFORE) * STEP_US
+    order = np.argsort(t, kind="stable")
+    order = order[t[order] >= 0]
+    np.savez(path, t=t[order], x=x[order], y=y[order], p=p[order] != dark, size=np.array(size))
 
 
 def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
@@ -212,52 +262,48 @@ def record(sensor: Sensor, path: Path) -> tuple[NDArray, NDArray]:
     look = np.column_stack(
         [
             rng.normal(sensor.radius_px, 0.35, len(rest_px)),
-            smooth(rest_px, sensor.edge_px, rng),
-            smooth(rest_px, sensor.contrast, rng),
+            smooth(rest_px, SIZE, sensor.edge_px, rng),
+            smooth(rest_px, SIZE, sensor.contrast, rng),
         ]
     )
     course_px, depth = presses_px(rest_px, sensor.presses, sensor.overshoot, rng)
-    # A press before the recording begins: what a pixel's last level was is not known.
-    before = pushed_px(rest_px, rng.uniform(0.2, 0.8, 2) * SIZE, 0.8 * SPREAD_PX, 45.0)
-    there = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
-    growth = sensor.growth * np.concatenate([np.zeros((len(there), len(rest_px))), depth])
-    whole_px = np.concatenate([rest_px + there[:, np.newaxis, np.newaxis] * before, course_px])
+    before_px = pushed_px(rest_px, rng.uniform(0.2, 0.8, 2) * SIZE, 0.8 * SPREAD_PX, 45.0)
     usual = np.array([sensor.threshold_off, sensor.threshold_on])[:, np.newaxis, np.newaxis]
     thresholds = usual * rng.normal(1.0, MISMATCH, (2, SIZE[1], SIZE[0])).clip(0.3, 3.0)
-    level = np.array(
-        [
-            [light_kernel(x, y, rest_px, look, growth[0]) for x in range(SIZE[0])]
-            for y in range(SIZE[1])
-        ]
-    )
-    types = np.int64, np.uint16, np.uint16, np.bool_
-    out = tuple(np.empty(MOST_EVENTS, kind) for kind in types)
-    count = record_kernel(whole_px, growth, look, thresholds, level, sensor.recovery_s, out)
-    noise = rng.poisson(NOISE_HZ * len(whole_px) * STEP_US * 1e-6)
-    highest = (len(whole_px) * STEP_US, *SIZE, 2)
-    drawn = (rng.integers(most, size=noise) for most in highest)
-    t, x, y, p = (
-        np.concatenate([part[:count], more.astype(kind)])
-        for part, more, kind in zip(out, drawn, types, strict=True)
-    )
-    t -= len(there) * STEP_US
-    order = np.argsort(t, kind="stable")
-    order = order[t[order] >= 0]
-    np.savez(path, t=t[order], x=x[order], y=y[order], p=p[order], size=np.array(SIZE))
+    paths_px = before_px, course_px
+    events = events_of(paths_px, sensor.growth * depth, look, thresholds, sensor.recovery_s)
+    duration_us = (len(BEFORE) + len(course_px)) * STEP_US
+    count = rng.poisson(NOISE_HZ * duration_us * 1e-6)
+    noise = [rng.integers(most, size=count) for most in (duration_us, *SIZE, 2)]
+    write_events(path, (events, noise), SIZE)
     return course_px, rest_px
 
 
-def tracked(path: Path, calibration: Calibration, method: str, course_px: NDArray) -> str:
-    """Return the errors of a method in words; ``course_px`` is of the calibrated markers."""
+def nearest_rests(
+    calibration: Calibration, rest_px: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return which marker each calibrated one is; how far off the measured ones are, px."""
+    apart_px = np.linalg.norm(calibration.reference_px[:, np.newaxis] - rest_px, axis=2)
+    return apart_px.argmin(axis=1), apart_px.min(axis=1)[calibration.marker_measured]
+
+
+def errors_px(
+    path: Path, calibration: Calibration, method: str, course_px: NDArray, rate_hz: float
+) -> NDArray[np.float64]:
+    """Return ``(n, k)`` errors of the measured markers; the course is of the calibrated ones."""
     tracker = make_tracker(load_config(method).tracking, calibration)
     error_px = []
-    for frame in follow(open_events(path), tracker, RATE_HZ):
+    for frame in follow(open_events(path), tracker, rate_hz):
         at = min(frame.t_us / STEP_US, len(course_px) - 1.001)
         part = at - int(at)
         true_px = (1 - part) * course_px[int(at)] + part * course_px[int(at) + 1]
         error_px.append(np.linalg.norm(frame.detected_px - true_px, axis=1))
-    measured = calibration.marker_measured
-    error = np.array(error_px)[:, slice(None) if measured is None else measured]
+    return np.array(error_px)[:, calibration.marker_measured]
+
+
+def tracked(path: Path, calibration: Calibration, method: str, course_px: NDArray) -> str:
+    """Return the errors of a method in words; ``course_px`` is of the calibrated markers."""
+    error = errors_px(path, calibration, method, course_px, RATE_HZ)
     return (
         f"{method} mean {error.mean():.3f} p95 {np.percentile(error, 95):.3f} "
         f"max {error.max():.2f} lost {int((error.max(axis=0) > LOST_PX).sum())}"
@@ -271,13 +317,10 @@ def report(name: str, folder: Path, methods: list[str]) -> str:
         calibration = calibrate(open_events(path), CalibrationConfig())
     except SpikingTacError as error:
         return f"{name}: {type(error).__name__}: {error}"
-    apart_px = np.linalg.norm(calibration.reference_px[:, np.newaxis] - rest_px, axis=2)
-    which, wrong_px = apart_px.argmin(axis=1), apart_px.min(axis=1)
-    measured = calibration.marker_measured
-    known = np.ones(len(which), bool) if measured is None else measured
+    which, wrong_px = nearest_rests(calibration, rest_px)
     lines = [
-        f"{name}: {len(rest_px)} markers, {known.sum()} measured in {calibration.grid}, "
-        f"rests {wrong_px[known].mean():.3f} px, at worst {wrong_px[known].max():.2f}"
+        f"{name}: {len(rest_px)} markers, {len(wrong_px)} measured in {calibration.grid}, "
+        f"rests {wrong_px.mean():.3f} px, at worst {wrong_px.max():.2f}"
     ]
     lines += [tracked(path, calibration, m, course_px[:, which]) for m in methods]
     return "\n    ".join(lines)

@@ -18,21 +18,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import press_sensors
 from numpy.typing import NDArray
-from press_sensors import pushed_px, record_kernel
+from press_sensors import (
+    BEFORE,
+    STEP_US,
+    errors_px,
+    events_of,
+    nearest_rests,
+    pushed_px,
+    smooth,
+    write_events,
+)
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.config import load_config
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.open import open_events
 from spikingtac.markers.calibration.calibrate import calibrate
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.follow import follow
 
-STEP_US = press_sensors.STEP_US
 SIZES = ((240, 180), (320, 320), (346, 260), (320, 240))
-MOST_EVENTS = 30_000_000
 ON_NOISE = 0.6
 RATE_HZ = 250.0
 
@@ -176,57 +179,32 @@ def record(
     """Write a recording; return its course ``(steps, m, 2)`` and rests ``(m, 2)``, px."""
     rng = np.random.default_rng(seed)
     rest_px, (width, height) = rests_px(sensor, rng), sensor.size
-    press_sensors.SIZE = sensor.size
     look = np.column_stack(
         [
             rng.normal(sensor.radius_px, 0.04 * sensor.radius_px, len(rest_px)),
-            press_sensors.smooth(rest_px, sensor.edge_px, rng),
-            press_sensors.smooth(rest_px, sensor.contrast, rng),
+            smooth(rest_px, sensor.size, sensor.edge_px, rng),
+            smooth(rest_px, sensor.size, sensor.contrast, rng),
         ]
     )
     course_px, depth = presses_px(sensor, rest_px, rng)
     before_px = pushed_px(
         rest_px, rng.uniform(0.2, 0.8, 2) * sensor.size, 0.8 * sensor.spread_px, 0.2 * width
     )
-    there = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
-    whole_px = np.concatenate([rest_px + there[:, np.newaxis, np.newaxis] * before_px, course_px])
-    growth = sensor.growth * np.concatenate([np.zeros((len(there), len(rest_px))), depth])
     # Dark markers send what white ones of swapped thresholds and polarities do.
     usual = np.array([sensor.threshold_off, sensor.threshold_on])[:: -1 if sensor.dark else 1]
     mismatch = rng.normal(1.0, 0.1, (2, height, width)).clip(0.3, 3.0)
     thresholds = usual[:, np.newaxis, np.newaxis] * mismatch
-    level = np.array(
-        [
-            [press_sensors.light_kernel(x, y, rest_px, look, growth[0]) for x in range(width)]
-            for y in range(height)
-        ]
-    )
-    types = np.int64, np.uint16, np.uint16, np.bool_
-    out = tuple(np.empty(MOST_EVENTS, kind) for kind in types)
-    count = record_kernel(whole_px, growth, look, thresholds, level, sensor.recovery_s, out)
-    noise = noise_events(sensor, len(whole_px) * STEP_US, hot_pixels, rng)
-    t, x, y, p = (
-        np.concatenate([part[:count], more.astype(kind)])
-        for part, more, kind in zip(out, noise, types, strict=True)
-    )
-    t -= len(there) * STEP_US
-    order = np.argsort(t, kind="stable")
-    order = order[t[order] >= 0]
-    p = p[order] != sensor.dark
-    np.savez(path, t=t[order], x=x[order], y=y[order], p=p, size=np.array(sensor.size))
+    paths_px = before_px, course_px
+    events = events_of(paths_px, sensor.growth * depth, look, thresholds, sensor.recovery_s)
+    duration_us = (len(BEFORE) + len(course_px)) * STEP_US
+    noise = noise_events(sensor, duration_us, hot_pixels, rng)
+    write_events(path, (events, noise), sensor.size, sensor.dark)
     return course_px, rest_px
 
 
 def errors(path: Path, calibration: Calibration, method: str, course_px: NDArray) -> str:
     """Return the errors of a method in words; ``course_px`` is of the calibrated markers."""
-    tracker = make_tracker(load_config(method).tracking, calibration)
-    found = []
-    for frame in follow(open_events(path), tracker, RATE_HZ):
-        at = min(frame.t_us / STEP_US, len(course_px) - 1.001)
-        part = at - int(at)
-        true_px = (1 - part) * course_px[int(at)] + part * course_px[int(at) + 1]
-        found.append(np.linalg.norm(frame.detected_px - true_px, axis=1))
-    error = np.array(found)[:, calibration.marker_measured]
+    error = errors_px(path, calibration, method, course_px, RATE_HZ)
     return f"{method} {error.mean():.3f} {np.percentile(error, 95):.3f} {error.max():.2f}"
 
 
@@ -238,9 +216,7 @@ def report(seed: int, hot: bool, folder: Path) -> str:
         calibration = calibrate(open_events(path))
     except SpikingTacError as error:
         return f"{seed}: {len(rest_px)} markers; {str(error).split(';')[0]}"
-    apart_px = np.linalg.norm(calibration.reference_px[:, np.newaxis] - rest_px, axis=2)
-    which, measured = apart_px.argmin(axis=1), calibration.marker_measured
-    wrong_px = apart_px.min(axis=1)[measured]
+    which, wrong_px = nearest_rests(calibration, rest_px)
     methods = [errors(path, calibration, m, course_px[:, which]) for m in ("default", "fast")]
     return (
         f"{seed}: {len(wrong_px)} of {len(rest_px)} markers, rests {wrong_px.mean():.3f} "

@@ -97,6 +97,13 @@ def _limit(counts: NDArray[np.int64]) -> float:
     return limit
 
 
+def hot_mask(hot_px: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return ``(height, width)`` which pixels are hot, from their ``(h, 2)`` columns and rows."""
+    hot = np.zeros(size[::-1], np.bool_)
+    hot[hot_px[:, 1], hot_px[:, 0]] = True
+    return hot
+
+
 class HotPixelFilter:
     """Drops the events of known hot pixels.
 
@@ -106,10 +113,7 @@ class HotPixelFilter:
     """
 
     def __init__(self, hot_px: NDArray[np.int64] | None, size: tuple[int, int]) -> None:
-        self._hot: NDArray[np.bool_] | None = None
-        if hot_px is not None and len(hot_px):
-            self._hot = np.zeros(size[::-1], np.bool_)
-            self._hot[hot_px[:, 1], hot_px[:, 0]] = True
+        self._hot = hot_mask(hot_px, size) if hot_px is not None and len(hot_px) else None
 
     def kept(self, packet: EventPacket) -> EventPacket:
         """Return the packet without the events of hot pixels; itself if there is none.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.events.hot_pixels import find_hot_pixels, quiet_events
+from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.types import EventPacket
 
 US_PER_S = 1_000_000
@@ -41,7 +41,7 @@ def judge_events(events: EventPacket) -> EventQuality:
     width, height = events.size
     pixel = events.y[quiet].astype(np.int64) * width + events.x[quiet]
     hot_px = find_hot_pixels(pixel, events.size)
-    hot = np.isin(pixel, hot_px[:, 1] * width + hot_px[:, 0])
+    hot = hot_mask(hot_px, events.size).ravel()[pixel]
     usual = width * height - len(hot_px)
     return EventQuality(
         rate_hz=len(events) * US_PER_S / duration_us,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.events.hot_pixels import find_hot_pixels, quiet_events
+from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import EventPacket, LossCounters
 
@@ -156,9 +156,7 @@ def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[
     hot_px = find_hot_pixels(pixel[quiet].astype(np.int64), events.size)
     if not len(hot_px):
         return events, hot_px
-    hot = np.zeros(events.shape, np.bool_)
-    hot[hot_px[:, 1], hot_px[:, 0]] = True
-    keep = ~hot.ravel()[pixel]
+    keep = ~hot_mask(hot_px, events.size).ravel()[pixel]
     return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
 
 
