@@ -42,12 +42,17 @@ def test_the_kernel_does_what_the_plain_twin_does() -> None:
     )
     states, given = (start.copy(), np.zeros((5, 2)), np.zeros((5, 2))), np.empty((5, 2))
     velocity, lag_s, steady, turning = rng.normal(0.0, 50.0, (5, 2)), 2.4e-3, 0.15, 0.3
+    neighbours = np.array([[1, 2], [4, 2], [3, 4], [4, 1], [1, 3]])  # the first has no play: no way
     for k, places in enumerate(path):
         fits = places, velocity, crossings
-        lead_kernel(fits, states, (lag_s, steady, turning), given)
-        ahead = steady * short[:, k] / SHORT_PLAY
-        ahead += turning * (short[:, k] / SHORT_PLAY - long[:, k] / LONG_PLAY)
-        np.testing.assert_allclose(states[1], short[:, k], atol=1e-12)
+        lead_kernel(fits, states, (lag_s, steady, turning), neighbours, given)
+        for m in range(5):
+            told = [short[n, k] / (SHORT_PLAY * crossings[n]) for n in neighbours[m]]
+            ahead = (steady + turning) * crossings[m] * sum(told) / 2.0
+            ahead -= turning * long[m, k] / LONG_PLAY
+            expected = places[m] + lag_s * velocity[m] + ahead
+            np.testing.assert_allclose(given[m], expected, atol=1e-12)
+        width_px = SHORT_PLAY * crossings[1:, np.newaxis]
+        np.testing.assert_allclose(states[1][1:] * width_px, short[1:, k], atol=1e-12)
         np.testing.assert_allclose(states[2], long[:, k], atol=1e-12)
-        np.testing.assert_allclose(given, places + lag_s * velocity + ahead, atol=1e-12)
     assert np.hypot(*states[2].T).max() > 1.0

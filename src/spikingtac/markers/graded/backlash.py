@@ -8,11 +8,16 @@ band back, and those that have not yet hold the fit. Against truth (simulated, v
 behind in steady motion, 0.24 px half a px after a turn, and has caught up after 4 to 8 px; on a
 flawed gel, whose steps and edges are larger, it is 0.1 and 0.23 px.
 
-The given place is ahead of the fitted one by two play operators of the fit's own way, a short one
-that tells the direction, and a long one that tells the direction some px ago: a steady share of the
-first, and a share of their difference, which is large after a turn and vanishes on the way. A
+The given place is ahead of the fitted one by two play operators, a short one that tells the
+direction of motion, and a long one that tells the fit's direction some px ago: a steady share of
+the first, and a share of their difference, which is large after a turn and vanishes on the way. A
 weighted sum of play operators is a Prandtl-Ishlinskii model, and this is its use as a compensator
 (Kuhnen 2003, doi:10.3166/ejc.9.407-418). The shares and widths are ours.
+
+A skin turns round as a whole, or nearly, and each fit notices it when its own pixels have crossed
+their dead bands. So the direction is the mean of those of the neighbours: some notice it sooner,
+and eight jitter less than one (simulated: errors shrink by 3 to 6 %). Where they do not agree, as
+at the edge of a contact, their mean is short, and little is added.
 """
 
 from __future__ import annotations
@@ -42,6 +47,9 @@ begins anew (ours: nothing is left to make good on training scenes at 1.2 Hz, ev
 
 LEAP_PX = 2.0
 """A fit that goes farther than this at once was found elsewhere: its way says nothing."""
+
+NO_WIDTH_PX = 1e-9
+"""Width of a play that is none."""
 
 SLOPE_POINTS = 401
 """Points at which the slope of an edge is asked for its steepest."""
@@ -78,6 +86,7 @@ class BacklashCompensation:
         crossings: NDArray[np.float64],
         shares: tuple[float, float],
         start_px: NDArray[np.float64],
+        neighbours: NDArray[np.int64],
     ) -> None:
         """Begin at rest: nothing is known of the last motion.
 
@@ -86,10 +95,12 @@ class BacklashCompensation:
             shares: How far a fit is behind in steady motion, and how much farther just after a
                 turn, in crossings.
             start_px: ``(m, 2)`` where the markers begin, px.
+            neighbours: ``(m, k)`` markers that tell each marker's direction; a single marker is its
+                own.
         """
-        self._crossings, self._shares = crossings, shares
+        self._crossings, self._shares, self._neighbours = crossings, shares, neighbours
         self._last_px = start_px.astype(np.float64)
-        self._short_px, self._long_px = np.zeros_like(self._last_px), np.zeros_like(self._last_px)
+        self._direction, self._long_px = np.zeros_like(self._last_px), np.zeros_like(self._last_px)
 
     def update(
         self,
@@ -118,8 +129,9 @@ class BacklashCompensation:
         turning /= 1.0 + (background_hz_px / RENEWED_HZ_PX) ** 2
         lead_kernel(
             (fitted_px, velocity_px_s, self._crossings),
-            (self._last_px, self._short_px, self._long_px),
+            (self._last_px, self._direction, self._long_px),
             (lag_s, steady, turning),
+            self._neighbours,
             given_px,
         )
         return given_px
@@ -130,6 +142,7 @@ def lead_kernel(
     fits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     states: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     settings: tuple[float, float, float],
+    neighbours: NDArray[np.int64],
     given_px: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Move the play operators on by what the fits moved; write the places ahead of the fits.
@@ -137,24 +150,30 @@ def lead_kernel(
     Args:
         fits: ``(m, 2)`` fitted places, px; ``(m, 2)`` their velocities, px/s; ``(m,)`` crossings,
             px.
-        states: ``(m, 2)`` fitted places of the last call, and states of the short and of the long
-            operator, px; changed.
+        states: ``(m, 2)`` fitted places of the last call, px, and states of the short operator, as
+            shares of its width, and of the long one, px; changed.
         settings: Delay of the events, s; shares in steady motion and after a turn.
+        neighbours: ``(m, k)`` markers that tell the direction.
         given_px: ``(m, 2)`` result: fitted place, lag and play together, px.
     """
     fitted_px, velocity_px_s, crossings = fits
-    last_px, short_px, long_px = states
+    last_px, direction, long_px = states
     lag_s, steady, turning = settings
-    short, long = (steady + turning) / SHORT_PLAY, turning / LONG_PLAY
     for m in range(crossings.size):
         dx, dy = fitted_px[m, 0] - last_px[m, 0], fitted_px[m, 1] - last_px[m, 1]
         last_px[m, 0], last_px[m, 1] = fitted_px[m, 0], fitted_px[m, 1]
         if dx * dx + dy * dy > LEAP_PX * LEAP_PX:
             dx, dy = 0.0, 0.0
-        x, y = short_px[m, 0] + dx, short_px[m, 1] + dy
-        short_px[m, 0], short_px[m, 1] = within_play_kernel(x, y, SHORT_PLAY * crossings[m])
+        width_px = max(SHORT_PLAY * crossings[m], NO_WIDTH_PX)
+        x, y = direction[m, 0] + dx / width_px, direction[m, 1] + dy / width_px
+        direction[m, 0], direction[m, 1] = within_play_kernel(x, y, 1.0)
         x, y = long_px[m, 0] + dx, long_px[m, 1] + dy
         long_px[m, 0], long_px[m, 1] = within_play_kernel(x, y, LONG_PLAY * crossings[m])
+    for m in range(crossings.size):
+        ahead_px = (steady + turning) * crossings[m] / neighbours.shape[1]
         for axis in range(2):
-            ahead = short * short_px[m, axis] - long * long_px[m, axis]
+            told = 0.0
+            for k in range(neighbours.shape[1]):
+                told += direction[neighbours[m, k], axis]
+            ahead = ahead_px * told - turning / LONG_PLAY * long_px[m, axis]
             given_px[m, axis] = fitted_px[m, axis] + lag_s * velocity_px_s[m, axis] + ahead

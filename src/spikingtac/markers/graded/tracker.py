@@ -166,7 +166,8 @@ class GradedTracker:
 
     def _no_backlash_yet(self, start_px: NDArray[np.float64]) -> BacklashCompensation:
         shares = self._maintenance_config.backlash, self._maintenance_config.turn_backlash
-        return BacklashCompensation(self._crossings_px, shares, start_px)
+        neighbours = self._manager.neighbours.index
+        return BacklashCompensation(self._crossings_px, shares, start_px, neighbours)
 
     def _start(self) -> None:
         self._t_us: int | None = None
@@ -186,8 +187,8 @@ class GradedTracker:
             self._locator.largest_fall,
         )
         self._filter = MotionFilter(self._calibration.reference_px)
-        self._backlash = self._no_backlash_yet(self._calibration.reference_px)
         self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
+        self._backlash = self._no_backlash_yet(self._calibration.reference_px)
         rests = self._calibration.reference_px, self._manager.neighbours
         self._zero = ReleasedZero(*rests) if self._calibration.recovery_s is not None else None
         self._kept = EventLoss(self._calibration)

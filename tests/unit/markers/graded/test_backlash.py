@@ -30,7 +30,10 @@ def driven(marker_px: np.ndarray, play: float) -> np.ndarray:
 
 
 def compensation(start_px: np.ndarray, steady: float, turning: float) -> BacklashCompensation:
-    return BacklashCompensation(np.full(len(start_px), CROSSING_PX), (steady, turning), start_px)
+    """Return one in which each marker tells its direction by itself."""
+    alone = np.arange(len(start_px))[:, np.newaxis]
+    crossings = np.full(len(start_px), CROSSING_PX)
+    return BacklashCompensation(crossings, (steady, turning), start_px, alone)
 
 
 def made_good(fitted_px: np.ndarray, steady: float, turning: float = 0.0) -> np.ndarray:
@@ -62,6 +65,28 @@ def test_after_a_turn_it_is_farther_ahead_and_the_fit_catches_up() -> None:
     assert ahead[turned] < -0.55 * CROSSING_PX
     np.testing.assert_allclose(ahead[-1], -0.1 * CROSSING_PX)
     assert (np.diff(ahead[turned + 1 :]) > -1e-12).all()
+
+
+def test_neighbours_tell_a_turn_that_the_own_fit_does_not_show_yet() -> None:
+    start_px = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0]])
+    crossings, neighbours = np.full(3, CROSSING_PX), np.array([[1, 2], [0, 2], [0, 1]])
+    backlash = BacklashCompensation(crossings, (0.15, 0.3), start_px, neighbours)
+    together = backlash.update(start_px + np.array([1.0, 0.0]), np.zeros((3, 2)), 0.0)
+    waiting_px = together.copy()
+    for moved_px in ([1.0, 0.9, 0.9], [1.0, 0.8, 0.8]):
+        fitted_px = start_px + np.column_stack([moved_px, np.zeros(3)])
+        waiting_px = backlash.update(fitted_px, np.zeros((3, 2)), 0.0)
+    assert waiting_px[0, 0] < together[0, 0] - 0.4 * CROSSING_PX
+
+
+def test_neighbours_that_do_not_agree_say_little() -> None:
+    start_px = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0]])
+    crossings, neighbours = np.full(3, CROSSING_PX), np.array([[1, 2], [0, 2], [0, 1]])
+    backlash = BacklashCompensation(crossings, (0.15, 0.0), start_px, neighbours)
+    fitted_px = start_px + np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+    given_px = backlash.update(fitted_px, np.zeros((3, 2)), 0.0)
+    np.testing.assert_allclose(given_px[0], start_px[0], atol=1e-12)
+    np.testing.assert_allclose(given_px[1], fitted_px[1] - [0.075 * CROSSING_PX, 0.0])
 
 
 def test_it_is_never_ahead_by_more_than_its_shares() -> None:
