@@ -37,6 +37,12 @@ if sys.dont_write_bytecode:  # a program would compile the package at each of so
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Return one worker more than cores: while one waits for a camera or an arm, others work."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return (cores or 1) + 1
+
+
 FOLDERS = ("naive", "real", "integration")
 """What is tested first: what compiles the kernels, and the longest files. A long file at the end
 would keep one core busy alone."""

@@ -19,7 +19,7 @@ REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()]) + 40.0
 
 @pytest.fixture(scope="module")
 def model() -> ForceModel:
-    config = SyntheticContactConfig(frames=400, series=2)
+    config = SyntheticContactConfig(frames=100, series=2)
     return fit_force([], drawn=synthetic_series(SkinConfig(), REFERENCE, 15.4, config=config))
 
 
