@@ -31,28 +31,32 @@ def test_the_kernel_does_what_the_plain_twin_does() -> None:
     steps[150, 2] = 3.0, 0.0  # found elsewhere
     path = start + np.cumsum(steps, axis=0)
     crossings = np.array([0.0, 0.02, 0.1, 0.5, 1.0])
-    short, long = (
+    direction, way = (
         np.array(
             [
                 plain([tuple(place) for place in path[:, m]], tuple(start[m]), play * crossings[m])
                 for m in range(5)
             ]
         )
+        / np.maximum(play * crossings, 1e-9)[:, np.newaxis, np.newaxis]
         for play in (SHORT_PLAY, LONG_PLAY)
     )
     states, given = (start.copy(), np.zeros((5, 2)), np.zeros((5, 2))), np.empty((5, 2))
     velocity, lag_s, steady, turning = rng.normal(0.0, 50.0, (5, 2)), 2.4e-3, 0.15, 0.3
-    neighbours = np.array([[1, 2], [4, 2], [3, 4], [4, 1], [1, 3]])  # the first has no play: no way
+    neighbours = np.array([[1, 2], [4, 2], [3, 4], [4, 1], [1, 3]])  # the first has no play
     for k, places in enumerate(path):
         fits = places, velocity, crossings
         lead_kernel(fits, states, (lag_s, steady, turning), neighbours, given)
         for m in range(5):
-            told = [short[n, k] / (SHORT_PLAY * crossings[n]) for n in neighbours[m]]
-            ahead = (steady + turning) * crossings[m] * sum(told) / 2.0
-            ahead -= turning * long[m, k] / LONG_PLAY
+            own, votes = 2.0, np.zeros(2)
+            for n in neighbours[m]:
+                apart = math.dist(way[n, k], way[m, k])
+                own -= max(1.0 - apart**2, 0.0)
+                votes += max(1.0 - apart**2, 0.0) * direction[n, k]
+            told = (votes + own * direction[m, k]) / 2.0
+            ahead = crossings[m] * ((steady + turning) * told - turning * way[m, k])
             expected = places[m] + lag_s * velocity[m] + ahead
             np.testing.assert_allclose(given[m], expected, atol=1e-12)
-        width_px = SHORT_PLAY * crossings[1:, np.newaxis]
-        np.testing.assert_allclose(states[1][1:] * width_px, short[1:, k], atol=1e-12)
-        np.testing.assert_allclose(states[2], long[:, k], atol=1e-12)
-    assert np.hypot(*states[2].T).max() > 1.0
+        np.testing.assert_allclose(states[1][1:], direction[1:, k], atol=1e-12)
+        np.testing.assert_allclose(states[2][1:], way[1:, k], atol=1e-12)
+    assert np.hypot(*states[2].T).max() > 0.9

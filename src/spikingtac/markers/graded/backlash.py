@@ -15,9 +15,11 @@ weighted sum of play operators is a Prandtl-Ishlinskii model, and this is its us
 (Kuhnen 2003, doi:10.3166/ejc.9.407-418). The shares and widths are ours.
 
 A skin turns round as a whole, or nearly, and each fit notices it when its own pixels have crossed
-their dead bands. So the direction is the mean of those of the neighbours: some notice it sooner,
-and eight jitter less than one (simulated: errors shrink by 3 to 6 %). Where they do not agree, as
-at the edge of a contact, their mean is short, and little is added.
+their dead bands. So the direction is told together with the neighbours: some notice a turn sooner,
+and nine jitter less than one. A neighbour counts as far as it went the same way before, by their
+long operators: beside a contact, and around its middle, markers go ways of their own. (Simulated:
+errors shrink by 2 to 7 % where the skin moves as a whole, and grow by less than 1 % in presses; if
+all neighbours counted alike, by 16 % in presses.)
 """
 
 from __future__ import annotations
@@ -95,12 +97,11 @@ class BacklashCompensation:
             shares: How far a fit is behind in steady motion, and how much farther just after a
                 turn, in crossings.
             start_px: ``(m, 2)`` where the markers begin, px.
-            neighbours: ``(m, k)`` markers that tell each marker's direction; a single marker is its
-                own.
+            neighbours: ``(m, k)`` markers around each marker; a single marker is its own.
         """
         self._crossings, self._shares, self._neighbours = crossings, shares, neighbours
         self._last_px = start_px.astype(np.float64)
-        self._direction, self._long_px = np.zeros_like(self._last_px), np.zeros_like(self._last_px)
+        self._direction, self._way = np.zeros_like(self._last_px), np.zeros_like(self._last_px)
 
     def update(
         self,
@@ -129,7 +130,7 @@ class BacklashCompensation:
         turning /= 1.0 + (background_hz_px / RENEWED_HZ_PX) ** 2
         lead_kernel(
             (fitted_px, velocity_px_s, self._crossings),
-            (self._last_px, self._direction, self._long_px),
+            (self._last_px, self._direction, self._way),
             (lag_s, steady, turning),
             self._neighbours,
             given_px,
@@ -150,30 +151,35 @@ def lead_kernel(
     Args:
         fits: ``(m, 2)`` fitted places, px; ``(m, 2)`` their velocities, px/s; ``(m,)`` crossings,
             px.
-        states: ``(m, 2)`` fitted places of the last call, px, and states of the short operator, as
-            shares of its width, and of the long one, px; changed.
+        states: ``(m, 2)`` fitted places of the last call, px, and states of the short and the long
+            operator, as shares of their widths; changed.
         settings: Delay of the events, s; shares in steady motion and after a turn.
-        neighbours: ``(m, k)`` markers that tell the direction.
+        neighbours: ``(m, k)`` markers around each marker.
         given_px: ``(m, 2)`` result: fitted place, lag and play together, px.
     """
     fitted_px, velocity_px_s, crossings = fits
-    last_px, direction, long_px = states
+    last_px, direction, way = states
     lag_s, steady, turning = settings
     for m in range(crossings.size):
         dx, dy = fitted_px[m, 0] - last_px[m, 0], fitted_px[m, 1] - last_px[m, 1]
         last_px[m, 0], last_px[m, 1] = fitted_px[m, 0], fitted_px[m, 1]
         if dx * dx + dy * dy > LEAP_PX * LEAP_PX:
             dx, dy = 0.0, 0.0
-        width_px = max(SHORT_PLAY * crossings[m], NO_WIDTH_PX)
-        x, y = direction[m, 0] + dx / width_px, direction[m, 1] + dy / width_px
-        direction[m, 0], direction[m, 1] = within_play_kernel(x, y, 1.0)
-        x, y = long_px[m, 0] + dx, long_px[m, 1] + dy
-        long_px[m, 0], long_px[m, 1] = within_play_kernel(x, y, LONG_PLAY * crossings[m])
+        for play, state in ((SHORT_PLAY, direction), (LONG_PLAY, way)):
+            width_px = max(play * crossings[m], NO_WIDTH_PX)
+            x, y = state[m, 0] + dx / width_px, state[m, 1] + dy / width_px
+            state[m, 0], state[m, 1] = within_play_kernel(x, y, 1.0)
+    around = neighbours.shape[1]
     for m in range(crossings.size):
-        ahead_px = (steady + turning) * crossings[m] / neighbours.shape[1]
+        x = y = 0.0
+        own = float(around)
+        for k in range(around):
+            n = neighbours[m, k]
+            alike = 1.0 - (way[n, 0] - way[m, 0]) ** 2 - (way[n, 1] - way[m, 1]) ** 2
+            if alike > 0.0:
+                x, y = x + alike * direction[n, 0], y + alike * direction[n, 1]
+                own -= alike
+        told = (x + own * direction[m, 0]) / around, (y + own * direction[m, 1]) / around
         for axis in range(2):
-            told = 0.0
-            for k in range(neighbours.shape[1]):
-                told += direction[neighbours[m, k], axis]
-            ahead = ahead_px * told - turning / LONG_PLAY * long_px[m, axis]
+            ahead = crossings[m] * ((steady + turning) * told[axis] - turning * way[m, axis])
             given_px[m, axis] = fitted_px[m, axis] + lag_s * velocity_px_s[m, axis] + ahead

@@ -79,14 +79,14 @@ def test_neighbours_tell_a_turn_that_the_own_fit_does_not_show_yet() -> None:
     assert waiting_px[0, 0] < together[0, 0] - 0.4 * CROSSING_PX
 
 
-def test_neighbours_that_do_not_agree_say_little() -> None:
+def test_neighbours_that_went_another_way_do_not_count() -> None:
     start_px = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0]])
     crossings, neighbours = np.full(3, CROSSING_PX), np.array([[1, 2], [0, 2], [0, 1]])
     backlash = BacklashCompensation(crossings, (0.15, 0.0), start_px, neighbours)
-    fitted_px = start_px + np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+    fitted_px = start_px + np.array([[0.0, 0.0], [1.9, 0.0], [-1.9, 0.0]])
     given_px = backlash.update(fitted_px, np.zeros((3, 2)), 0.0)
-    np.testing.assert_allclose(given_px[0], start_px[0], atol=1e-12)
-    np.testing.assert_allclose(given_px[1], fitted_px[1] - [0.075 * CROSSING_PX, 0.0])
+    ahead_px = 0.15 * CROSSING_PX
+    np.testing.assert_allclose(given_px - fitted_px, [[0, 0], [ahead_px, 0], [-ahead_px, 0]])
 
 
 def test_it_is_never_ahead_by_more_than_its_shares() -> None:
