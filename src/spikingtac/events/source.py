@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
+from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket, LossCounters
 
 
@@ -38,3 +40,16 @@ class PacketSource:
 
     def __iter__(self) -> Iterator[EventPacket]:
         return iter(self._packets)
+
+
+def refuse_path(given: object) -> None:
+    """Refuse a file's path where its events are expected.
+
+    Raises:
+        ConfigError: It is a path; says how to open it.
+    """
+    if isinstance(given, str | os.PathLike):
+        path = os.fspath(given)
+        raise ConfigError(
+            f"{path!r} is a path, not a source of events; open it: spikingtac.open_events({path!r})"
+        )

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from spikingtac.errors import ConfigError
+from spikingtac.events.source import refuse_path
 from spikingtac.types import EventPacket
 
 SILENCE_LIMIT_US = 60_000_000
@@ -73,8 +74,10 @@ def windows(
             it is, such as a simulation.
 
     Raises:
-        ConfigError: The period is not positive, or a packet's columns do not fit its sensor.
+        ConfigError: The period is not positive, a packet's columns do not fit its sensor, or a path
+            is given instead of packets.
     """
+    refuse_path(packets)
     if period_us < 1:
         raise ConfigError(f"period_us is {period_us}, it must be at least 1")
     stream = iter(packets)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
+from spikingtac.events.source import refuse_path
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.events.windows import cut, stretches
 from spikingtac.markers.tracker import MarkerTracker
@@ -39,8 +40,9 @@ def follow(
             the part is estimated at the same times as the whole.
 
     Raises:
-        ConfigError: The rate is not between 0 and 1 MHz.
+        ConfigError: The rate is not between 0 and 1 MHz, or a path is given instead of packets.
     """
+    refuse_path(packets)
     check_rate(rate_hz)
     meter = HealthMeter(getattr(packets, "losses", {}) if losses is None else losses)
     stream = iter(packets)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.lens_fit import with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.events.source import EventSource
+from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.buffered_events import (
     BufferedSource,
     buffer_events,
@@ -143,7 +143,9 @@ def calibrate(
     Raises:
         CalibrationError: The recording shows no grid of markers, or too few of them; says why,
             where, and what to do.
+        ConfigError: A path is given instead of a source.
     """
+    refuse_path(source)
     config = config or CalibrationConfig()
     events, hot_px = without_hot_pixels(buffer_events(source, config.most_events))
     look = look_at(events, config.finding)
