@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -216,3 +217,33 @@ def test_drawn_contacts_help_where_labels_are_few() -> None:
         for model in (alone, helped)
     ]
     assert (rms[1] < 0.8 * rms[0]).all()
+
+
+def test_drawn_contacts_are_learned_from_and_never_judged_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    labelled, *drawn = (series(seed).part(np.arange(780) < 100) for seed in (61, 63, 64))
+    choose, seen, remembered = fit._choose, {}, []
+
+    def watched(folds: Any, components: int, least_gains: dict[str, float]) -> Any:
+        seen["folds"], seen["gains"] = list(folds), least_gains
+        return choose(seen["folds"], components, least_gains)
+
+    def counted(places: np.ndarray, count: int) -> np.ndarray:
+        remembered.append(count)
+        return unlike_ones(places, count)
+
+    monkeypatch.setattr(fit, "_choose", watched)
+    monkeypatch.setattr(fit, "unlike_ones", counted)
+    model = fit_force([labelled], drawn=drawn)
+    # A single series is predicted part by part from its other parts and all that was drawn.
+    assert [len(fold.truth) for fold in seen["folds"]] == [100 // fit.PARTS] * fit.PARTS
+    taught = [len(fold.taught_wrench) for fold in seen["folds"]]
+    assert taught == [100 - 100 // fit.PARTS + 200] * fit.PARTS
+    assert seen["gains"] == {}, "a law of drawn contacts needs no clear lead"
+    assert model.about["frames"] == 300
+    assert len(remembered) == fit.PARTS + 1, "what is remembered is chosen for every fold"
+    fit_force([series(61).part(np.arange(780) < 260)])
+    assert seen["gains"] == fit.LEAST_GAINS
+    assert len(remembered) == fit.PARTS + 1, "of labels alone they are taken evenly"
+    assert len(seen["folds"]) == fit.PARTS
