@@ -1,4 +1,4 @@
-"""The front page's pictures of the real recording are what its commands make today."""
+"""The real recording: where its markers stand, and that the front page's pictures show it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
+from spikingtac.experiments.real_gels.scoring import Plateaus, plateau_scores
+from spikingtac.experiments.trials.prediction import Prediction
+from spikingtac.tracks import Tracks
 from stand_ins.calibrated import calibrated
 from stand_ins.pictures import MOST_DIFFERENT_CELLS, different_cells
 
@@ -22,6 +26,24 @@ def tracks(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     line = ["track", str(recording), "--calibration", str(calibration)]
     assert main([*line, "-o", str(folder / "tracks.npz")]) == 0
     return folder / "tracks.npz"
+
+
+def test_markers_stand_where_an_independent_reference_has_them(
+    data_dir: Path, tracks: Path
+) -> None:
+    found = Tracks.load(tracks)
+    prediction = Prediction(
+        found.t_us, found.detected_px, found.position_px, found.coasted, found.reference_px
+    )
+    plateaus = Plateaus.load(data_dir / "gel" / "real_presses.reference.npz")
+    calibration = Calibration.load(tracks.with_name("calibration.json"))
+    scores = plateau_scores(prediction, plateaus, calibration)
+    print({name: round(value, 3) for name, value in scores.items()}, "(recorded)")
+    assert scores["pressed_mean_px"] < 0.8
+    assert scores["released_mean_px"] < 0.8
+    assert scores["plateau_max_px"] < 3.0
+    assert scores["return_median_px"] < 0.5
+    assert scores["lost_markers"] == scores["missing_markers"] == 0
 
 
 @pytest.mark.parametrize(
