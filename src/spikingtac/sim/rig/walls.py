@@ -137,9 +137,14 @@ def axis_curvature_kernel(
     """Return the curvature tensors ``(n, 3, 3)`` of cylinders around an axis, 1/mm."""
     inward, distance = radial_kernel(point_mm, center_mm, axis)
     curvature = np.empty((len(point_mm), 3, 3))
+    around = np.empty(3)
     for k in range(len(point_mm)):
-        around = np.cross(axis, inward[k])
-        curvature[k] = np.outer(around, around) / distance[k]
+        for i in range(3):  # the cross product of axis and inward (np.cross compiles for seconds)
+            j, h = (i + 1) % 3, (i + 2) % 3
+            around[i] = axis[j] * inward[k, h] - axis[h] * inward[k, j]
+        for i in range(3):
+            for j in range(3):
+                curvature[k, i, j] = around[i] * around[j] / distance[k]
     return curvature
 
 
