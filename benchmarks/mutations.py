@@ -110,6 +110,13 @@ MUTATIONS = (
         tests=(ACCURACY,),
     ),
     Mutation(
+        name="turn-told-alone",
+        file="markers/graded/backlash.py",
+        old="if alike > 0.0:",
+        new="if alike > 2.0:",
+        tests=("tests/unit/markers/graded/test_backlash.py",),
+    ),
+    Mutation(
         name="neighbours-ignored",
         file="markers/graded/tracker.py",
         old="self._manager.neighbours.shrunk_px(detected_px, self._noise_px)",
