@@ -4,7 +4,13 @@ import math
 
 import numpy as np
 
-from spikingtac.markers.graded.backlash import LEAP_PX, LONG_PLAY, SHORT_PLAY, lead_kernel
+from spikingtac.markers.graded.backlash import (
+    LEAP_PX,
+    LONG_PLAY,
+    NO_WIDTH_PX,
+    SHORT_PLAY,
+    lead_kernel,
+)
 
 
 def plain(
@@ -38,7 +44,7 @@ def test_the_kernel_does_what_the_plain_twin_does() -> None:
                 for m in range(5)
             ]
         )
-        / np.maximum(play * crossings, 1e-9)[:, np.newaxis, np.newaxis]
+        / np.maximum(play * crossings, NO_WIDTH_PX)[:, np.newaxis, np.newaxis]
         for play in (SHORT_PLAY, LONG_PLAY)
     )
     states, given = (start.copy(), np.zeros((5, 2)), np.zeros((5, 2))), np.empty((5, 2))
