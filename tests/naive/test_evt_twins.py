@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spikingtac.events.formats import es_kernels
 from spikingtac.events.formats.evt import evt2, evt3, evt21, salvage
 from spikingtac.events.formats.evt.clock import new_state
-from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
+from spikingtac.events.formats.evt.decoder import Columns, WordDecoder, read_only
 from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
 from spikingtac.events.formats.evt.encode.evt21 import Evt21Encoder
@@ -119,9 +119,10 @@ def test_kernels_equal_their_python_source(encoder, decoder, twin) -> None:
     results = []
     for kernel in (module.decode_kernel, module.decode_kernel.py_func):
         state = new_state(SIZE)
-        out = [column.copy() * 0 for column in Columns.empty(len(words) * 32, len(words))]
-        halves = words.view("<u4").reshape(-1, 2) if decoder is Evt21Decoder else None
-        source = (words,) if halves is None else (halves[:, 1], halves[:, 0])
+        out = [np.zeros_like(column) for column in Columns.empty(len(words) * 32, len(words))]
+        source = (read_only(words),)
+        if decoder is Evt21Decoder:
+            source = (read_only(words.view("<u4").reshape(-1, 2)), 1)
         with np.errstate(over="ignore"):
             results.append(
                 (kernel(*source, *out, state), state.tolist(), [a.tolist() for a in out])

@@ -158,5 +158,26 @@ def moving_circle_kernel(
             break
         for a in range(6):
             normal[a, a] += damping[a] * len(points) + 1e-9
-        fit += np.linalg.solve(normal, right)
+        _solve_kernel(normal, right)
+        for a in range(6):
+            fit[a] += right[a]
     return fit, residual
+
+
+@njit(cache=True)
+def _solve_kernel(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> None:
+    """Solve for a positive definite matrix, in place, by elimination; ``right`` is the solution.
+
+    (``np.linalg.solve`` gives the same, and takes seconds to compile.)
+    """
+    size = len(right)
+    for a in range(size):
+        for b in range(a + 1, size):
+            factor = matrix[b, a] / matrix[a, a]
+            right[b] -= factor * right[a]
+            for c in range(a + 1, size):
+                matrix[b, c] -= factor * matrix[a, c]
+    for a in range(size - 1, -1, -1):
+        for b in range(a + 1, size):
+            right[a] -= matrix[a, b] * right[b]
+        right[a] /= matrix[a, a]

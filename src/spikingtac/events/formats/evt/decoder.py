@@ -54,6 +54,17 @@ class TimeWords(NamedTuple):
         return TimeWords(self.position[:count], self.value[:count], self.wrapped[:count])
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that is not to be written.
+
+    Bytes of a file are such, bytes put together are not: a kernel that takes both is compiled
+    twice, the second time within a stream.
+    """
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 class WordDecoder:
     """A word format's decoder: one kernel for sound words, and what salvage needs to know.
 

@@ -30,7 +30,7 @@ from spikingtac.events.formats.evt.clock import (
     time_high_kernel,
     time_low_kernel,
 )
-from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder
+from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder, read_only
 
 EVENT_OFF, EVENT_ON, TIME_HIGH, TRIGGER = 0x0, 0x1, 0x8, 0xA
 IMU, OTHERS, CONTINUED = 0xD, 0xE, 0xF
@@ -57,12 +57,12 @@ class Evt2Decoder(WordDecoder):
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        return decode_kernel(words, *out, self.state)
+        return decode_kernel(read_only(words), *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 3, 0), np.uint8)
-        suspects_kernel(data, self.expected_high(data), out, self.state)
+        suspects_kernel(read_only(data), self.expected_high(data), out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:

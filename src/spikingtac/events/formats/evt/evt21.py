@@ -24,7 +24,7 @@ from spikingtac.events.formats.evt.clock import (
     time_high_kernel,
     time_low_kernel,
 )
-from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder
+from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder, read_only
 from spikingtac.events.formats.evt.evt2 import (
     EVENT_ON,
     PADDING,
@@ -67,38 +67,34 @@ class Evt21Decoder(WordDecoder):
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        heads, masks = self._halves(words)
-        return decode_kernel(heads, masks, *out, self.state)
+        return decode_kernel(read_only(self._halves(words)), self._head, *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 7, 0), np.uint8)
         little = self._half.str[0] == "<"
         high = self.expected_high(data)
-        suspects_kernel(data, 4 * self._head, little, high, out, self.state)
+        suspects_kernel(read_only(data), 4 * self._head, little, high, out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
         """Return the upper times."""
         out = TimeWords.empty(len(words))
-        return out.first(time_words_kernel(self._halves(words)[0], *out))
+        return out.first(time_words_kernel(self._halves(words)[:, self._head], *out))
 
     def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
         """Write mended upper times back into the words."""
         halves = words.view(self._half).reshape(-1, 2)
         halves[times.position, self._head] = (TIME_HIGH << 28) | times.value
 
-    def _halves(self, words: NDArray[Any]) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        halves = words.view(self._half).reshape(-1, 2)
-        if self._half.str[0] == ">":
-            halves = halves.astype("<u4")
-        return halves[:, self._head], halves[:, 1 - self._head]
+    def _halves(self, words: NDArray[Any]) -> NDArray[np.uint32]:
+        return words.view(self._half).reshape(-1, 2).astype("<u4", copy=False)
 
 
 @njit(cache=True, nogil=True)
 def decode_kernel(
-    heads: NDArray[np.uint32],
-    masks: NDArray[np.uint32],
+    halves: NDArray[np.uint32],
+    upper: int,
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     p: NDArray[np.bool_],
@@ -106,13 +102,13 @@ def decode_kernel(
     triggers: NDArray[np.int64],
     state: NDArray[np.int64],
 ) -> Any:
-    """Decode words, given as upper and lower halves; return the number of events."""
+    """Decode words, ``(n, 2)`` halves, ``upper`` being the upper one's; return the event count."""
     n = 0
-    for i in range(len(heads)):
-        head = np.int64(heads[i])
+    for i in range(len(halves)):
+        head = np.int64(halves[i, upper])
         kind = head >> 28
         if kind <= EVENT_ON:
-            mask = _visible_kernel(head, np.int64(masks[i]), state)
+            mask = _visible_kernel(head, np.int64(halves[i, 1 - upper]), state)
             if not mask:
                 continue
             now = time_low_kernel(state, (head >> 22) & 0x3F)

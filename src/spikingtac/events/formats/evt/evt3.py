@@ -33,7 +33,7 @@ from spikingtac.events.formats.evt.clock import (
     lone_low_kernel,
     time_high_kernel,
 )
-from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder
+from spikingtac.events.formats.evt.decoder import Columns, TimeWords, WordDecoder, read_only
 from spikingtac.events.formats.evt.evt3_salvage import (
     mend_low_kernel,
     suspects_kernel,
@@ -71,12 +71,12 @@ class Evt3Decoder(WordDecoder):
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        return decode_kernel(words, *out, self.state)
+        return decode_kernel(read_only(words), *out, self.state)
 
     def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
         out = np.empty(max(len(data) - 1, 0), np.uint8)
-        suspects_kernel(data, self.expected_high(data), out, self.state)
+        suspects_kernel(read_only(data), self.expected_high(data), out, self.state)
         return out
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:

@@ -65,20 +65,22 @@ def walk(
         recovery_s: Time in which pixels forget light that they lost without an event, s; 0: never.
     """
     shape = (len(states), *events.shape)
-    measured, expected, drawn = np.zeros((3, *shape), np.float32)
+    measured, expected, drawn = kept = np.zeros((3, *shape), np.float32)
+    by_pixel = kept.reshape(3, len(states), shape[1] * shape[2])
     looks = discs.shape, discs.tables
     at_s = 1e-6 * events.times_at(course.index).astype(np.float64)
     recovery = at_s, (1.0 / recovery_s if recovery_s > 0.0 else 0.0)
 
     def walk_rows(rows: slice) -> NDArray[np.float64]:
         near = np.zeros((len(discs.radius_px), 4))
+        pixels = slice(rows.start * events.size[0], rows.stop * events.size[0])
         walk_kernel(
-            (events.code, rows.start * events.size[0]),
+            (events.code, pixels.start, events.size[0]),
             (course.index, course.center_px - [0.0, rows.start], course.stretches, states),
             looks,
             (steps.on[rows].ravel(), steps.off[rows].ravel()),
             recovery,
-            (measured[:, rows], expected[:, rows], drawn[:, rows], near),
+            (by_pixel[:, :, pixels], near),
         )
         near[:, 2:] /= PHASES
         return near
@@ -178,22 +180,23 @@ def sum_events_kernel(
 
 @njit(cache=True, nogil=True)
 def walk_kernel(
-    real: tuple[NDArray[np.uint32], int],
+    real: tuple[NDArray[np.uint32], int, int],
     course: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     discs: tuple[NDArray[np.float64], NDArray[np.float32]],
     steps: tuple[NDArray[np.float32], NDArray[np.float32]],
     recovery: tuple[NDArray[np.float64], float],
-    out: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]],
+    out: tuple[NDArray[np.float32], NDArray[np.float64]],
 ) -> None:
     """Walk along the samples; fill some rows of a :class:`Walk`.
 
-    ``real`` is the codes of all events, and the number of the first pixel of these rows;
-    ``recovery`` is the time of each sample, s, and the rate at which pixels recover, 1/s.
+    ``real`` is the codes of all events, the number of the first pixel of these rows, and their
+    width; ``recovery`` is the time of each sample, s, and the rate at which pixels recover, 1/s;
+    ``out`` is the measured, expected and drawn levels, ``(3, states, pixels)``, and the events.
     """
-    (code, first), (at_s, per_s), (measured, expected, drawn, events) = real, recovery, out
+    (code, first, width), (at_s, per_s), (levels, events) = real, recovery, out
+    shape = (levels.shape[2] // width, width)
     index, places, stretches, states = course
-    image = np.zeros(measured.shape[1:], np.float32)
-    owner = np.full(image.shape, -1, np.int32)
+    image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
     now, whose = image.ravel(), owner.ravel()
     before, total = np.zeros(len(now), np.float32), np.zeros(len(now), np.float32)
     copies = np.empty((len(now), PHASES), np.float32), np.zeros(len(now), np.float32)
@@ -212,8 +215,9 @@ def walk_kernel(
         for some in (former[:formers], touched[:count]):  # what may be ground now, then the discs
             follow_levels_kernel((some, last_owner), (now, before), copies, steps, events, clock)
         if kept < len(states) and states[kept] == sample:
-            measured[kept], drawn[kept] = total.reshape(image.shape), image
-            expected[kept] = copies[1].reshape(image.shape)
+            for q in range(len(now)):
+                levels[0, kept, q], levels[1, kept, q] = total[q], copies[1][q]
+                levels[2, kept, q] = now[q]
             kept += 1
         former, touched, formers = touched, former, count
         for q in former[:count]:
