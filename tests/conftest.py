@@ -54,10 +54,23 @@ FRAME_SLOTS = 2**17
 half."""
 
 
+WAITING_SHARE = 0.5
+"""Part of all files that the last one of those that wait comes after."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take longest first; each file's tests keep their order."""
+    """Put the files that take longest first, and spread those that wait among them.
+
+    Each file's tests keep their order. Where two files wait at once, a core does nothing.
+    """
     folders = [*FOLDERS, *sorted({_folder(item) for item in items}.difference(FOLDERS))]
     items.sort(key=lambda item: folders.index(_folder(item)))
+    waits = {item.path: item.get_closest_marker("waits") is not None for item in items}
+    place: dict[Path, float] = {}
+    for some, end in ((False, 1.0), (True, WAITING_SHARE)):
+        files = [path for path, waiting in waits.items() if waiting == some]
+        place |= {path: end * k / len(files) for k, path in enumerate(files)}
+    items.sort(key=lambda item: place[item.path])
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -13,6 +13,8 @@ from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
 
+pytestmark = pytest.mark.waits
+
 REPEATS_WITHIN_MM = 0.2
 PATIENCE_S = 20.0
 FAR_MM = 800.0

@@ -28,6 +28,8 @@ from spikingtac.experiments.denoise import experiment
 from spikingtac.types import EventPacket
 from stand_ins.dask_cluster import DaskCluster
 
+pytestmark = pytest.mark.waits
+
 WORK = "spikingtac.cli.files.convert:convert_one"
 SETTINGS = {
     "from_us": None,

@@ -14,6 +14,8 @@ from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 
+pytestmark = pytest.mark.waits
+
 CALM = WatchdogConfig(stale_s=2.0, backlog_s=60.0)  # a busy machine is neither
 TOUCH = 300
 """Window at which something happens: 1.5 s after the stream was opened."""

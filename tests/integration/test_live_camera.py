@@ -31,6 +31,8 @@ from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.viewer import record_circling
 
+pytestmark = pytest.mark.waits
+
 COMMAND = Path(sys.executable).with_name("spikingtac")
 SLOWLY = "--rate-hz", "200"
 TOUCH_MS = 400

@@ -25,6 +25,8 @@ from stand_ins.serving import served
 from stand_ins.sliding import GRID, MARKERS, SIZE, packets_of_trips, trip
 from stand_ins.viewer import record_circling
 
+pytestmark = pytest.mark.waits
+
 ARTEFACTS = Path(__file__).resolve().parents[2] / "artefacts"
 PATIENCE_S = 120.0
 RATE_HZ = 200.0

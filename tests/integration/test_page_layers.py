@@ -14,6 +14,8 @@ from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
+pytestmark = pytest.mark.waits
+
 ARTEFACTS = Path(__file__).resolve().parents[2] / "artefacts"
 LAYERS = ("arrows", "heat", "mesh", "discs", "truth")
 SIZES = ((1400, 900), (1920, 1080), (390, 844))

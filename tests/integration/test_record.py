@@ -31,6 +31,8 @@ from spikingtac.live.guard.arrivals import stream_arrivals
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events
 
+pytestmark = pytest.mark.waits
+
 COMMAND = Path(sys.executable).with_name("spikingtac")
 PATIENCE_S = 120.0
 """A cold cache is compiled first."""

@@ -37,6 +37,8 @@ from stand_ins.browser import browser
 from stand_ins.camera_counterparts import SIZE, datagrams
 from stand_ins.viewer import CirclingDots, open_circling
 
+pytestmark = pytest.mark.waits
+
 COMMAND = Path(sys.executable).with_name("spikingtac")
 LATER_US = 7_000_000
 """The second sensor's clock is ahead of the first one's by so much."""

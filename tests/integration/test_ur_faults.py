@@ -14,6 +14,8 @@ from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, Watchdog
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
 
+pytestmark = pytest.mark.waits
+
 SLACK_S = float(os.environ.get("SPIKINGTAC_SLACK_S", "5"))
 """What a loaded machine may add to a stated time; 0.3 holds on an idle one."""
 FAR_MM = 800.0

@@ -24,6 +24,8 @@ from spikingtac.viewer.web.page_feed import MOST_PAGES, UNACKNOWLEDGED
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, open_nothing
 
+pytestmark = pytest.mark.waits
+
 WATCHED_S = 0.7
 ROUNDS = 3
 PATIENCE_S = 60.0

@@ -16,6 +16,8 @@ from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
+pytestmark = pytest.mark.waits
+
 PROJECT = Path(__file__).resolve().parents[2]
 ARTEFACTS = PROJECT / "artefacts"
 WATCHED_FRAMES = 50

@@ -8,6 +8,8 @@ import pytest
 
 from spikingtac.batch.worker_pool import cpu_count, worker_pool
 
+pytestmark = pytest.mark.waits
+
 ORPHANAGE = """
 import os, sys, time
 from spikingtac.batch.worker_pool import worker_pool

@@ -15,6 +15,8 @@ from spikingtac.events.address import Address
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import aestream_datagrams, datagrams, events
 
+pytestmark = pytest.mark.waits
+
 SENT = events(20_000)
 
 

@@ -26,6 +26,8 @@ from spikingtac.viewer.web.server import make_app
 from spikingtac.viewer.web.show import PageOptions, show
 from stand_ins.viewer import open_circling
 
+pytestmark = pytest.mark.waits
+
 LOCAL = "http://127.0.0.1:8765"
 PATIENCE_S = 60.0
 
