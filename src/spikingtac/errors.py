@@ -7,6 +7,7 @@ The command line maps them to exit codes: 1 the input is at fault, 2 the argumen
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
@@ -89,3 +90,19 @@ def named(table: Mapping[str, T], name: str, kind: str) -> T:
             f"unknown {kind} {name!r}{nearest(name, table)} (valid: {', '.join(table)})"
         )
     return table[name]
+
+
+def require(given: object, kind: type, way: str) -> None:
+    """Refuse what is not of a kind.
+
+    Args:
+        given: What was passed, such as the name or the path of what is expected.
+        kind: What is expected.
+        way: How to get it, for the error.
+
+    Raises:
+        ConfigError: It is something else.
+    """
+    if not isinstance(given, kind):
+        text = repr(given) if isinstance(given, str | os.PathLike) else type(given).__name__
+        raise ConfigError(f"expected a {kind.__name__}, given {text}; make one: spikingtac.{way}")

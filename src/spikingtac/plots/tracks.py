@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import ConfigError, named
+from spikingtac.errors import ConfigError, named, require
 from spikingtac.plots.field_view import draw_values, keep_in_view, pitch_px, view_px
 from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.plots.theme import (
@@ -25,6 +25,7 @@ from spikingtac.plots.theme import (
 )
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.tracks import Tracks
+from spikingtac.tracks.comparison import LOADED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,8 +84,10 @@ def plot_tracks(
         width: ``single`` or ``double`` column.
 
     Raises:
-        ConfigError: A name is unknown, the time is not in the tracks, or there is nothing to draw.
+        ConfigError: A name is unknown, the time is not in the tracks, there is nothing to draw, or
+            no tracks are given, but a path.
     """
+    require(tracks, Tracks, LOADED)
     draw = named(_KINDS, kind, "kind of plot")
     require_estimates(tracks)
     height = COURSE_HEIGHT if kind == "course" else FIELD_HEIGHT

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, require
 from spikingtac.tracks.tracks import Tracks
+
+LOADED = "Tracks.load('tracks.npz')"
+"""How tracks are made, for errors."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,10 @@ def compare_tracks(one: Tracks, other: Tracks) -> Comparison:
     Those of the other are interpolated linearly between its times.
 
     Raises:
-        ConfigError: They have other numbers of markers, or no time in common.
+        ConfigError: They have other numbers of markers, or no time in common, or are no tracks.
     """
+    for tracks in (one, other):
+        require(tracks, Tracks, LOADED)
     return _compared(one, one.position_px, other.t_us, other.position_px)
 
 
@@ -82,8 +87,9 @@ def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any
         position_px: ``(k, m, 2)`` the positions, px.
 
     Raises:
-        ConfigError: They have other numbers of markers, or no time in common.
+        ConfigError: They have other numbers of markers, or no time in common, or are no tracks.
     """
+    require(one, Tracks, LOADED)
     return replace(_compared(one, one.detected_px, t_us, position_px), truth=True)
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import whole_folder
-from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.errors import ConfigError, RecordingError, require
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.events.recording import Recording, RecordingWriter
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.scene import LOADED, Scene
 from spikingtac.sim.scene.source import SceneSource
 
 SOURCE = "twin"
@@ -46,13 +46,10 @@ def simulate(
         Folder, duration, numbers of events and markers, and the digest of the scene.
 
     Raises:
-        ConfigError: The seed or the duration is out of range, or the folder holds other files.
+        ConfigError: No scene, a seed or duration out of range, or a folder with other files.
         RecordingError: The folder cannot be written.
     """
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}, it must not be negative")
-    if duration_s is not None and not 0 < duration_s < math.inf:
-        raise ConfigError(f"duration_s is {duration_s}, it must be positive and finite")
+    _require_sound(scene, seed, duration_s)
     target = _prepared(Path(folder), overwrite)
     source = SceneSource(scene, seed, duration_s)
     events = 0
@@ -99,6 +96,14 @@ def description(source: SceneSource, events: int) -> dict[str, Any]:
         "scene": scene.resolved(),
         "scene_sha256": scene.digest(),
     }
+
+
+def _require_sound(scene: Scene, seed: int, duration_s: float | None) -> None:
+    require(scene, Scene, LOADED)
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}, it must not be negative")
+    if duration_s is not None and not 0 < duration_s < math.inf:
+        raise ConfigError(f"duration_s is {duration_s}, it must be positive and finite")
 
 
 def _prepared(folder: Path, overwrite: bool) -> Path:

@@ -64,6 +64,8 @@ class SkinConfig:
         )
 
 
+LOADED = "load_scene('demo')"
+"""How a scene is made, for errors."""
 _STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
 """Slow markers need no finer steps than those of the gel.
 

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.errors import require
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.gel.gel import Gel
 from spikingtac.sim.optics.projection import Optics
 from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.scene.prefetch import prefetch
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim.scene.scene import LOADED, Scene
 from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
 from spikingtac.sim.scene.truth import TruthChunk, image_radius_px
 from spikingtac.types import EventPacket, LossCounters
@@ -72,6 +73,9 @@ class SceneSource:
         reference_px: ``(m, 2)`` markers at rest, px.
         radius_px: ``(m,)`` radii on the image at rest, px.
 
+    Raises:
+        ConfigError: No scene is given, but something else, as a scene's name.
+
     Example:
         >>> from spikingtac.sim.scene import catalog
         >>> source = SceneSource(catalog.load("quiet"), seed=1, duration_s=0.01)
@@ -80,6 +84,7 @@ class SceneSource:
     """
 
     def __init__(self, scene: Scene, seed: int = 0, duration_s: float | None = None) -> None:
+        require(scene, Scene, LOADED)
         self.scene, self.seed = scene, seed
         self.size = scene.size
         self._timeline = Timeline(scene, seed, duration_s)

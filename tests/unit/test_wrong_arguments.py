@@ -1,0 +1,42 @@
+"""Who passes a name or a path where the thing itself is expected is told how to make it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import spikingtac as st
+from stand_ins.small_twin import calibration
+from stand_ins.tracks import circling_tracks
+
+CONFIG = st.load_config("fast")
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (
+            lambda: st.make_tracker("fast", calibration()),  # type: ignore[arg-type]
+            r"a TrackingConfig, given 'fast'; make one: spikingtac\.load_config\(.*\)\.tracking",
+        ),
+        (lambda: st.make_tracker(CONFIG, calibration()), r"a TrackingConfig, given Config;"),
+        (
+            lambda: st.make_tracker(CONFIG.tracking, Path("a.json")),
+            r"a Calibration, given PosixPath\('a\.json'\); make one: spikingtac\.Calibration\.load",
+        ),
+        (lambda: st.simulate("demo", "out"), r"a Scene, given 'demo'; .*load_scene\('demo'\)"),
+        (lambda: st.plot_tracks("a.npz"), r"a Tracks, given 'a\.npz'; .*Tracks\.load"),
+        (lambda: st.compare_tracks(circling_tracks(), "a.npz"), r"a Tracks, given 'a\.npz'"),
+        (lambda: st.compare_with_truth("a.npz", [], []), r"a Tracks, given 'a\.npz'"),
+    ],
+)
+def test_it_is_refused(
+    call: Callable[[], Any], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(st.SpikingTacError, match=told):
+        call()
+    assert list(tmp_path.iterdir()) == []
