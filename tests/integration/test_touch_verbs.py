@@ -11,6 +11,9 @@ import spikingtac as st
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.events.recording import RecordingWriter
+from spikingtac.experiments.touch.slides import draw_slide
+from spikingtac.experiments.touch.slip_scores import GROSS_SHARE, LATE_US
+from spikingtac.experiments.touch.watched_slides import watch_slide
 from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
@@ -62,21 +65,18 @@ def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t_us = np.arange(0, 1_500_000, 2_000, dtype=np.int64)
-    place = REFERENCE[:, :2] - REFERENCE[:, :2].mean(axis=0)
-    near = np.exp(-0.5 * (place**2).sum(axis=1, keepdims=True) / 4.0)
-    press = np.interp(t_us, [0, 300_000, 500_000], [0.0, 0.0, 0.3])[:, None, None] * near * place
-    drag = np.interp(t_us, [0, 700_000, 1_000_000], [0.0, 0.0, 2.0])[:, None, None]
-    moved = press + drag * near**2 * np.array(
-        [1.0, 0.0]
-    )  # a drag under which only the middle moves
+    """A finger is dragged over the twin, at 40 mm/s, until nothing of its contact sticks."""
+    seed = 2
+    watched = watch_slide(draw_slide(np.random.default_rng(seed), kinds=("slide",)), seed)
     path, table = tmp_path / "slide.npz", tmp_path / "touches.csv"
-    whole = np.concatenate([moved, 0.0 * moved[..., :1]], axis=2)
-    np.savez(path, t_us=t_us, reference_mm=REFERENCE, displacement_mm=whole)
+    detected_px = watched.reference_px + watched.moved_px
+    np.savez(path, t_us=watched.t_us, reference_px=watched.reference_px, detected_px=detected_px)
     assert main(["touch", str(path), "-o", str(table), "--json"]) == 0
     (touch,) = json.loads(capsys.readouterr().out)["touches"]
     first = touch["slips"][0]
     assert {"incipient_us", "gross_us", "end_us", "lead_us", "least_sticking_share"} == set(first)
+    slipped_us = watched.t_us[np.nan_to_num(watched.share, nan=1.0) < GROSS_SHARE][0]
+    assert abs(first["gross_us"] - slipped_us) <= LATE_US
     with table.open() as file:
         (row,) = csv.DictReader(file)
     assert int(row["slips"]) == len(touch["slips"])

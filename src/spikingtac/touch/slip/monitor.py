@@ -98,7 +98,8 @@ class SlipMonitor:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
-        if self._incipient.update(t_us, stuck.incipient) and self._gross_us is None:
+        part = stuck.incipient if stuck.share < self._config.incipient_share else 0.0
+        if self._incipient.update(t_us, part) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
         if (
             self._gross.update(t_us, self._gross_evidence(1.0 - stuck.share))

@@ -30,10 +30,12 @@ class AlarmConfig:
 class SlipConfig:
     """When slip is reported.
 
-    Set on 150 drawn contacts and 24 carried bodies that the law was not fitted to.
+    Set on 400 drawn contacts and 60 carried bodies that the law was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
+        incipient_share: Sticking share from which on no such alarm is given: the first moments of
+            a motion look like a slip, but not like one of much.
         gross: Alarm of a contact of which all slips, on the share that slips.
         stopped_probability: The same where the field has stopped following the body: friction
             carries no more. A body that stops or turns back has that in common with one that slips,
@@ -48,7 +50,8 @@ class SlipConfig:
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.93, hold_us=4_000)
+    incipient: AlarmConfig = AlarmConfig(probability=0.9, hold_us=4_000)
+    incipient_share: float = 0.7
     gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     stopped_probability: float = 0.75
     slow_probability: float = 0.65
@@ -57,7 +60,13 @@ class SlipConfig:
     settle_us: int = 20_000
 
     def __post_init__(self) -> None:
-        for name in ("stopped_probability", "slow_probability", "slow_share", "stopped_share"):
+        for name in (
+            "incipient_share",
+            "stopped_probability",
+            "slow_probability",
+            "slow_share",
+            "stopped_share",
+        ):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise ValueError(f"{name} is {getattr(self, name)}, valid is between 0 and 1")
         if self.settle_us < 0:
