@@ -78,9 +78,9 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
     """Run the tests above one large frame.
 
     CPython keeps the frames of calls in pieces of 16 KiB, and asks the system for the next piece at
-    every call that does not fit into the last one, and gives it back when that call returns. A loop
-    at such a depth took a sixth of the suite's time. A large frame comes with a large piece, which
-    all calls from within it share.
+    every call that does not fit into the last one, and gives it back when that call returns. Loops
+    at such a depth took a sixth of the time in which kernels are compiled. A large frame comes with
+    a large piece, which all calls from within it share.
     """
     if _running:
         return None

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from spikingtac.baselines.arc_kernels import NEVER, moving_circle_kernel, normal_flow_kernel
+from spikingtac.baselines.arc_kernels import (
+    NEVER,
+    moving_circle_kernel,
+    normal_flow_kernel,
+    solve_kernel,
+)
 from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
 from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
 from spikingtac.baselines.evetac import neighbours
@@ -101,6 +106,16 @@ def test_normal_flow_needs_enough_neighbours_and_leaves_outliers_out() -> None:
     ramp[1, 1] += 9_000
     normal_flow_kernel(ramp, 0, 2, 3_500.0, 0.6, flow)
     assert flow[:, 2, 2] == pytest.approx([0.001, 0.0], abs=1e-4)
+
+
+@pytest.mark.parametrize("size", [1, 6])
+def test_linear_equations_are_solved(size: int) -> None:
+    rng = np.random.default_rng(size)
+    factor, right = rng.normal(size=(size, size)), rng.normal(size=size)
+    matrix = factor @ factor.T + 0.1 * np.eye(size)
+    found = right.copy()
+    solve_kernel(matrix.copy(), found)
+    np.testing.assert_allclose(found, np.linalg.solve(matrix, right), rtol=1e-9)
 
 
 def test_moving_circle_is_recovered() -> None:

@@ -9,7 +9,7 @@ from spikingtac.touch.field.lost_markers import repair_kernel
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.touches.backlash import STRING_PX, Backlash
-from spikingtac.touch.touches.spread import spread_kernel
+from spikingtac.touch.touches.spread import select_kernel, spread_kernel
 
 Array = np.ndarray
 
@@ -39,6 +39,14 @@ def test_spreads_are_those_of_sorted_distances(markers: int, share: float) -> No
     assert largest == pytest.approx(np.hypot(*away.T).max(), rel=1e-14)
     assert spread == pytest.approx(distance[int(share * markers)], rel=1e-14)
     np.testing.assert_array_equal(away, kept)
+
+
+@pytest.mark.parametrize("different", [1, 3, 1_000])
+@pytest.mark.parametrize("count", [1, 2, 9, 40])
+def test_a_rank_is_selected_as_from_sorted_values(count: int, different: int) -> None:
+    values = np.random.default_rng(count).integers(0, different, count).astype(float)
+    for rank in range(count):
+        assert select_kernel(values.copy(), rank) == np.sort(values)[rank]
 
 
 @pytest.mark.parametrize("neighbours", [1, 4, 9])

@@ -158,14 +158,14 @@ def moving_circle_kernel(
             break
         for a in range(6):
             normal[a, a] += damping[a] * len(points) + 1e-9
-        _solve_kernel(normal, right)
+        solve_kernel(normal, right)
         for a in range(6):
             fit[a] += right[a]
     return fit, residual
 
 
 @njit(cache=True)
-def _solve_kernel(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> None:
+def solve_kernel(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> None:
     """Solve for a positive definite matrix, in place, by elimination; ``right`` is the solution.
 
     (``np.linalg.solve`` gives the same, and takes seconds to compile.)

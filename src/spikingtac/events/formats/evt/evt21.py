@@ -102,7 +102,7 @@ def decode_kernel(
     triggers: NDArray[np.int64],
     state: NDArray[np.int64],
 ) -> Any:
-    """Decode words, ``(n, 2)`` halves, ``upper`` being the upper one's; return the event count."""
+    """Decode words, ``(n, 2)`` halves, the upper in column ``upper``; return the event count."""
     n = 0
     for i in range(len(halves)):
         head = np.int64(halves[i, upper])
