@@ -92,7 +92,7 @@ def named(table: Mapping[str, T], name: str, kind: str) -> T:
     return table[name]
 
 
-def require(given: object, kind: type, way: str) -> None:
+def require_type(given: object, kind: type, way: str) -> None:
     """Refuse what is not of a kind.
 
     Args:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.field.lost_markers import repair_kernel
+from spikingtac.touch.field.selection import select_kernel
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.touches.backlash import STRING_PX, Backlash
-from spikingtac.touch.touches.spread import select_kernel, spread_kernel
+from spikingtac.touch.touches.spread import spread_kernel
 
 Array = np.ndarray
 

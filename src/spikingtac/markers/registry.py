@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.registry import make_denoiser
-from spikingtac.errors import named, require
+from spikingtac.errors import named, require_type
 from spikingtac.markers.anchored_law import AnchoredLaw
 from spikingtac.markers.graded.bands.band_locator import BandLocator, band_maintenance, banded
 from spikingtac.markers.graded.centroid.centroid_locator import CentroidLocator
@@ -73,8 +73,8 @@ def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTrac
         ConfigError: The method, the denoiser or the law is unknown, or an argument is something
             else, as a name or a path.
     """
-    require(config, TrackingConfig, "load_config('default').tracking")
-    require(calibration, Calibration, "Calibration.load('calibration.json')")
+    require_type(config, TrackingConfig, "load_config('default').tracking")
+    require_type(calibration, Calibration, "Calibration.load('calibration.json')")
     build = named(trackers(), config.method, "tracking method")
     return build(config, calibration, make_law(config))
 

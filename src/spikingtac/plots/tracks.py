@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
-from spikingtac.errors import ConfigError, named, require
+from spikingtac.errors import ConfigError, named, require_type
 from spikingtac.plots.field_view import draw_values, keep_in_view, pitch_px, view_px
 from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.plots.theme import (
@@ -87,7 +87,7 @@ def plot_tracks(
         ConfigError: A name is unknown, the time is not in the tracks, there is nothing to draw, or
             no tracks are given, but a path.
     """
-    require(tracks, Tracks, LOADED)
+    require_type(tracks, Tracks, LOADED)
     draw = named(_KINDS, kind, "kind of plot")
     require_estimates(tracks)
     height = COURSE_HEIGHT if kind == "course" else FIELD_HEIGHT

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, require
+from spikingtac.errors import ConfigError, require_type
 from spikingtac.tracks.tracks import Tracks
 
 LOADED = "Tracks.load('tracks.npz')"
@@ -74,7 +74,7 @@ def compare_tracks(one: Tracks, other: Tracks) -> Comparison:
         ConfigError: They have other numbers of markers, or no time in common, or are no tracks.
     """
     for tracks in (one, other):
-        require(tracks, Tracks, LOADED)
+        require_type(tracks, Tracks, LOADED)
     return _compared(one, one.position_px, other.t_us, other.position_px)
 
 
@@ -89,7 +89,7 @@ def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any
     Raises:
         ConfigError: They have other numbers of markers, or no time in common, or are no tracks.
     """
-    require(one, Tracks, LOADED)
+    require_type(one, Tracks, LOADED)
     return replace(_compared(one, one.detected_px, t_us, position_px), truth=True)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import whole_folder
-from spikingtac.errors import ConfigError, RecordingError, require
+from spikingtac.errors import ConfigError, RecordingError, require_type
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.events.recording import Recording, RecordingWriter
 from spikingtac.sim.scene.scene import LOADED, Scene
@@ -99,7 +99,7 @@ def description(source: SceneSource, events: int) -> dict[str, Any]:
 
 
 def _require_sound(scene: Scene, seed: int, duration_s: float | None) -> None:
-    require(scene, Scene, LOADED)
+    require_type(scene, Scene, LOADED)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, it must not be negative")
     if duration_s is not None and not 0 < duration_s < math.inf:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import require
+from spikingtac.errors import require_type
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.gel.gel import Gel
 from spikingtac.sim.optics.projection import Optics
@@ -84,7 +84,7 @@ class SceneSource:
     """
 
     def __init__(self, scene: Scene, seed: int = 0, duration_s: float | None = None) -> None:
-        require(scene, Scene, LOADED)
+        require_type(scene, Scene, LOADED)
         self.scene, self.seed = scene, seed
         self.size = scene.size
         self._timeline = Timeline(scene, seed, duration_s)

@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.touch.field.selection import select_kernel
+
 Field = NDArray[np.float64]
 
 NEIGHBOURS = 9
@@ -84,29 +86,17 @@ def deviation_kernel(
         least: Deviation that is always believed.
         off: ``(m,)`` overwritten.
     """
-    values = np.empty(len(near))
+    values, middle = np.empty(len(near)), len(near) // 2
     for marker in range(len(off)):
         off[marker] = 0.0
         for axis in range(2):
             for k in range(len(near)):
                 values[k] = displacement[near[k, marker], axis]
-            median = _middle_kernel(values)
+            median = select_kernel(values, middle)
             for k in range(len(near)):
                 values[k] = abs(displacement[near[k, marker], axis] - median)
-            believed = factor * _middle_kernel(values) + least
+            believed = factor * select_kernel(values, middle) + least
             off[marker] = max(off[marker], abs(displacement[marker, axis] - median) / believed)
-
-
-@njit(cache=True, nogil=True)
-def _middle_kernel(values: Field) -> float:
-    """Sort a few values by insertion and return the middle (the upper one of an even number)."""
-    for k in range(1, len(values)):
-        value, place = values[k], k
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    return values[len(values) // 2]
 
 
 @njit(cache=True, nogil=True)
@@ -121,11 +111,11 @@ def repair_kernel(
         lost: ``(m,)``.
         out: ``(m, 2)`` rows of lost markers overwritten.
     """
-    values = np.empty(len(near))
+    values, middle = np.empty(len(near)), len(near) // 2
     for marker in range(len(lost)):
         if not lost[marker]:
             continue
         for axis in range(displacement.shape[1]):
             for k in range(len(near)):
                 values[k] = displacement[near[k, marker], axis]
-            out[marker, axis] = _middle_kernel(values)
+            out[marker, axis] = select_kernel(values, middle)

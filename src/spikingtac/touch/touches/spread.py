@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.touch.field.selection import select_kernel
+
 Field = NDArray[np.float64]
 
 
@@ -29,31 +31,3 @@ def spread_kernel(away: Field, share: float) -> tuple[float, float]:
         largest = max(largest, away[marker, 0] ** 2 + away[marker, 1] ** 2)
         distance[marker] = (away[marker, 0] - x) ** 2 + (away[marker, 1] - y) ** 2
     return np.sqrt(largest), np.sqrt(select_kernel(distance, int(share * markers)))
-
-
-@njit(cache=True, nogil=True)
-def select_kernel(values: Field, rank: int) -> float:
-    """Return the value of a rank, 0 for the smallest, by Hoare's selection.
-
-    The values are reordered; doi 10.1145/366622.366647. (``np.partition`` gives the same, and takes
-    seconds to compile.)
-    """
-    first, last = 0, len(values) - 1
-    while first < last:
-        pivot, i, j = values[(first + last) // 2], first, last
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if rank <= j:
-            last = j
-        elif rank >= i:
-            first = i
-        else:
-            break
-    return values[rank]
