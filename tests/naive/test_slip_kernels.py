@@ -12,6 +12,7 @@ from spikingtac.touch.slip.field_summary import LEAST_ARM, LEAST_SQUARE, SIZE, W
 
 Array = np.ndarray
 PITCH = 37.0
+SPANS_S = np.array(slip.SPANS_US) / 1e6
 
 
 def grid(rows: int = 8, columns: int = 8) -> Array:
@@ -115,19 +116,17 @@ def test_a_field_is_summarised_as_its_sums_say(shape: tuple[int, int], scale: fl
 @pytest.mark.parametrize("seed", range(5))
 def test_features_are_the_ratios_that_they_are_said_to_be(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    now, before = rng.normal(size=SIZE), rng.normal(size=(3, SIZE)) * (0.1 + seed)
-    spans = np.array([0.01, 0.04, 0.16])
-    expected = features(now, before, spans)
+    now = rng.normal(size=SIZE)
+    before = rng.normal(size=(len(SPANS_S), SIZE)) * (0.1 + seed)
+    expected = features(now, before, SPANS_S)
     assert len(expected) == slip.FEATURES
-    np.testing.assert_allclose(slip.slip_features(now, before, spans), expected, rtol=1e-10)
+    np.testing.assert_allclose(slip.slip_features(now, before, SPANS_S), expected, rtol=1e-10)
 
 
 def test_a_field_at_rest_has_features() -> None:
-    nothing = np.zeros(SIZE)
-    found = slip.slip_features(nothing, np.zeros((3, SIZE)), np.array([0.01, 0.04, 0.16]))
-    np.testing.assert_allclose(
-        found, features(nothing, np.zeros((3, SIZE)), np.array([0.01, 0.04, 0.16]))
-    )
+    nothing, before = np.zeros(SIZE), np.zeros((len(SPANS_S), SIZE))
+    found = slip.slip_features(nothing, before, SPANS_S)
+    np.testing.assert_allclose(found, features(nothing, before, SPANS_S))
     assert np.isfinite(found).all()
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spikingtac.experiments.touch.bodies import TAUGHT, Body
 from spikingtac.sim.gel.contact import FrictionConfig
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig
@@ -61,37 +62,12 @@ CARRY_REST_S = (0.1, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """A body and the range of its size and depth.
-
-    Attributes:
-        kind: Name of the indenter.
-        radius_mm: Range of its radius, mm; None where its size is fixed.
-        depth_mm: Range of the depth, mm.
-    """
-
-    kind: str
-    radius_mm: tuple[float, float] | None
-    depth_mm: tuple[float, float]
-
-
-TAUGHT = (
-    Body("ball", (3.0, 8.0), (0.4, 0.9)),
-    Body("punch", (2.0, 4.5), (0.2, 0.45)),
-    Body("finger", (6.0, 8.0), (1.2, 2.2)),
-)
-"""Bodies that a law is fitted to."""
-TESTED = (*TAUGHT, Body("spoon", None, (0.4, 0.8)))
-"""Bodies that it is tested on: the spoon was never seen."""
-
-
-@dataclass(frozen=True, slots=True)
 class Slide:
     """One drawn contact.
 
     Attributes:
         kind: What the body does, of :data:`KINDS`.
-        body: Its kind.
+        body: Its name.
         friction: Coefficient of friction.
         speed_mm_s: Peak speed of the drag, mm/s (of a twist: at the rim of 3 mm).
         scene: The scene.
@@ -130,28 +106,27 @@ def draw_slide(
     lift = SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S)
     middle = _DRAWN[kind](motion)
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
-    settings = {} if body.radius_mm is None else _radius(body, float(rng.uniform(*body.radius_mm)))
+    settings = body.sizes(rng)
+    yaw_deg = float(rng.uniform(0.0, 180.0)) if body.turned else 0.0
     contact = ContactConfig(
         indenter=IndenterConfig(kind=body.kind, settings=settings),
         motion=MotionConfig(
-            x_mm=float(x), y_mm=float(y), height_mm=0.2, segments=(press, wait, *middle, hold, lift)
+            x_mm=float(x),
+            y_mm=float(y),
+            yaw_deg=yaw_deg,
+            height_mm=0.2,
+            segments=(press, wait, *middle, hold, lift),
         ),
     )
     scene = Scene(
-        about=f"{kind} of a {body.kind}",
+        about=f"{kind} of a {body.name}",
         lead_in_s=0.15,
         lead_out_s=0.1,
         mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind == "twist" else 250.0,
         gel=GelConfig(friction=FrictionConfig(static=friction)),
         contacts=(contact,),
     )
-    return Slide(kind, body.kind, friction, motion.speed, scene)
-
-
-def _radius(body: Body, radius_mm: float) -> dict[str, float]:
-    if body.kind == "punch":
-        return {"radius_mm": radius_mm}
-    return {"radius_x_mm": radius_mm, "radius_y_mm": radius_mm}
+    return Slide(kind, body.name, friction, motion.speed, scene)
 
 
 class _Motion:

@@ -39,7 +39,8 @@ METRICS = (
     Metric("gross_in_time", "1", "share of the gross slips noticed until 10 ms after they begin"),
     Metric("gross_delay_ms", "ms", "delay of those noticed at all; negative is early"),
     Metric("lead_20ms", "1", "share of the slides below 20 mm/s told 20 ms before gross slip"),
-    Metric("false_incipient", "alarms", "incipient slips told of contacts that stick", "sum"),
+    Metric("false_incipient", "alarms", "incipient slips told while 85 % and more stick", "sum"),
+    Metric("false_incipient_sticking", "alarms", "of these, told while 90 % and more stick", "sum"),
     Metric("false_gross", "alarms", "gross slips told while 30 % and more stick", "sum"),
     Metric("false_gross_sticking", "alarms", "of these, told while 90 % and more stick", "sum"),
     Metric("sticking_s", "s", "time in which contacts stuck", "sum"),
@@ -68,10 +69,12 @@ def slip_scores(truth: Truth, incipient: Sequence[int], gross: Sequence[int]) ->
     stuck = np.where(np.isfinite(truth.share), truth.share, 1.0)
     sticks = truth.judged & (stuck > STICKING_SHARE)
     frame_s = float(np.median(np.diff(truth.t_us))) / US_PER_S
+    early, late = (incipient, AFTER_INCIPIENT_US), (gross, AFTER_GROSS_US)
     scores = {
-        "false_incipient": _false(truth, stuck, incipient, AFTER_INCIPIENT_US, STICKS_SHARE),
-        "false_gross": _false(truth, stuck, gross, AFTER_GROSS_US, FALSE_GROSS_SHARE),
-        "false_gross_sticking": _false(truth, stuck, gross, AFTER_GROSS_US, STICKING_SHARE),
+        "false_incipient": _false(truth, stuck, *early, STICKS_SHARE),
+        "false_incipient_sticking": _false(truth, stuck, *early, STICKING_SHARE),
+        "false_gross": _false(truth, stuck, *late, FALSE_GROSS_SHARE),
+        "false_gross_sticking": _false(truth, stuck, *late, STICKING_SHARE),
         "sticking_s": float(sticks.sum()) * frame_s,
     }
     slipped = np.flatnonzero(truth.judged & (stuck < GROSS_SHARE))

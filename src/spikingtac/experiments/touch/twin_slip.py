@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.experiments.touch.slides import CARRY, HOLD, LIFT_S, TESTED, Slide, draw_slide
+from spikingtac.experiments.touch.bodies import TESTED
+from spikingtac.experiments.touch.slides import CARRY, HOLD, LIFT_S, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import METRICS as METRICS
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
@@ -35,7 +36,13 @@ STOP_SPAN = 20
 LEAST_GROWTH_PX = 0.1
 """Growth of the mean shift in that time above which the skin moves, px (ours: five times its
 error)."""
-FALSE_ALARMS = ("false_incipient", "false_gross", "false_gross_sticking", "sticking_s")
+FALSE_ALARMS = (
+    "false_incipient",
+    "false_incipient_sticking",
+    "false_gross",
+    "false_gross_sticking",
+    "sticking_s",
+)
 """Scores of a contact that is held."""
 NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll")
 """Kinds in which a body does not slide as a whole for long; only false alarms count there."""

@@ -43,11 +43,11 @@ class FeatureStream:
         >>> stream.update(0, np.zeros((64, 2))) is None  # nothing is known of its change
         True
         >>> stream.update(1_000, np.ones((64, 2))).shape
-        (74,)
+        (99,)
 
     Attributes:
         still: Whether the skin stood still over the longest span or, more strictly, the middle one.
-        slowing: Logarithm of the field's speed over the shortest span by that over the longest.
+        slowing: Logarithm of the field's speed over 10 ms by that over the longest span.
         speed: That over the longest, as a share of the usual speed.
     """
 
@@ -96,7 +96,7 @@ class FeatureStream:
         features = np.empty(FEATURES)
         features[:SUMMARY_FEATURES] = slip_features(now, self._before, self._spans)
         self._own_motion(now, slot, features[SUMMARY_FEATURES:])
-        short, middle, long = (float(features[place]) for place in SPEEDS)
+        _, short, middle, long = (float(features[place]) for place in SPEEDS)
         paused = middle < log(PAUSED + LEAST_SPEED)
         self.still = paused or change < len(WIDTHS) * STILL**2
         self.slowing, self.speed = short - long, exp(long) - LEAST_SPEED

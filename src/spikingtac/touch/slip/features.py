@@ -1,4 +1,4 @@
-"""What a stick law looks at: the shape of the field, and of its change over three spans of time.
+"""What a stick law looks at: the shape of the field, and of its change over four spans of time.
 
 All features are ratios, so that neither the heading of a drag nor its strength counts. The shape of
 the whole field tells the slip that has been; the shape of its change tells where the skin still
@@ -15,9 +15,9 @@ from spikingtac.touch.slip.field_summary import MIDDLE, WIDTHS
 
 Field = NDArray[np.float64]
 
-SPANS_US = (10_000, 40_000, 160_000)
+SPANS_US = (5_000, 10_000, 40_000, 160_000)
 """Spans over which changes are looked at, us (ours: a fast slide slips within 20 ms, a slow one
-moves by a tenth of a pixel in 40)."""
+moves by a tenth of a pixel in 40; without the shortest, slips are told some 3 ms later)."""
 SCATTER = 0.008
 """Displacement, pitches, at which a field is as strong as the trackers' errors (0.3 of 37 px)."""
 CHANGE_SCATTER = 0.004
@@ -45,8 +45,8 @@ def slip_features(now: Field, before: Field, spans_s: Field) -> Field:
 
     Args:
         now: ``(SIZE,)`` summary of the field.
-        before: ``(3, SIZE)`` summaries of the fields at the beginnings of the spans.
-        spans_s: ``(3,)`` lengths of the spans, s.
+        before: ``(s, SIZE)`` summaries of the fields at the beginnings of the spans.
+        spans_s: ``(s,)`` lengths of the spans, s.
     """
     out = np.empty(FEATURES)
     slip_features_kernel(now, before, spans_s, out)

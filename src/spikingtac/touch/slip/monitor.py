@@ -94,21 +94,22 @@ class SlipMonitor:
         return self._ended(t_us)
 
     def _told(self, t_us: int, stuck: Stuck) -> Slip | None:
-        if self._features.still and self.state is not None:
+        slips = 1.0 - stuck.share
+        surely = slips > self._config.still_probability and not self._gross.on
+        if self._features.still and self.state is not None and not surely:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
-        part = stuck.incipient if stuck.share < self._config.incipient_share else 0.0
+        # The share counts where an alarm begins: one slip would ring at each crossing of it.
+        may_ring = self._incipient.on or stuck.share < self._config.incipient_share
+        part = stuck.incipient if may_ring else 0.0
         if self._incipient.update(t_us, part) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
-        if (
-            self._gross.update(t_us, self._gross_evidence(1.0 - stuck.share))
-            and self._gross_us is None
-        ):
+        if self._gross.update(t_us, self._gross_evidence(slips)) and self._gross_us is None:
             self._gross_us = t_us
         slipping = self._incipient.on or self._gross.on
         phase: Phase = "gross" if self._gross.on else "incipient" if self._incipient.on else "stick"
-        self.state = SlipState(t_us, stuck.share, stuck.incipient, 1.0 - stuck.share, phase)
+        self.state = SlipState(t_us, stuck.share, stuck.incipient, slips, phase)
         if slipping:
             self._least = min(self._least, stuck.share)
             return None

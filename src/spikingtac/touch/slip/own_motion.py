@@ -23,8 +23,8 @@ from spikingtac.touch.slip.field_summary import SIZE, field_summary_kernel
 
 Field = NDArray[np.float64]
 
-SPANS_US = (25_000, 80_000)
-"""Spans over which motions are looked at, us (ours: between those of the changes)."""
+SPANS_US = (10_000, 25_000, 80_000)
+"""Spans over which motions are looked at, us (ours: about those of the changes)."""
 SLIGHT = 0.02
 """Displacement or motion, pitches, at which a centre or a heading is half known (ours)."""
 AWAY_SCALE = 0.5

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.experiments.touch.slides import KINDS, TAUGHT, TESTED, Slide, draw_slide
+from spikingtac.experiments.touch.bodies import ROUND, TAUGHT, TESTED
+from spikingtac.experiments.touch.slides import KINDS, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
 from spikingtac.experiments.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
@@ -65,14 +66,14 @@ def test_every_kind_of_contact_can_be_drawn_again(kind: str) -> None:
 
 
 def test_bodies_that_are_tested_were_not_all_taught() -> None:
-    assert {body.kind for body in TESTED} - {body.kind for body in TAUGHT} == {"spoon"}
+    assert {body.name for body in TESTED} - {body.name for body in TAUGHT} == {"spoon"}
 
 
 @pytest.fixture(scope="module")
 def slid() -> WatchedSlide:
     """A finger that is dragged until it slips, as camera and tracker see it."""
     for seed in range(100):
-        slide = draw_slide(np.random.default_rng(seed), TAUGHT[2:], (0.5,), ("slide",))
+        slide = draw_slide(np.random.default_rng(seed), ROUND[2:], (0.5,), ("slide",))
         if 8.0 < slide.speed_mm_s < 20.0:
             return watch_slide(slide, seed)
     raise AssertionError("no slide of a middle speed was drawn")
