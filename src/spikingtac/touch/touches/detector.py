@@ -11,8 +11,7 @@ This detector tells touches apart and measures them. To stop a robot use
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from spikingtac.touch.field.lost_markers import LostMarkers
 from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.patch import Patch, deformed_patch
+from spikingtac.touch.touches.release import Release
 from spikingtac.touch.touches.spread import spread_kernel
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.touch.touches.touch_config import TouchConfig
@@ -30,10 +30,6 @@ from spikingtac.types import MarkerFrame
 Field = NDArray[np.float64]
 
 
-FLAT_SHARE = 0.1
-"""Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
-STILL_SLACK = 0.02
-"""Share of the peak strength by which a skin that stands still may change (ours)."""
 SPREAD_SHARE = 0.1
 """Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
 SPREAD_FACTOR = 5.0
@@ -47,19 +43,16 @@ class _Open:
     """A touch that is not over yet."""
 
     begin_us: int
+    release: Release
     peak: float = 0.0
     peak_us: int = 0
     peak_px: float = 0.0
     peak_local: Field | None = None
     peak_spread: float = 0.0
-    fell_us: int | None = None
-    still_us: int = 0
-    still_left: float = 1.0
-    falling: deque[tuple[int, float]] = field(default_factory=deque)
 
 
 @dataclass(slots=True)
-class _Release:
+class _Settling:
     """The rest after a touch: what it was before, and how near to it the skin has come."""
 
     t_us: int
@@ -104,7 +97,7 @@ class TouchDetector:
         self._rest_strength = 0.0
         self._first_us: int | None = None
         self._last_us: int | None = None
-        self._release: _Release | None = None
+        self._settling: _Settling | None = None
         self._memory.clear()
         self._backlash.reset()
 
@@ -161,11 +154,11 @@ class TouchDetector:
             better_us = self._memory.refine(frame.t_us, moved, string)
             self._open.begin_us = self._open.begin_us if better_us is None else better_us
             return self._follow(self._open, frame.t_us, moved)
-        self._settle(frame.t_us, moved)
+        settling = self._settle(frame.t_us, moved)
         self._memory.add(frame.t_us, moved, string)
         strength = self._gradient.strength_of(moved - self._zero)[1]
-        if strength > self.threshold:
-            self._open = _Open(self._memory.notice(moved - self._zero))
+        if strength > self.threshold and not settling:
+            self._open = _Open(self._memory.notice(moved - self._zero), Release(self._config))
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
@@ -203,11 +196,11 @@ class TouchDetector:
         touch.peak_px = max(touch.peak_px, largest_px)
         if strength > touch.peak:
             touch.peak, touch.peak_us, touch.peak_local = strength, t_us, local
-        end_us = self._ended_us(touch, t_us, self._left(touch, spread, strength))
+        end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is None:
             return None
         told = self._told(touch, end_us)
-        self._open, self._release = None, _Release(t_us, self._zero, strength)
+        self._open, self._settling = None, _Settling(t_us, self._zero, strength)
         self._zero = moved
         self._memory.clear()
         return told
@@ -224,55 +217,26 @@ class TouchDetector:
             return left
         return min(left, self._config.end_share / SPREAD_SHARE * spread / touch.peak_spread)
 
-    def _ended_us(self, touch: _Open, t_us: int, left: float) -> int | None:
-        """Return when the touch ended, or None: below its share, for long enough, and flat."""
-        config = self._config
-        if abs(left - touch.still_left) > STILL_SLACK:
-            touch.still_us, touch.still_left = t_us, left
-        if left > config.end_share:
-            touch.fell_us = None
-            touch.falling.clear()
-            still = left < config.still_share and t_us - touch.still_us >= config.still_us
-            return touch.still_us if still else None
-        if touch.fell_us is None:
-            touch.fell_us = t_us
-        touch.falling.append((t_us, left))
-        if t_us - touch.fell_us < config.end_hold_us:
-            return None
-        while t_us - touch.falling[0][0] > config.release_us:
-            touch.falling.popleft()
-        flat_us = self._flat_since_us(touch)
-        if flat_us is not None:
-            return flat_us
-        return t_us if t_us - touch.fell_us >= config.release_us else None
-
-    def _flat_since_us(self, touch: _Open) -> int | None:
-        """Return the first time from which the strength hardly fell any more, or None."""
-        falling = list(touch.falling)
-        slack = FLAT_SHARE * self._config.end_share
-        later = 0
-        for t_us, left in falling:
-            while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
-                later += 1
-            if later == len(falling):
-                return None
-            if left - falling[later][1] < slack:
-                return t_us
-        return None
-
     def _is_start(self, moved: Field) -> bool:
         return self._gradient.strength_of(moved)[1] < self._config.start_strength
 
-    def _settle(self, t_us: int, moved: Field) -> None:
-        """Right after a release the rest is wherever the skin falls back to."""
-        release = self._release
-        if release is None:
-            return
-        strength = self._gradient.strength_of(moved - release.former_zero)[1]
-        if strength <= release.lowest:
-            release.lowest, self._zero = strength, moved
-        if t_us - release.t_us > self._config.settle_us:
-            self._release = None
+    def _settle(self, t_us: int, moved: Field) -> bool:
+        """Right after a release the rest is wherever the skin falls back to.
+
+        Returns:
+            Whether it still falls back: marker by marker, so that its shape changes on the way.
+        """
+        settling = self._settling
+        if settling is None:
+            return False
+        strength = self._gradient.strength_of(moved - settling.former_zero)[1]
+        over = t_us - settling.t_us > self._config.settle_us
+        falls_back = strength <= settling.lowest + self.threshold
+        if strength <= settling.lowest or (over and falls_back):
+            settling.lowest, self._zero = min(strength, settling.lowest), moved
+        if over:
+            self._settling = None
+        return falls_back
 
     def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
         """Let the rest and its noise follow what is seen while nothing touches."""
