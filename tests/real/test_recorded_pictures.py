@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -44,6 +46,20 @@ def test_markers_stand_where_an_independent_reference_has_them(
     assert scores["plateau_max_px"] < 3.0
     assert scores["return_median_px"] < 0.5
     assert scores["lost_markers"] == scores["missing_markers"] == 0
+
+
+def test_the_four_presses_are_the_touches(
+    data_dir: Path, tracks: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["touch", str(tracks), "--json", "-o", str(tracks.with_suffix(".csv"))]) == 0
+    touches = json.loads(capsys.readouterr().out)["touches"]
+    with np.load(data_dir / "gel" / "real_presses.reference.npz") as known:
+        bursts_us = known["burst_us"] + int(Tracks.load(tracks).t_us[0])
+    assert len(touches) == 4, "(recorded)"
+    for touch, press_us, release_us in zip(touches, bursts_us[::2], bursts_us[1::2], strict=True):
+        assert abs(touch["begin_us"] - press_us[0]) < 100_000
+        assert release_us[0] - 100_000 < touch["end_us"] < release_us[1] + 100_000
 
 
 @pytest.mark.parametrize(

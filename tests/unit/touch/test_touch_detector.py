@@ -8,6 +8,7 @@ import pytest
 
 from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
 from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.touch.touches.release import Release
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
@@ -98,6 +99,39 @@ def test_noise_and_drift_are_no_touch() -> None:
 
 def test_a_rest_off_the_calibrated_one_is_no_touch() -> None:
     assert touches(watch(lambda t: 0.2, 2.0)) == []
+
+
+def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
+    detector = TouchDetector(REFERENCE)
+    strength = detector._gradient.strength_of(press(-2.4))[1]
+    assert 0.03 < strength < TouchConfig().start_strength, "as on the recorded gel"
+    (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 1.9) - 2.4, 4.0))
+    assert (touch.begin_us - 7_000_000) / 1e6 == pytest.approx(0.8, abs=0.010)
+
+
+def test_a_skin_that_falls_back_in_another_shape_is_no_new_touch() -> None:
+    another = np.roll(press(0.7), 1, axis=1)
+
+    def ghost(t_s: float) -> float:
+        return max(4 * pulse(t_s, 0.8, 1.9), 0.7 * (1.0 < t_s < 2.1))
+
+    def fallen(frame: MarkerFrame) -> MarkerFrame:
+        left = another * (2_100_000 <= frame.t_us - 7_000_000 < 2_250_000)
+        return dataclasses.replace(frame, detected_px=frame.detected_px + left)
+
+    assert len(touches(fallen(frame) for frame in watch(ghost, 5.0))) == 1
+
+
+@pytest.mark.parametrize(("stands_ms", "end_ms"), [(120, 100), (30, 130), (500, 100)])
+def test_a_release_is_over_where_the_skin_first_stands_still(stands_ms: int, end_ms: int) -> None:
+    release, config = Release(TouchConfig()), TouchConfig()
+    between = 0.5 * (config.end_share + config.still_share)
+    for t_ms in range(2_000):
+        left = 1.0 if t_ms < 100 else between if t_ms < 100 + stands_ms else 0.05
+        end_us = release.update(1_000 * t_ms, left)
+        if end_us is not None:
+            break
+    assert end_us == 1_000 * end_ms
 
 
 def test_a_touch_without_an_end_says_so() -> None:
