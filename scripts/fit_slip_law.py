@@ -35,7 +35,7 @@ MEMORY = SEEN = 40
 """Sizes of the network (ours: 32 learns more slowly)."""
 FRAME_US = 1_000
 STEP_FRAMES = 3
-"""Frames between two of its steps (ours: 4 tells slips later, 2 costs more and is alike)."""
+"""Frames between two of its steps (ours: 4 tells fewer slips ahead, 2 costs more and is alike)."""
 NOISE = 0.3 / np.sqrt(2.0)
 """Noise on the features while learning, in their deviations: as much again stays for the whole
 contact. The law must not lean on details."""
@@ -54,8 +54,9 @@ holding for long lies what is not judged."""
 LATE_FRAMES, LATE_WEIGHT = 100, 0.3
 """Frames after which a slip is no news, and what the further ones weigh."""
 PIECE_FRAMES, RUN_UP_FRAMES = 4_000, 1_000
-"""Long contacts are learned in pieces, each from so many frames before it on: that is several times
-faster, and after a second nothing is remembered of what went before."""
+"""Long contacts are learned in pieces, each from so many frames before it on: an unrolled network
+takes one step after the other, so short courses side by side are faster (ours; a second of run-up
+is taken to be all that the memory needs)."""
 
 
 @dataclass(frozen=True, kw_only=True)

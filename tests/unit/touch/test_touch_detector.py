@@ -124,7 +124,8 @@ def test_a_skin_that_falls_back_in_another_shape_is_no_new_touch() -> None:
 
 @pytest.mark.parametrize(("stands_ms", "end_ms"), [(120, 100), (30, 130), (500, 100)])
 def test_a_release_is_over_where_the_skin_first_stands_still(stands_ms: int, end_ms: int) -> None:
-    release, config = Release(TouchConfig()), TouchConfig()
+    config = TouchConfig()
+    release = Release(config)
     between = 0.5 * (config.end_share + config.still_share)
     for t_ms in range(2_000):
         left = 1.0 if t_ms < 100 else between if t_ms < 100 + stands_ms else 0.05

@@ -230,12 +230,13 @@ class TouchDetector:
         if settling is None:
             return False
         strength = self._gradient.strength_of(moved - settling.former_zero)[1]
-        over = t_us - settling.t_us > self._config.settle_us
         falls_back = strength <= settling.lowest + self.threshold
-        if strength <= settling.lowest or (over and falls_back):
-            settling.lowest, self._zero = min(strength, settling.lowest), moved
-        if over:
+        if strength <= settling.lowest:
+            settling.lowest, self._zero = strength, moved
+        if t_us - settling.t_us > self._config.settle_us:
             self._settling = None
+            if falls_back:
+                self._zero = moved
         return falls_back
 
     def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:

@@ -14,7 +14,7 @@ STOOD_US = 50_000
 """Time for which a skin below ``still_share`` must stand still to have been released before (ours).
 Pixels that recover let it fall further later."""
 RECOVERED_US = 200_000
-"""Longest time that they take for that (ours: 120 to 190 ms on a recorded gel; a comb that is slid
+"""Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is slid
 on the twin stands below that share for 250)."""
 
 
