@@ -40,7 +40,7 @@ BODIES = (
     Body("punch", (0.6, 4.5), (0.08, 0.6)),
     Body("finger", (5.0, 8.5), (0.4, 2.6)),
 )
-"""What is drawn: smaller, larger, lighter and deeper than for the law of slip."""
+"""What is drawn: smaller, larger, lighter and deeper than for the slip model."""
 FIRST_SEED, CONTACTS = 500_000, 2000
 PLACE_MM = 6.0
 """Contacts begin within this distance of the middle, per axis, mm."""

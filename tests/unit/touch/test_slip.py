@@ -1,4 +1,4 @@
-"""Slip: alarms, memory and episodes on made-up laws; the fitted law on closed forms."""
+"""Slip: alarms, memory and episodes on made-up models; the package's own on closed forms."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from spikingtac.errors import ConfigError
 from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
 from spikingtac.touch.slip.alarm import Alarm
 from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
+from spikingtac.touch.slip.gru import LAYERS, GruNetwork, Linear
 from spikingtac.touch.slip.held_touches import HeldTouchDetector
 from spikingtac.touch.slip.monitor import SlipMonitor
 from spikingtac.touch.slip.slip import Slip
 from spikingtac.touch.slip.slip_config import AlarmConfig, SlipConfig
-from spikingtac.touch.slip.stick_law import SCHEMA, StickLaw, Stuck, fitted_law
-from spikingtac.touch.slip.stick_network import LAYERS, Layer, StickNetwork
+from spikingtac.touch.slip.slip_model import SCHEMA, SlipEstimate, SlipModel, default_model
 from spikingtac.types import MarkerFrame
 
 PITCH_MM, PX_PER_MM = 2.4, 15.4
@@ -26,26 +26,26 @@ PLACES_MM = PITCH_MM * np.column_stack([X.ravel(), Y.ravel()])
 REFERENCE = PLACES_MM * PX_PER_MM + 160.0
 
 
-class Told:
-    """A law that says what a test wants, one frame after the other."""
+class Scripted:
+    """A model that estimates what a test wants, one frame after the other."""
 
     def __init__(self, shares: list[float]) -> None:
         self._shares = iter(shares)
 
-    def course(self) -> Told:
+    def estimator(self) -> Scripted:
         return self
 
     def reset(self) -> None:
         """Nothing is remembered."""
 
-    def update(self, t_us: int, features: np.ndarray) -> Stuck:
+    def update(self, t_us: int, features: np.ndarray) -> SlipEstimate:
         share = next(self._shares)
-        return Stuck(share, float(share < 0.8))
+        return SlipEstimate(share, float(share < 0.8))
 
 
 def slips(shares: list[float], config: SlipConfig) -> list[Slip]:
-    """Return the slips of a touch of which the law tells these shares, every ms from 1 ms on."""
-    monitor = SlipMonitor(REFERENCE, config, Told(shares))  # type: ignore[arg-type]
+    """Return the slips of a touch of which the model tells these shares, every ms from 1 ms on."""
+    monitor = SlipMonitor(REFERENCE, config, Scripted(shares))  # type: ignore[arg-type]
     found = []
     for k in range(len(shares) + 1):
         found.append(monitor.update(k * 1_000, 0.01 * k**2 * REFERENCE, touching=True))
@@ -98,7 +98,7 @@ def test_nothing_is_told_right_after_the_begin_of_a_touch() -> None:
 
 
 def test_a_skin_that_stands_still_rings_no_alarm() -> None:
-    monitor = SlipMonitor(REFERENCE, AT_ONCE, Told([1.0, *[0.15] * 300]))  # type: ignore[arg-type]
+    monitor = SlipMonitor(REFERENCE, AT_ONCE, Scripted([1.0, *[0.15] * 300]))  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     for k in range(300):
         moved = rng.normal(0.0, 0.05, REFERENCE.shape)
@@ -110,17 +110,17 @@ def test_a_skin_that_stands_still_rings_no_alarm() -> None:
 
 def test_a_skin_that_pauses_rings_no_alarm_though_it_moved_not_long_ago() -> None:
     moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
-    law = Told([1.0] * 145 + [0.15] * 155)
-    monitor = SlipMonitor(REFERENCE, AT_ONCE, law)  # type: ignore[arg-type]
-    for k in range(300):  # stands from 100 ms on; the law says slip from 146 ms on
+    model = Scripted([1.0] * 145 + [0.15] * 155)
+    monitor = SlipMonitor(REFERENCE, AT_ONCE, model)  # type: ignore[arg-type]
+    for k in range(300):  # stands from 100 ms on; the model says slip from 146 ms on
         assert monitor.update(k * 1_000, moved[k], touching=True) is None
     assert monitor.finish(300_000) is None
 
 
 def test_a_slip_under_a_skin_that_stands_still_is_told_where_hardly_anything_sticks() -> None:
     moved = 0.02 * np.minimum(np.arange(300), 100)[:, None, None] * REFERENCE
-    law = Told([1.0] * 145 + [0.05] * 155)
-    monitor = SlipMonitor(REFERENCE, AT_ONCE, law)  # type: ignore[arg-type]
+    model = Scripted([1.0] * 145 + [0.05] * 155)
+    monitor = SlipMonitor(REFERENCE, AT_ONCE, model)  # type: ignore[arg-type]
     for k in range(300):  # a slow twist: the skin moves no further, the body does
         assert monitor.update(k * 1_000, moved[k], touching=True) is None
     slip = monitor.finish(300_000)
@@ -144,7 +144,7 @@ def test_less_evidence_suffices_where_the_field_has_stopped_following(
     config = SlipConfig(incipient=AT_ONCE.incipient, settle_us=0)
     steps = np.where((np.arange(300) > 200) & stops, 0.1, 1.0)
     moved = speed * np.cumsum(steps)[:, None, None] * REFERENCE
-    monitor = SlipMonitor(REFERENCE, config, Told([share] * 300))  # type: ignore[arg-type]
+    monitor = SlipMonitor(REFERENCE, config, Scripted([share] * 300))  # type: ignore[arg-type]
     for k in range(300):
         monitor.update(k * 1_000, moved[k], touching=True)
     slip = monitor.finish(300_000)
@@ -209,91 +209,83 @@ def test_a_gap_between_frames_is_told_as_not_known() -> None:
     assert stream.update(29_000, 0.0 * REFERENCE) is None
 
 
-def test_a_law_survives_its_file_and_refuses_another() -> None:
-    law = fitted_law()
-    again = StickLaw.from_mapping(json.loads(json.dumps(law.to_mapping())))
+def test_a_model_survives_its_file_and_refuses_another() -> None:
+    model = default_model()
+    again = SlipModel.from_mapping(json.loads(json.dumps(model.to_mapping())))
     features = np.random.default_rng(1).normal(size=FEATURES)
-    assert again.course().update(0, features) == law.course().update(0, features)
-    one = law.networks[0].to_mapping()
-    short = {"weights": [[1.0]], "offsets": [0.0]}
-    wrong = ({"middle": [0.0]}, {"step_us": 0}, *({name: short} for name in LAYERS))
+    assert again.estimator().update(0, features) == model.estimator().update(0, features)
+    one = model.networks[0].to_mapping()
+    short = {"weights": [[1.0]], "bias": [0.0]}
+    wrong = ({"mean": [0.0]}, {"step_us": 0}, *({name: short} for name in LAYERS))
     changed = [{"schema": SCHEMA, "networks": [{**one, **change}]} for change in wrong]
     for document in ({"schema": SCHEMA - 1}, {"schema": SCHEMA, "networks": []}, *changed):
-        with pytest.raises(ConfigError, match=r"fit_slip_law"):
-            StickLaw.from_mapping(document)
+        with pytest.raises(ConfigError, match=r"fit_slip_model"):
+            SlipModel.from_mapping(document)
 
 
 def test_shares_stay_between_zero_and_one_whatever_is_seen() -> None:
     for size in (0.0, 1.0, 1e6):
-        said = fitted_law().course().update(0, np.full(FEATURES, size))
-        assert all(0.0 <= value <= 1.0 for value in said)
+        estimate = default_model().estimator().update(0, np.full(FEATURES, size))
+        assert all(0.0 <= value <= 1.0 for value in estimate)
 
 
-def test_an_untouched_skin_is_remembered_as_such() -> None:
-    for network in fitted_law().networks:
-        memory, _ = network(network.untouched, network.middle)
-        np.testing.assert_allclose(memory, network.untouched, atol=1e-3)
+def test_the_initial_state_is_that_of_an_untouched_skin() -> None:
+    for network in default_model().networks:
+        hidden, _ = network(network.initial, network.mean)
+        np.testing.assert_allclose(hidden, network.initial, atol=1e-3)
 
 
-def test_a_law_is_the_mean_of_its_networks_each_at_its_own_rate() -> None:
-    law, rng = fitted_law(), np.random.default_rng(3)
-    course, said = law.course(), []
+def test_a_model_is_the_mean_of_its_networks_each_at_its_own_rate() -> None:
+    model, rng = default_model(), np.random.default_rng(3)
+    estimator, estimates = model.estimator(), []
     features = rng.normal(size=(24, FEATURES))
     for k, row in enumerate(features):
-        said.append(course.update(k * 1_000, row))
+        estimates.append(estimator.update(k * 1_000, row))
     parts = []
-    for network in law.networks:
-        memory, outputs = network.untouched, np.zeros(2)
+    for network in model.networks:
+        hidden, outputs = network.initial, np.zeros(2)
         for row in features[:: network.step_us // 1_000]:
-            memory, outputs = network(memory, row)
+            hidden, outputs = network(hidden, row)
         parts.append(outputs)
-    np.testing.assert_allclose(said[-1], np.mean(parts, axis=0))
-    course.reset()
-    assert course.update(50_000, features[0]) == said[0]
+    np.testing.assert_allclose(estimates[-1], np.mean(parts, axis=0))
+    estimator.reset()
+    assert estimator.update(50_000, features[0]) == estimates[0]
 
 
-def test_the_memory_is_a_gated_unit() -> None:
+def test_a_network_is_a_gated_recurrent_unit_between_encoder_and_head() -> None:
     """Each number by itself, as Cho and others (2014) write it, with the reset after the matrix."""
     rng = np.random.default_rng(4)
-    shapes = {"seen": (2, FEATURES), "fresh": (9, 2), "kept": (9, 3), "told": (3, 5)}
+    shapes = dict(zip(LAYERS, [(2, FEATURES), (9, 2), (9, 3), (3, 5)], strict=True))
     layers = {
-        name: Layer(rng.normal(size=shape), rng.normal(size=shape[0]))
+        name: Linear(rng.normal(size=shape), rng.normal(size=shape[0]))
         for name, shape in shapes.items()
     }
-    law = StickNetwork(4_000, np.zeros(FEATURES), np.ones(FEATURES), **layers)
-    memory, features = rng.normal(size=3), rng.normal(size=FEATURES)
-    found, said = law(memory, features)
+    network = GruNetwork(4_000, np.zeros(FEATURES), np.ones(FEATURES), **layers)
+    hidden, features = rng.normal(size=3), rng.normal(size=FEATURES)
+    found, outputs = network(hidden, features)
+
+    def affine(name: str, values: list[float] | np.ndarray) -> list[float]:
+        rows = zip(layers[name].weights, layers[name].bias, strict=True)
+        return [sum(w * x for w, x in zip(row, values, strict=True)) + bias for row, bias in rows]
 
     def logistic(value: float) -> float:
         return 1.0 / (1.0 + float(np.exp(-value)))
 
-    seen = [
-        np.tanh(sum(w * x for w, x in zip(row, features, strict=True)) + offset)
-        for row, offset in zip(*_plain(layers["seen"]), strict=True)
-    ]
-    fresh = [
-        float(row @ seen) + offset for row, offset in zip(*_plain(layers["fresh"]), strict=True)
-    ]
-    kept = [
-        float(row @ memory) + offset for row, offset in zip(*_plain(layers["kept"]), strict=True)
-    ]
+    encoding = [float(np.tanh(value)) for value in affine("encoder", features)]
+    fresh, kept = affine("input_gates", encoding), affine("hidden_gates", hidden)
     expected = []
     for unit in range(3):
         reset, update = (
             logistic(fresh[unit + 3 * gate] + kept[unit + 3 * gate]) for gate in (0, 1)
         )
         new = float(np.tanh(fresh[unit + 6] + reset * kept[unit + 6]))
-        expected.append((1.0 - update) * new + update * memory[unit])
+        expected.append((1.0 - update) * new + update * hidden[unit])
     np.testing.assert_allclose(found, expected)
-    logits = layers["told"].weights @ [*expected, *seen] + layers["told"].offsets
-    np.testing.assert_allclose(said, [logistic(value) for value in logits])
+    logits = affine("head", [*expected, *encoding])
+    np.testing.assert_allclose(outputs, [logistic(value) for value in logits])
 
 
-def _plain(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
-    return layer.weights, layer.offsets
-
-
-def test_a_law_steps_at_its_own_rate_however_often_frames_come() -> None:
+def test_a_model_steps_at_its_own_rate_however_often_frames_come() -> None:
     moved = 0.01 * np.arange(300)[:, None, None] ** 1.5 * (REFERENCE - REFERENCE.mean(axis=0)) / 99
     told = []
     for every in (1, 2, 4):

@@ -63,6 +63,6 @@ LONG = (
 )
 """Bodies that are longer in one direction."""
 TAUGHT = (*ROUND, *LONG)
-"""Bodies that a law is fitted to."""
+"""Bodies that the slip model is fitted to."""
 TESTED = (*ROUND, Body("spoon", "spoon", {}, (0.4, 0.8)))
 """Bodies that it is tested on: the spoon was never seen."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,12 +25,20 @@ SLIDE_MM = (2.5, 4.5)
 SHORT_MM = (0.2, 1.2)
 """Range of the drags that are to stick, mm per unit of friction."""
 TURN_DEG = (15.0, 60.0)
+TWIST_MM_S, SLOW_TWIST_MM_S = (1.0, 8.0), (1.0, 3.0)
+"""Ranges of the twists' speeds at their rim, mm/s."""
+TWIST_ARM_MM = 3.0
+"""Where that rim is, mm."""
 LEAST_SPEED_MM_S = 4.0
 """Slowest motion there and back, mm/s: slower ones take too long."""
 PLACE_MM = 2.5
 """Contacts begin within this distance of the middle, per axis, mm."""
 LIFT_S = 0.2
 """Duration of the release, s."""
+SLOW_MM_S = (1.5, 6.0)
+"""Range of the speeds of motions that are slow by their kind, mm/s."""
+ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)
+"""Radius of a rolling body, and range where it is drawn, mm."""
 KINDS = (
     "slide",
     "slide",
@@ -43,13 +52,15 @@ KINDS = (
     "twice",
 )
 """What is drawn from: slides count twice."""
+TAUGHT_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
+"""What the slip model is fitted to: more slow motions, and rolls of any radius."""
 CARRY = "carry"
 """A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
 HOLD = "hold"
 """A body that is pressed and held still for long; drawn only where it is asked for."""
 HOLD_S = 20.0
 """How long, s."""
-IN_PLACE = ("twist", "circle", CARRY, HOLD)
+IN_PLACE = ("twist", "circle", "slow-twist", "slow-circle", CARRY, HOLD)
 """Kinds in which a body stays about where it was pressed."""
 CARRY_MOVES = 10
 """Disturbances of one carried body, a second each."""
@@ -85,6 +96,7 @@ def draw_slide(
     bodies: Sequence[Body] = TAUGHT,
     frictions: Sequence[float] = (),
     kinds: Sequence[str] = KINDS,
+    gels: Sequence[GelConfig] = (),
 ) -> Slide:
     """Return a random contact.
 
@@ -93,7 +105,9 @@ def draw_slide(
         bodies: Bodies to choose from.
         frictions: Coefficients to choose from; uniform between 0.25 and 0.95 unless given.
         kinds: Motions to choose from.
+        gels: Gels to choose from; the contract's unless given. The friction is the contact's own.
     """
+    gel = gels[int(rng.integers(len(gels)))] if gels else GelConfig()
     body = bodies[int(rng.integers(len(bodies)))]
     friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(0.25, 0.95))
     kind = str(rng.choice(kinds))
@@ -122,8 +136,8 @@ def draw_slide(
         about=f"{kind} of a {body.name}",
         lead_in_s=0.15,
         lead_out_s=0.1,
-        mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind == "twist" else 250.0,
-        gel=GelConfig(friction=FrictionConfig(static=friction)),
+        mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind.endswith("twist") else 250.0,
+        gel=replace(gel, friction=FrictionConfig(static=friction)),
         contacts=(contact,),
     )
     return Slide(kind, body.name, friction, motion.speed, scene)
@@ -159,6 +173,9 @@ class _Motion:
         self.way = self.rng.uniform(*SHORT_MM) * self.friction * self.along
 
 
+_Drawn = Callable[[_Motion], list[SegmentConfig]]
+
+
 def _slide(motion: _Motion) -> list[SegmentConfig]:
     return [motion.segment("slide")]
 
@@ -168,10 +185,10 @@ def _stick(motion: _Motion) -> list[SegmentConfig]:
     return [motion.segment("slide")]
 
 
-def _twist(motion: _Motion) -> list[SegmentConfig]:
+def _twist(motion: _Motion, speeds_mm_s: tuple[float, float] = TWIST_MM_S) -> list[SegmentConfig]:
     angle = float(motion.rng.choice([-1.0, 1.0]) * motion.rng.uniform(*TURN_DEG))
-    motion.speed = float(motion.rng.uniform(1.0, 8.0))
-    rate_deg_s = float(np.degrees(motion.speed / 3.0))
+    motion.speed = float(motion.rng.uniform(*speeds_mm_s))
+    rate_deg_s = float(np.degrees(motion.speed / TWIST_ARM_MM))
     return [SegmentConfig(kind="twist", angle_deg=angle, speed_deg_s=rate_deg_s)]
 
 
@@ -198,9 +215,18 @@ def _circle(motion: _Motion) -> list[SegmentConfig]:
     ]
 
 
-def _roll(motion: _Motion) -> list[SegmentConfig]:
+def _roll(motion: _Motion, radius_mm: float = ROLL_MM) -> list[SegmentConfig]:
     motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
-    return [motion.segment("roll", 0.7, radius_mm=7.0)]
+    return [motion.segment("roll", 0.7, radius_mm=radius_mm)]
+
+
+def _any_roll(motion: _Motion) -> list[SegmentConfig]:
+    return _roll(motion, float(motion.rng.uniform(*ROLLS_MM)))
+
+
+def _slowly(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
+    motion.speed = float(motion.rng.uniform(*SLOW_MM_S))
+    return drawn(motion)
 
 
 def _deepen(motion: _Motion) -> list[SegmentConfig]:
@@ -231,7 +257,7 @@ def _hold(motion: _Motion) -> list[SegmentConfig]:
     return [SegmentConfig(kind="hold", duration_s=HOLD_S)]
 
 
-_DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
+_DRAWN: dict[str, _Drawn] = {
     "slide": _slide,
     "stick": _stick,
     "twist": _twist,
@@ -241,6 +267,10 @@ _DRAWN: dict[str, Callable[[_Motion], list[SegmentConfig]]] = {
     "roll": _roll,
     "deepen": _deepen,
     "twice": _twice,
+    "slow-slide": partial(_slowly, drawn=_slide),
+    "slow-circle": partial(_slowly, drawn=_circle),
+    "slow-twist": partial(_twist, speeds_mm_s=SLOW_TWIST_MM_S),
+    "any-roll": _any_roll,
     CARRY: _carry,
     HOLD: _hold,
 }

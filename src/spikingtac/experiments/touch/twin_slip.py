@@ -27,7 +27,7 @@ HELD_SEED = 5_000
 """Seed of the first of them, from that of the others on."""
 SLOW_MM_S = 20.0
 TAUGHT_SEED = 20_000
-"""Seeds from here on are those that the law was fitted to."""
+"""Seeds from here on are those that the model was fitted to."""
 SEED_STRIDE = 1_000
 STOP_SHARE = 0.2
 """Share of its fastest growth below which a shift has stopped (ours)."""

@@ -1,4 +1,4 @@
-"""What a stick law looks at: the shape of the field, and of its change over four spans of time.
+"""What a slip model looks at: the shape of the field, and of its change over four spans of time.
 
 All features are ratios, so that neither the heading of a drag nor its strength counts. The shape of
 the whole field tells the slip that has been; the shape of its change tells where the skin still

@@ -12,7 +12,7 @@ from spikingtac.touch.slip.alarm import Alarm
 from spikingtac.touch.slip.feature_stream import FeatureStream
 from spikingtac.touch.slip.slip import Phase, Slip, SlipState
 from spikingtac.touch.slip.slip_config import SlipConfig
-from spikingtac.touch.slip.stick_law import StickLaw, Stuck, fitted_law
+from spikingtac.touch.slip.slip_model import SlipEstimate, SlipModel, default_model
 
 Field = NDArray[np.float64]
 
@@ -34,17 +34,18 @@ class SlipMonitor:
     """
 
     def __init__(
-        self, reference: Field, config: SlipConfig | None = None, law: StickLaw | None = None
+        self, reference: Field, config: SlipConfig | None = None, model: SlipModel | None = None
     ) -> None:
         """Start without a contact.
 
         Args:
             reference: ``(m, 2)`` markers at rest, px or mm.
             config: When slip is told.
-            law: From features to what sticks; the package's own unless given.
+            model: From features to what sticks; the package's own unless given.
         """
         self._config = config or SlipConfig()
-        self._features, self._course = FeatureStream(reference), (law or fitted_law()).course()
+        self._features = FeatureStream(reference)
+        self._estimator = (model or default_model()).estimator()
         self._incipient = Alarm(self._config.incipient)
         self._gross = Alarm(self._config.gross)
         self.reset()
@@ -53,7 +54,7 @@ class SlipMonitor:
         """Forget everything."""
         self.state: SlipState | None = None
         self._features.reset()
-        self._course.reset()
+        self._estimator.reset()
         self._touched_us: int | None = None
         self._forget()
 
@@ -80,38 +81,38 @@ class SlipMonitor:
         elif self._touched_us is None:
             self._touched_us = t_us
         if features is None or self._touched_us is None:
-            self._course.reset()
+            self._estimator.reset()
             self.state = None
             return self._ended(t_us)
-        stuck = self._course.update(t_us, features)
+        estimate = self._estimator.update(t_us, features)
         if t_us - self._touched_us < self._config.settle_us:
             self.state = None
             return None
-        return self._told(t_us, stuck)
+        return self._told(t_us, estimate)
 
     def finish(self, t_us: int) -> Slip | None:
         """Return the slip that is still open at the end, us."""
         return self._ended(t_us)
 
-    def _told(self, t_us: int, stuck: Stuck) -> Slip | None:
-        slips = 1.0 - stuck.share
+    def _told(self, t_us: int, estimate: SlipEstimate) -> Slip | None:
+        slips = 1.0 - estimate.share
         surely = slips > self._config.still_probability and not self._gross.on
         if self._features.still and self.state is not None and not surely:
             # Nothing new is seen of a skin that stands still: its errors must not ring an alarm.
             self.state = replace(self.state, t_us=t_us)
             return None
         # The share counts where an alarm begins: one slip would ring at each crossing of it.
-        may_ring = self._incipient.on or stuck.share < self._config.incipient_share
-        part = stuck.incipient if may_ring else 0.0
+        may_ring = self._incipient.on or estimate.share < self._config.incipient_share
+        part = estimate.incipient if may_ring else 0.0
         if self._incipient.update(t_us, part) and self._gross_us is None:
             self._incipient_us = t_us if self._incipient_us is None else self._incipient_us
         if self._gross.update(t_us, self._gross_evidence(slips)) and self._gross_us is None:
             self._gross_us = t_us
         slipping = self._incipient.on or self._gross.on
         phase: Phase = "gross" if self._gross.on else "incipient" if self._incipient.on else "stick"
-        self.state = SlipState(t_us, stuck.share, stuck.incipient, slips, phase)
+        self.state = SlipState(t_us, estimate.share, estimate.incipient, slips, phase)
         if slipping:
-            self._least = min(self._least, stuck.share)
+            self._least = min(self._least, estimate.share)
             return None
         return self._ended(t_us)
 

@@ -30,7 +30,7 @@ class AlarmConfig:
 class SlipConfig:
     """When slip is reported.
 
-    Set on 400 drawn contacts and 60 held bodies that the law was not fitted to.
+    Set on 400 drawn contacts and 60 held bodies that the model was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.

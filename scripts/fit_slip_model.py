@@ -1,8 +1,8 @@
-"""Fit the law of slip to drawn contacts on the twin: ``python scripts/fit_slip_law.py WORK``.
+"""Fit the slip model to drawn contacts on the twin: ``python scripts/fit_slip_model.py WORK``.
 
 Draws contacts (``spikingtac.experiments.touch.slides``), sees them with camera and tracker, keeps
 their features in the folder WORK, and fits the two recurrent networks of
-``spikingtac.touch.slip.stick_law``. Needs torch. What the experiment scores is drawn from other
+``spikingtac.touch.slip.slip_model``. Needs torch. What the experiment scores is drawn from other
 seeds, with a body that is not drawn here.
 """
 
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from spikingtac.experiments.touch.slides import CARRY, KINDS, draw_slide
 from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
 from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
-from spikingtac.touch.slip.stick_law import OUTPUTS, StickLaw
-from spikingtac.touch.slip.stick_network import Layer, StickNetwork
+from spikingtac.touch.slip.gru import GruNetwork, Linear
+from spikingtac.touch.slip.slip_model import OUTPUTS, SlipModel
 
 Field = NDArray[np.float64]
 
@@ -31,14 +31,14 @@ FIRST_SEEDS = {"seen": 20_000, "carried": 320_000}
 COUNTS = {"seen": 1_290, "carried": 180}
 """Contacts of each sort (ours: with 60 carried bodies 6 of 600 moves began with a false alarm, with
 180 none did)."""
-MEMORY = SEEN = 40
-"""Sizes of the network (ours: 32 learns more slowly)."""
+HIDDEN = ENCODING = 40
+"""Sizes of hidden state and encoding (ours: 32 learns more slowly)."""
 FRAME_US = 1_000
 STEP_FRAMES = 3
 """Frames between two of its steps (ours: 4 tells fewer slips ahead, 2 costs more and is alike)."""
 NOISE = 0.3 / np.sqrt(2.0)
 """Noise on the features while learning, in their deviations: as much again stays for the whole
-contact. The law must not lean on details."""
+contact. The model must not lean on details."""
 TARGETS = 3
 """Sticking share, incipient and gross slip; the last only steadies the learning: alarms on the
 share itself err less."""
@@ -91,12 +91,12 @@ SLIPS = 0.05
 
 def main() -> None:
     """Draw, watch, fit, write."""
-    parser = argparse.ArgumentParser(description="Fit the law of slip.")
+    parser = argparse.ArgumentParser(description="Fit the slip model.")
     parser.add_argument("work", type=Path, help="folder for the contacts' features")
     for sort, count in COUNTS.items():
         parser.add_argument(f"--{sort}", type=int, default=count, help=f"contacts {sort}")
     parser.add_argument("--draw-only", choices=tuple(COUNTS), help="do not fit")
-    parser.add_argument("-o", "--output", type=Path, default=Path("stick_law.json"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("slip_model.json"))
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     sorts = [args.draw_only] if args.draw_only else list(COUNTS)
@@ -108,8 +108,8 @@ def main() -> None:
         whole = [Course.read(path, recipe) for paths in files.values() for path in paths]
         courses = [piece for course in whole for piece in course.pieces()]
         networks.append(fitted(courses, recipe))
-    law = StickLaw(tuple(networks))
-    args.output.write_text(json.dumps(law.to_mapping()) + "\n", encoding="utf-8")
+    model = SlipModel(tuple(networks))
+    args.output.write_text(json.dumps(model.to_mapping()) + "\n", encoding="utf-8")
 
 
 def contact(work: Path, sort: str, number: int) -> Path:
@@ -202,22 +202,22 @@ def _least(stuck: Field, before: int, after: int) -> Field:
 
 
 class Net(torch.nn.Module):
-    """The network of :class:`StickNetwork`, with a further output."""
+    """The network of :class:`GruNetwork`, with a further output."""
 
     def __init__(self) -> None:
         """Draw the weights."""
         super().__init__()
-        self.seen = torch.nn.Linear(FEATURES, SEEN)
-        self.unit = torch.nn.GRU(SEEN, MEMORY, batch_first=True)
-        self.told = torch.nn.Linear(MEMORY + SEEN, TARGETS)
+        self.encoder = torch.nn.Linear(FEATURES, ENCODING)
+        self.gru = torch.nn.GRU(ENCODING, HIDDEN, batch_first=True)
+        self.head = torch.nn.Linear(HIDDEN + ENCODING, TARGETS)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Return the logits ``(b, n, TARGETS)`` of features ``(b, n, FEATURES)``."""
-        seen = torch.tanh(self.seen(features))
-        return self.told(torch.cat([self.unit(seen)[0], seen], -1))
+        encoding = torch.tanh(self.encoder(features))
+        return self.head(torch.cat([self.gru(encoding)[0], encoding], -1))
 
 
-def fitted(courses: list[Course], recipe: Recipe) -> StickNetwork:
+def fitted(courses: list[Course], recipe: Recipe) -> GruNetwork:
     """Return the network that tells the courses best, by cross entropy."""
     torch.manual_seed(recipe.seed)
     rng = np.random.default_rng(recipe.seed)
@@ -277,20 +277,20 @@ def _loss(
     return (loss * weights).sum() / weights.sum()
 
 
-def _network(net: Net, scale: tuple[Field, Field], step_us: int) -> StickNetwork:
+def _network(net: Net, scale: tuple[Field, Field], step_us: int) -> GruNetwork:
     kept = net.state_dict()
 
-    def layer(weights: str, offsets: str, rows: int | None = None) -> Layer:
-        return Layer(*(kept[name].double().numpy()[:rows].round(4) for name in (weights, offsets)))
+    def linear(weights: str, bias: str, rows: int | None = None) -> Linear:
+        return Linear(*(kept[name].double().numpy()[:rows].round(4) for name in (weights, bias)))
 
-    return StickNetwork(
+    return GruNetwork(
         step_us=step_us,
-        middle=scale[0].astype(np.float64).round(5),
-        deviation=scale[1].astype(np.float64).round(5),
-        seen=layer("seen.weight", "seen.bias"),
-        fresh=layer("unit.weight_ih_l0", "unit.bias_ih_l0"),
-        kept=layer("unit.weight_hh_l0", "unit.bias_hh_l0"),
-        told=layer("told.weight", "told.bias", OUTPUTS),
+        mean=scale[0].astype(np.float64).round(5),
+        std=scale[1].astype(np.float64).round(5),
+        encoder=linear("encoder.weight", "encoder.bias"),
+        input_gates=linear("gru.weight_ih_l0", "gru.bias_ih_l0"),
+        hidden_gates=linear("gru.weight_hh_l0", "gru.bias_hh_l0"),
+        head=linear("head.weight", "head.bias", OUTPUTS),
     )
 
 
