@@ -135,6 +135,21 @@ def test_a_release_is_over_where_the_skin_first_stands_still(stands_ms: int, end
     assert end_us == 1_000 * end_ms
 
 
+@pytest.mark.parametrize("rise_s", [0.03, 0.06, 0.1])
+def test_a_faint_touch_begins_and_ends_though_the_tracker_keeps_half_of_it(rise_s: float) -> None:
+    """As trackers do that see only changes: presses that hardly exceed the threshold."""
+
+    def faint(t_s: float) -> float:
+        kept = 0.25 if t_s > 0.8 + rise_s else 0.0
+        return max(0.45 * pulse(t_s, 0.8, 1.9, rise_s), kept)
+
+    (touch,) = touches(watch(faint, 3.0))
+    assert touch.peak_strength < 2.0 * TouchDetector(REFERENCE).threshold
+    assert (touch.begin_us - 7_000_000) / 1e6 == pytest.approx(0.8, abs=0.010)
+    assert touch.end_us is not None
+    assert (touch.end_us - 7_000_000) / 1e6 == pytest.approx(1.9, abs=0.1)
+
+
 def test_a_touch_without_an_end_says_so() -> None:
     (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 9.0), 2.0))
     assert touch.end_us is None

@@ -30,6 +30,9 @@ LEAST_GAP_US = 10_000
 FIRST_SHARE, LAST_SHARE = 0.2, 1.5
 """Shares of the pattern between which the rise is fitted (ours: up to 1.0 and from 0.3 to 2.0
 err more on the ten scenes)."""
+RISING_SHARE = 0.8
+"""Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (ours: 0.7 and
+0.9 err as much)."""
 LATER_US = 80_000
 """Time after the touch is noticed within which the rise is fitted, us (ours)."""
 GROWTH_POWER = 1.85
@@ -115,6 +118,8 @@ def _extrapolated(times: Times, above: Field, last: int, unseen: float) -> int:
         unseen: What the camera has not seen of it, in patterns.
     """
     end = np.flatnonzero(above > LAST_SHARE)
+    if not len(end):  # it has come to a stand: where it stands it rises no more
+        end = np.flatnonzero(above > RISING_SHARE * float(above[last:].max()))
     stop = int(end[0]) + 1 if len(end) else len(times)
     rows = np.arange(last + 1, stop)
     rows = rows[above[rows] > FIRST_SHARE]
