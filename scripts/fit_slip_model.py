@@ -1,9 +1,7 @@
 """Fit the slip model to drawn contacts on the twin: ``python scripts/fit_slip_model.py WORK``.
 
-Draws contacts (``spikingtac.experiments.touch.slides``), sees them with camera and tracker, keeps
-their features in the folder WORK, and fits the two recurrent networks of
-``spikingtac.touch.slip.slip_model``. Needs torch. What the experiment scores is drawn from other
-seeds, with a body that is not drawn here.
+Draws the contacts of ``slip_samples.py``, keeps their features in the folder WORK, and fits the
+four recurrent networks of ``spikingtac.touch.slip.slip_model``. Needs torch.
 """
 
 from __future__ import annotations
@@ -17,20 +15,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from slip_samples import SAMPLES, drawn
 
-from spikingtac.experiments.touch.slides import CARRY, KINDS, draw_slide
-from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
-from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
+from spikingtac.touch.slip.feature_stream import FEATURES
 from spikingtac.touch.slip.gru import GruNetwork, Linear
 from spikingtac.touch.slip.slip_model import OUTPUTS, SlipModel
 
 Field = NDArray[np.float64]
 
-FIRST_SEEDS = {"seen": 20_000, "carried": 320_000}
-"""First seed of the contacts of each sort; the experiment's lie below."""
-COUNTS = {"seen": 1_290, "carried": 180}
-"""Contacts of each sort (ours: with 60 carried bodies 6 of 600 moves began with a false alarm, with
-180 none did)."""
 HIDDEN = ENCODING = 40
 """Sizes of hidden state and encoding (ours: 32 learns more slowly)."""
 FRAME_US = 1_000
@@ -43,9 +35,8 @@ TARGETS = 3
 """Sticking share, incipient and gross slip; the last only steadies the learning: alarms on the
 share itself err less."""
 RATE, DECAY = 4e-3, 1e-2
-EPOCHS, BATCH = 80, 24
-"""Turns through all contacts, and contacts at a time (ours: with a third of the steps alarms are
-half as good)."""
+BATCH = 24
+"""Contacts at a time."""
 WHOLLY = 0.2
 """Sticking share below which all of a contact slips."""
 ANNOUNCED_FRAMES = 80
@@ -61,25 +52,33 @@ is taken to be all that the memory needs)."""
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """How one of the networks is taught.
+    """How one of the networks is fitted.
 
     Attributes:
+        sample: Name of what it is fitted to.
+        epochs: Turns through that (ours: with a third of the steps alarms are half as good).
         partly: Sticking share below which a contact slips in part.
         announced_frames: It slips wholly, too, where all of it does so many frames later.
         steadiness: How much more it costs to ring an alarm of a contact that holds, per target.
         seed: Of its first weights, and of the order of the contacts.
     """
 
+    sample: str
+    epochs: int
     partly: float
     announced_frames: int
     steadiness: tuple[float, float, float]
     seed: int
 
 
-RECIPES = (
-    Recipe(partly=0.75, announced_frames=15, steadiness=(0.0, 2.0, 0.5), seed=0),
-    Recipe(partly=0.8, announced_frames=30, steadiness=(0.0, 3.0, 1.0), seed=1),
-)
+RECIPES = tuple(
+    Recipe(sample=sample, epochs=epochs, partly=partly, announced_frames=frames,
+           steadiness=steadiness, seed=seed)
+    for sample, epochs in (("usual", 80), ("varied", 60))
+    for seed, (partly, frames, steadiness) in enumerate(
+        [(0.75, 15, (0.0, 2.0, 0.5)), (0.8, 30, (0.0, 3.0, 1.0))]
+    )
+)  # fmt: skip
 HOLDS, HOLDS_FRAMES = 0.85, (20, 300)
 """A contact holds where more than this share sticks from so many frames before to so many after: no
 incipient slip may be told of it."""
@@ -93,53 +92,19 @@ def main() -> None:
     """Draw, watch, fit, write."""
     parser = argparse.ArgumentParser(description="Fit the slip model.")
     parser.add_argument("work", type=Path, help="folder for the contacts' features")
-    for sort, count in COUNTS.items():
-        parser.add_argument(f"--{sort}", type=int, default=count, help=f"contacts {sort}")
-    parser.add_argument("--draw-only", choices=tuple(COUNTS), help="do not fit")
+    parser.add_argument("--draw-only", choices=tuple(SAMPLES), help="draw that sample, do not fit")
     parser.add_argument("-o", "--output", type=Path, default=Path("slip_model.json"))
     args = parser.parse_args()
-    args.work.mkdir(parents=True, exist_ok=True)
-    sorts = [args.draw_only] if args.draw_only else list(COUNTS)
-    files = {s: [contact(args.work, s, k) for k in range(getattr(args, s))] for s in sorts}
     if args.draw_only:
+        drawn(args.work, args.draw_only)
         return
     networks = []
     for recipe in RECIPES:
-        whole = [Course.read(path, recipe) for paths in files.values() for path in paths]
+        whole = [Course.read(path, recipe) for path in drawn(args.work, recipe.sample)]
         courses = [piece for course in whole for piece in course.pieces()]
         networks.append(fitted(courses, recipe))
     model = SlipModel(tuple(networks))
     args.output.write_text(json.dumps(model.to_mapping()) + "\n", encoding="utf-8")
-
-
-def contact(work: Path, sort: str, number: int) -> Path:
-    """Return the file of a contact's features, drawn and watched if it is not there."""
-    path = work / f"{sort}_{number:04d}.npz"
-    if not path.exists():
-        seed, carried = FIRST_SEEDS[sort] + number, sort == "carried"
-        slide = draw_slide(np.random.default_rng(seed), kinds=(CARRY,) if carried else KINDS)
-        watched = watch_slide(slide, seed)
-        np.savez(
-            path,
-            features=features_of(watched).astype(np.float32),
-            share=watched.share,
-            judged=np.isfinite(watched.share) if carried else watched.judged,
-            touching=watched.touching,
-            about=f"{slide.scene.about}, {slide.friction:.2f}, {slide.speed_mm_s:.1f} mm/s",
-        )
-        print(path.name, flush=True)
-    return path
-
-
-def features_of(watched: WatchedSlide) -> Field:
-    """Return the features ``(n, FEATURES)`` of every frame; nan where there are none."""
-    stream = FeatureStream(watched.reference_px)
-    out = np.full((len(watched.t_us), FEATURES), np.nan)
-    for row, (t_us, moved) in enumerate(zip(watched.t_us.tolist(), watched.moved_px, strict=True)):
-        features = stream.update(t_us, moved)
-        if features is not None:
-            out[row] = features
-    return out
 
 
 @dataclass(frozen=True)
@@ -225,9 +190,9 @@ def fitted(courses: list[Course], recipe: Recipe) -> GruNetwork:
     scale = known.mean(axis=0), known.std(axis=0) + 1e-6
     net, batches = Net(), -(-len(courses) // BATCH)
     optimizer = torch.optim.AdamW(net.parameters(), RATE, weight_decay=DECAY)
-    steps = EPOCHS * batches
+    steps = recipe.epochs * batches
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
-    for _ in range(EPOCHS):
+    for _ in range(recipe.epochs):
         for rows in _batches([len(c.features) for c in courses], BATCH, rng):
             parts = _batch([courses[row] for row in rows], scale, rng)
             loss = _loss(net, *parts, torch.tensor(recipe.steadiness))

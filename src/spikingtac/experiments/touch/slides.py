@@ -52,8 +52,8 @@ KINDS = (
     "twice",
 )
 """What is drawn from: slides count twice."""
-TAUGHT_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
-"""What the slip model is fitted to: more slow motions, and rolls of any radius."""
+VARIED_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
+"""What half of the slip model is fitted to: more slow motions, and rolls of any radius."""
 CARRY = "carry"
 """A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
 HOLD = "hold"
@@ -96,7 +96,7 @@ def draw_slide(
     bodies: Sequence[Body] = TAUGHT,
     frictions: Sequence[float] = (),
     kinds: Sequence[str] = KINDS,
-    gels: Sequence[GelConfig] = (),
+    gels: Sequence[GelConfig] = (GelConfig(),),
 ) -> Slide:
     """Return a random contact.
 
@@ -105,9 +105,9 @@ def draw_slide(
         bodies: Bodies to choose from.
         frictions: Coefficients to choose from; uniform between 0.25 and 0.95 unless given.
         kinds: Motions to choose from.
-        gels: Gels to choose from; the contract's unless given. The friction is the contact's own.
+        gels: Gels to choose from; the contract's unless given. Friction is the contact's own.
     """
-    gel = gels[int(rng.integers(len(gels)))] if gels else GelConfig()
+    gel = gels[int(rng.integers(len(gels)))] if len(gels) > 1 else gels[0]
     body = bodies[int(rng.integers(len(bodies)))]
     friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(0.25, 0.95))
     kind = str(rng.choice(kinds))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log
+from math import log
 
 import numpy as np
 from numba import njit
@@ -48,7 +48,6 @@ class FeatureStream:
     Attributes:
         still: Whether the skin stood still over the longest span or, more strictly, the middle one.
         slowing: Logarithm of the field's speed over 10 ms by that over the longest span.
-        speed: That over the longest, as a share of the usual speed.
     """
 
     def __init__(self, reference: Field) -> None:
@@ -70,7 +69,7 @@ class FeatureStream:
     def reset(self) -> None:
         """Forget every frame."""
         self._count = 0
-        self.still, self.slowing, self.speed = True, 0.0, 0.0
+        self.still, self.slowing = True, 0.0
         self._starts = np.zeros(len(SPANS_US), np.int64)
         self._own_starts = np.zeros(len(own_motion.SPANS_US), np.int64)
 
@@ -99,7 +98,7 @@ class FeatureStream:
         _, short, middle, long = (float(features[place]) for place in SPEEDS)
         paused = middle < log(PAUSED + LEAST_SPEED)
         self.still = paused or change < len(WIDTHS) * STILL**2
-        self.slowing, self.speed = short - long, exp(long) - LEAST_SPEED
+        self.slowing = short - long
         return features
 
     def _own_motion(self, now: Field, slot: int, out: Field) -> None:

@@ -121,9 +121,7 @@ class SlipMonitor:
         config = self._config
         if self._features.slowing >= log(config.stopped_share):
             return slips
-        slow = self._features.speed < config.slow_share
-        least = config.slow_probability if slow else config.stopped_probability
-        least = min(least, config.gross.probability)
+        least = min(config.stopped_probability, config.gross.probability)
         return min(slips * config.gross.probability / least, 1.0)
 
     def _ended(self, t_us: int) -> Slip | None:

@@ -30,7 +30,7 @@ class AlarmConfig:
 class SlipConfig:
     """When slip is reported.
 
-    Set on 400 drawn contacts and 60 held bodies that the model was not fitted to.
+    Set on 580 drawn contacts and 60 held bodies that the model was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
@@ -40,10 +40,6 @@ class SlipConfig:
         stopped_probability: The same where the field has stopped following the body: friction
             carries no more. A body that stops or turns back has that in common with one that slips,
             so it does not suffice by itself.
-        slow_probability: The same where it moved slowly before: it then takes long to stop, and
-            bodies that stop or turn back at once are fast ones.
-        slow_share: Share of the usual speed (:data:`spikingtac.touch.slip.features.USUAL_SPEED`)
-            below which it moved slowly, over 160 ms.
         stopped_share: Share of its speed over 160 ms below which the field's speed over 10 ms says
             that it has stopped.
         still_probability: The same where the skin stands still: under a slow twist it moves no
@@ -53,11 +49,9 @@ class SlipConfig:
     """
 
     incipient: AlarmConfig = AlarmConfig(probability=0.9, hold_us=0)
-    incipient_share: float = 0.65
+    incipient_share: float = 0.6
     gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     stopped_probability: float = 0.75
-    slow_probability: float = 0.65
-    slow_share: float = 0.28
     stopped_share: float = 0.55
     still_probability: float = 0.9
     settle_us: int = 20_000
@@ -66,8 +60,6 @@ class SlipConfig:
         for name in (
             "incipient_share",
             "stopped_probability",
-            "slow_probability",
-            "slow_share",
             "stopped_share",
             "still_probability",
         ):

@@ -30,8 +30,8 @@ LEAST_GAP_US = 10_000
 FIRST_SHARE, LAST_SHARE = 0.2, 1.5
 """Shares of the pattern between which the rise is fitted (ours: up to 1.0 and from 0.3 to 2.0
 err more on the ten scenes)."""
-RISING_SHARE = 0.8
-"""Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (ours: 0.7 and
+RISING_SHARE = 0.85
+"""Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (ours: 0.8 and
 0.9 err as much)."""
 LATER_US = 80_000
 """Time after the touch is noticed within which the rise is fitted, us (ours)."""
