@@ -30,7 +30,7 @@ class AlarmConfig:
 class SlipConfig:
     """When slip is reported.
 
-    Set on 580 drawn contacts and 60 held bodies that the model was not fitted to.
+    Set on 820 drawn contacts and 60 held bodies that the model was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
@@ -48,12 +48,12 @@ class SlipConfig:
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.9, hold_us=0)
-    incipient_share: float = 0.6
+    incipient: AlarmConfig = AlarmConfig(probability=0.98, hold_us=0)
+    incipient_share: float = 0.72
     gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     stopped_probability: float = 0.75
     stopped_share: float = 0.55
-    still_probability: float = 0.9
+    still_probability: float = 0.93
     settle_us: int = 20_000
 
     def __post_init__(self) -> None:
