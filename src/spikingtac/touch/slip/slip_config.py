@@ -30,7 +30,7 @@ class AlarmConfig:
 class SlipConfig:
     """When slip is reported.
 
-    Set on 820 drawn contacts and 60 held bodies that the model was not fitted to.
+    Set on 1,180 drawn contacts and 180 held bodies that the model was not fitted to.
 
     Attributes:
         incipient: Alarm of a contact of which a part slips, on that probability.
@@ -48,8 +48,8 @@ class SlipConfig:
             frames of a touch are as strong as their errors).
     """
 
-    incipient: AlarmConfig = AlarmConfig(probability=0.98, hold_us=0)
-    incipient_share: float = 0.72
+    incipient: AlarmConfig = AlarmConfig(probability=0.985, hold_us=0)
+    incipient_share: float = 0.63
     gross: AlarmConfig = AlarmConfig(probability=0.83, hold_us=0)
     stopped_probability: float = 0.75
     stopped_share: float = 0.55
