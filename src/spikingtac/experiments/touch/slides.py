@@ -35,6 +35,11 @@ PLACE_MM = 2.5
 """Contacts begin within this distance of the middle, per axis, mm."""
 LIFT_S = 0.2
 """Duration of the release, s."""
+RELEASE = (
+    SegmentConfig(kind="hold", duration_s=0.2),
+    SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S),
+)
+"""How every contact ends."""
 SLOW_MM_S = (1.5, 6.0)
 """Range of the speeds of motions that are slow by their kind, mm/s."""
 ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)
@@ -116,8 +121,6 @@ def draw_slide(
     motion = _Motion(rng, friction, speed, depth)
     press = SegmentConfig(kind="press", depth_mm=depth, duration_s=float(rng.uniform(0.15, 0.5)))
     wait = SegmentConfig(kind="hold", duration_s=float(rng.uniform(0.05, 0.4)))
-    hold = SegmentConfig(kind="hold", duration_s=0.2)
-    lift = SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S)
     middle = _DRAWN[kind](motion)
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
     settings = body.sizes(rng)
@@ -129,7 +132,7 @@ def draw_slide(
             y_mm=float(y),
             yaw_deg=yaw_deg,
             height_mm=0.2,
-            segments=(press, wait, *middle, hold, lift),
+            segments=(press, wait, *middle, *RELEASE),
         ),
     )
     scene = Scene(
