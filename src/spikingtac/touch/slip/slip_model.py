@@ -1,9 +1,10 @@
 """The slip model: from the features of the field to the share of the contact that sticks.
 
 A body that turns back or stops looks like one that slips, for a moment; what went before tells
-them apart, so the networks are recurrent. The model is the mean of two, which were trained in
-different ways: their errors differ. They are fitted to contacts on the twin, whose sticking part
-is known (``scripts/fit_slip_model.py``). A real skin's share has no instrument.
+them apart, so the networks are recurrent. The model is the mean of four, which were trained in
+different ways and two of them on other contacts: their errors differ. They are fitted to contacts
+on the twin, whose sticking part is known (``scripts/fit_slip_model.py``). A real skin's share has
+no instrument.
 """
 
 from __future__ import annotations
