@@ -155,6 +155,14 @@ def test_a_series_of_another_sensor_is_refused(model: ForceModel) -> None:
         model.estimate(pixels)
 
 
+@pytest.mark.parametrize("shape", [(29, 2), (31, 2), (30, 3), (60,)])
+def test_displacements_of_another_sensor_are_refused(
+    model: ForceModel, shape: tuple[int, ...]
+) -> None:
+    with pytest.raises(ConfigError, match=r"30, 2"):
+        model.estimator().update(0, np.zeros(shape))
+
+
 def test_too_little_makes_no_model() -> None:
     one = series(9)
     with pytest.raises(ConfigError, match="50 frames are too few"):

@@ -192,7 +192,17 @@ class ForceEstimator:
         self._creep = CreepMemory(self._model.creep)
 
     def update(self, t_us: int, displacement: Field) -> Wrench:
-        """Take in displacements ``(m, d)`` in the model's unit and return the wrench."""
+        """Take in displacements ``(m, d)`` in the model's unit and return the wrench.
+
+        Raises:
+            ConfigError: They are not of the model's markers and coordinates.
+        """
+        if displacement.shape != self._model.reference.shape:
+            raise ConfigError(
+                f"displacements of shape {displacement.shape} do not fit the force model, whose "
+                f"markers are {self._model.reference.shape}; fit a model of this sensor: "
+                "spikingtac force fit"
+            )
         elastic = self._creep.elastic(t_us, displacement.ravel() / self._model.rms)
         away = self._rest.subtract(elastic)
         values, distance = self._wrench(away)
