@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.experiments.touch.true_calibration import true_calibration
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.sim.gel.indenters import IndenterConfig
@@ -74,17 +74,9 @@ class Watched:
 def agreement(watched: Watched) -> tuple[float, float, float]:
     """Return the true diameter, mm, and the two intersections over union; nan without a touch."""
     source, config = watched.source, load_config("default").tracking
-    calibration = Calibration(
-        reference_px=source.reference_px,
-        radius_px=source.radius_px,
-        grid=source.scene.skin.grid,
-        size=source.size,
-        polarity="white",
-    )
     detector = TouchDetector(source.reference_px)
-    ended = [
-        detector.update(frame) for frame in follow(watched, make_tracker(config, calibration), 1e3)
-    ]
+    tracker = make_tracker(config, true_calibration(source))
+    ended = [detector.update(frame) for frame in follow(watched, tracker, 1e3)]
     touches = [touch for touch in (*ended, detector.finish()) if touch is not None]
     if not touches:
         return np.nan, np.nan, np.nan

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
+from spikingtac.experiments.touch.true_calibration import true_calibration
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.sim.scene import catalog
@@ -49,17 +49,10 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
     """
     scene = catalog.load(name).with_camera(camera)
     source = SceneSource(scene, seed)
-    calibration = Calibration(
-        reference_px=source.reference_px,
-        radius_px=source.radius_px,
-        grid=scene.skin.grid,
-        size=source.size,
-        polarity="white",
-    )
     spectrum = scene.gel.spectrum
     memory = CreepMemory(CreepConfig(fractions=spectrum.fractions, times_s=spectrum.times_s))
     watched, times, moved = _WithWrench(source), [], []
-    tracker = make_tracker(load_config("default").tracking, calibration)
+    tracker = make_tracker(load_config("default").tracking, true_calibration(source))
     for frame in follow(watched, tracker, RATE_HZ):
         times.append(frame.t_us)
         moved.append(memory.elastic(frame.t_us, frame.detected_px - source.reference_px))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.experiments.harness.metric import Metric
 from spikingtac.experiments.touch.baselines import event_touches
+from spikingtac.experiments.touch.true_calibration import true_calibration
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.sim.scene import catalog
@@ -82,15 +82,8 @@ def touch_records(methods: list[str], seeds: range, quick: bool) -> list[dict[st
 
 def _felt(watched: _Watched) -> list[tuple[int, int]]:
     source, config = watched.source, load_config("default").tracking
-    calibration = Calibration(
-        reference_px=source.reference_px,
-        radius_px=source.radius_px,
-        grid=source.scene.skin.grid,
-        size=source.size,
-        polarity="white",
-    )
     detector, last_us, out = TouchDetector(source.reference_px), 0, []
-    for frame in follow(watched, make_tracker(config, calibration), config.rate_hz):
+    for frame in follow(watched, make_tracker(config, true_calibration(source)), config.rate_hz):
         last_us = frame.t_us
         touch = detector.update(frame)
         if touch is not None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.experiments.touch.slides import Slide
+from spikingtac.experiments.touch.true_calibration import true_calibration
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.sim.scene.source import SceneSource
@@ -62,14 +62,7 @@ def watch_slide(slide: Slide, seed: int, camera: str = "typical") -> WatchedSlid
     """Return a contact seen by a camera and the tracker ``default``."""
     source = SceneSource(slide.scene.with_camera(camera), seed)
     truth: list[tuple[int, int, int]] = []
-    calibration = Calibration(
-        reference_px=source.reference_px,
-        radius_px=source.radius_px,
-        grid=source.scene.skin.grid,
-        size=source.size,
-        polarity="white",
-    )
-    tracker = make_tracker(load_config("default").tracking, calibration)
+    tracker = make_tracker(load_config("default").tracking, true_calibration(source))
     frames = follow(_Packets(source, truth), tracker, RATE_HZ)
     return _watched(slide, source.reference_px, list(frames), truth)
 

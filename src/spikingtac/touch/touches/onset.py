@@ -32,7 +32,7 @@ FIRST_SHARE, LAST_SHARE = 0.2, 1.5
 err more on the ten scenes)."""
 RISING_SHARE = 0.85
 """Share of its height up to which a rise that ends below ``LAST_SHARE`` is fitted (ours: 0.8 and
-0.9 err as much)."""
+0.9 err about as much)."""
 LATER_US = 80_000
 """Time after the touch is noticed within which the rise is fitted, us (ours)."""
 GROWTH_POWER = 1.85
