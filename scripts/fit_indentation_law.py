@@ -1,29 +1,25 @@
 """Fit the law of indentation on the twin: ``python scripts/fit_indentation_law.py WORK``.
 
-Draws contacts (``spikingtac.experiments.touch.slides``) of many sizes, depths and places on the
-twin's gel, without a camera, keeps their skins in the folder WORK, shows them to cameras at many
-distances, adds the errors of tracks and growths, and fits the network of
-``spikingtac.touch.indentation.indentation_law``. Needs torch. No contact scene is drawn from.
+Draws contacts of many sizes, depths and places on the twin's gel, keeps their skins in the folder
+WORK, shows them to cameras at many distances, adds the errors of tracks and growths, and fits the
+network of ``spikingtac.touch.indentation.indentation_law``. Needs torch.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
+from drawn_skins import SKIN, CameraView, Draw, drawn
 from numpy.typing import NDArray
+from weights_file import write_weights
 
-from spikingtac.experiments.touch.slides import KINDS, Body, draw_slide
-from spikingtac.sim.optics.projection import Optics, OpticsConfig
-from spikingtac.sim.optics.states import SkinState
-from spikingtac.sim.scene.scene import Scene, SkinConfig
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac.experiments.touch.bodies import BOTH_RADII, Body
+from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import (
     DEPTH_SCALE,
@@ -36,23 +32,18 @@ from spikingtac.touch.indentation.indentation_law import (
 Field = NDArray[np.float64]
 
 BODIES = (
-    Body("ball", (0.8, 9.0), (0.1, 1.3)),
-    Body("punch", (0.6, 4.5), (0.08, 0.6)),
-    Body("finger", (5.0, 8.5), (0.4, 2.6)),
+    Body("ball", "ball", {BOTH_RADII: (0.8, 9.0)}, (0.1, 1.3)),
+    Body("punch", "punch", {("radius_mm",): (0.6, 4.5)}, (0.08, 0.6)),
+    Body("finger", "finger", {BOTH_RADII: (5.0, 8.5)}, (0.4, 2.6)),
 )
 """What is drawn: smaller, larger, lighter and deeper than for the slip model."""
-FIRST_SEED, CONTACTS = 500_000, 2000
-PLACE_MM = 6.0
-"""Contacts begin within this distance of the middle, per axis, mm."""
-MECHANICS_HZ = 100.0
-EVERY = 4
-"""Steps of the gel of which one is kept."""
+DRAW = Draw(first_seed=500_000, bodies=BODIES)
+CONTACTS = 2000
 LEAST_DEPTH_MM = 0.03
 """Skins that are indented by less are rest, of which one in a contact is kept, mm."""
 KEPT_SHARE = 3
 """Of the others one in so many is kept."""
 DISTANCE_MM = (9.0, 18.0)
-DISTORTION = (-0.06, 0.0)
 PLACE_SIGMA_PX = (0.03, 0.12)
 GROWTH_SIGMA = (0.003, 0.009)
 COMMON_SIGMA = 0.003
@@ -64,7 +55,6 @@ TOUCHED, TOUCHED_WEIGHT = 0.05, 10.0
 SQUARED_WEIGHT = 0.05
 """Of the plain squared error beside the likelihood: a network that begins with large deviations
 learns nothing else."""
-SYMMETRIES = 8
 ERROR_FACTOR = 2.0
 """By which deviations are multiplied: with it 95 % of the true values of the training scenes, seen
 with camera and tracker, lie within two (their hard bodies twist and circle; q95 is 4.1 without)."""
@@ -93,32 +83,11 @@ def main() -> None:
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
-    paths = [skins(args.work, number) for number in range(args.contacts)]
+    paths = [drawn(args.work, number, DRAW) for number in range(args.contacts)]
     views = [view(path, rng, args.without_growth) for path in paths]
     law = fitted(views, rng, args.epochs, args.without_growth)
     law = replace(law, error_factor=args.error_factor)
-    args.output.write_text(json.dumps(rounded(law.to_mapping())) + "\n", encoding="utf-8")
-
-
-def skins(work: Path, number: int) -> Path:
-    """Return the file of a contact's skins, drawn if it is not there."""
-    path = work / f"skin_{number:04d}.npz"
-    if not path.exists():
-        rng = np.random.default_rng(FIRST_SEED + number)
-        scene = moved_scene(draw_slide(rng, bodies=BODIES, kinds=KINDS).scene, rng)
-        frames = [state for state, _ in SceneSource(scene, number).frames()][::EVERY]
-        place = np.array([state.marker_mm for state in frames], np.float32)
-        gradient = np.array([state.gradient for state in frames], np.float32)
-        np.savez(path, mm=place, grad=gradient)
-    return path
-
-
-def moved_scene(scene: Scene, rng: np.random.Generator) -> Scene:
-    """Return a scene whose contact begins anywhere on the skin."""
-    x_mm, y_mm = rng.uniform(-PLACE_MM, PLACE_MM, 2).tolist()
-    contact = scene.contacts[0]
-    motion = replace(contact.motion, x_mm=x_mm, y_mm=y_mm)
-    return replace(scene, mechanics_hz=MECHANICS_HZ, contacts=(replace(contact, motion=motion),))
+    write_weights(args.output, law.to_mapping())
 
 
 def view(path: Path, rng: np.random.Generator, without_growth: bool) -> View:
@@ -127,45 +96,15 @@ def view(path: Path, rng: np.random.Generator, without_growth: bool) -> View:
         place, gradient = archive["mm"].astype(float), archive["grad"].astype(float)
     deepest = place[..., 2].max(axis=1)
     kept = np.append(np.flatnonzero(deepest > LEAST_DEPTH_MM)[::KEPT_SHARE], 0)
-    skin = SkinConfig()
-    config = OpticsConfig(distance_mm=rng.uniform(*DISTANCE_MM), k1=rng.uniform(*DISTORTION))
-    optics = Optics(config, seed=int(rng.integers(1_000_000)))
-    rest = skin.at_rest()
-    flat = optics.project(rest)
-    symmetry = int(rng.integers(SYMMETRIES))
-    order = turned_order(symmetry, skin.grid[0])
-    moved, growth = [], []
-    for row in kept.tolist():
-        image = optics.project(shaped(rest, place[row], gradient[row]))
-        moved.append(turned(image.center_px - flat.center_px, symmetry)[order])
-        growth.append((image_radius_px(image) / image_radius_px(flat) - 1.0)[order])
-    middle = (np.array(config.size) - 1.0) / 2.0
-    reference = turned(flat.center_px - middle, symmetry)[order] + middle
+    camera = CameraView.drawn(rng, DISTANCE_MM)
+    moved, growth = camera.seen(place[kept], gradient[kept])
     return View(
-        FieldFeatures(reference, config.size),
-        np.array(moved),
-        np.array(growth) * (not without_growth),
-        skin.pitch_mm / config.distance_mm,
-        place[kept][:, order, 2] / skin.pitch_mm,
+        FieldFeatures(camera.reference_px, np.zeros(2)),
+        moved,
+        growth * (not without_growth),
+        SKIN.pitch_mm / camera.distance_mm,
+        place[kept][:, camera.order, 2] / SKIN.pitch_mm,
     )
-
-
-def shaped(rest: SkinState, place_mm: Field, gradient: Field) -> SkinState:
-    """Return a skin of given places ``(m, 3)`` and gradients ``(m, 2, 2)``."""
-    return replace(rest, marker_mm=place_mm, gradient=gradient)
-
-
-def turned_order(symmetry: int, side: int) -> NDArray[np.int64]:
-    """Return which marker comes to each place of a square grid that is turned and mirrored."""
-    places = np.rot90(np.arange(side * side).reshape(side, side), symmetry % 4)
-    return (places[:, ::-1] if symmetry >= 4 else places).ravel()
-
-
-def turned(vectors: Field, symmetry: int) -> Field:
-    """Return vectors ``(..., 2)`` turned and mirrored likewise."""
-    for _ in range(symmetry % 4):
-        vectors = np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1)
-    return vectors * np.array([-1.0, 1.0]) if symmetry >= 4 else vectors
 
 
 def noisy(one: View, rng: np.random.Generator, without_growth: bool) -> NDArray[np.float32]:
@@ -205,8 +144,8 @@ def fitted(
             total += float(loss.detach())
         print(epoch, total / turns, flush=True)
     weights = [layer.weight.detach().numpy().astype(float) for layer in layers]
-    offsets = [layer.bias.detach().numpy().astype(float) for layer in layers]
-    return IndentationLaw(tuple(weights), tuple(offsets))  # type: ignore[arg-type]
+    biases = [layer.bias.detach().numpy().astype(float) for layer in layers]
+    return IndentationLaw(Mlp(tuple(weights), tuple(biases)))
 
 
 def loss_of(told: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
@@ -216,11 +155,6 @@ def loss_of(told: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
     weight = 1.0 + TOUCHED_WEIGHT * (depth > TOUCHED)
     likelihood = 0.5 * (error * torch.exp(-log_sigma)) ** 2 + log_sigma
     return (weight * (likelihood + SQUARED_WEIGHT * error**2)).mean()
-
-
-def rounded(document: dict) -> dict:  # type: ignore[type-arg]
-    """Return the document with numbers of six digits: the file is a third as long."""
-    return json.loads(json.dumps(document), parse_float=lambda text: float(f"{float(text):.6g}"))
 
 
 if __name__ == "__main__":

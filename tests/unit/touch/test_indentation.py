@@ -15,6 +15,7 @@ from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import IndentationLaw, fitted_law
 from spikingtac.touch.indentation.monitor import Indentation, IndentationMonitor, Peak
@@ -41,7 +42,7 @@ def pressed(depth_mm: float, distance_mm: float) -> tuple[SkinState, MarkerImage
 @pytest.mark.parametrize(("depth_mm", "distance_mm"), [(1.2, 13.0), (2.0, 13.0), (2.0, 10.0)])
 def test_a_finger_on_the_twin_is_as_deep_as_told(depth_mm: float, distance_mm: float):
     state, image, rest = pressed(depth_mm, distance_mm)
-    features = FieldFeatures(rest.center_px, (320, 320))
+    features = FieldFeatures(rest.center_px, np.full(2, 159.5))
     growth = image_radius_px(image) / image_radius_px(rest) - 1.0
     seen = features.of(image.center_px - rest.center_px, growth, 2.4 / distance_mm)
     depth, sigma = (2.4 * value for value in fitted_law()(seen))
@@ -54,19 +55,19 @@ def test_a_finger_on_the_twin_is_as_deep_as_told(depth_mm: float, distance_mm: f
 
 
 def test_an_untouched_skin_is_not_pressed():
-    features = FieldFeatures(REST, CALIBRATION.size)
+    features = FieldFeatures(REST, (np.array(CALIBRATION.size) - 1.0) / 2.0)
     depth, sigma = fitted_law()(features.of(np.zeros((16, 2)), np.zeros(16), 2.4 / 13.0))
     assert np.abs(2.4 * depth).max() < 0.05
     assert (sigma > 0.0).all()
 
 
 def test_features_hold_neighbours_in_their_places():
-    features = FieldFeatures(REST, CALIBRATION.size)
+    features = FieldFeatures(REST, (np.array(CALIBRATION.size) - 1.0) / 2.0)
     assert features.pitch_px == pytest.approx(PITCH_PX)
     growth = np.arange(16.0)
     seen = features.of(np.zeros((3, 16, 2)), np.tile(growth, (3, 1)), 0.2)
     assert seen.shape == (3, 16, FEATURES)
-    block = seen[0, 5, 50:75].reshape(5, 5) / 10.0  # marker 5: row 1, column 1
+    block = seen[0, 5, 77:102].reshape(5, 5) / 10.0  # marker 5: row 1, column 1
     np.testing.assert_allclose(block[1:, 1:], growth.reshape(4, 4), atol=1e-9)
     assert not block[0].any()
     assert not block[:, 0].any()
@@ -81,7 +82,9 @@ def test_the_law_survives_its_file_and_refuses_others():
         with pytest.raises(ConfigError, match="no indentation law"):
             IndentationLaw.from_mapping(broken)
     with pytest.raises(ValueError, match="does not follow"):
-        dataclasses.replace(law, weights=law.weights[::-1])
+        Mlp(law.network.weights[::-1], law.network.biases[::-1])
+    with pytest.raises(ValueError, match="are needed"):
+        IndentationLaw(Mlp(law.network.weights[:-1], law.network.biases[:-1]))
 
 
 def frame(t_us: int, places: np.ndarray, coasted: bool = False) -> MarkerFrame:

@@ -103,7 +103,7 @@ def test_a_rest_off_the_calibrated_one_is_no_touch() -> None:
 
 def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
     detector = TouchDetector(REFERENCE)
-    strength = detector._gradient.strength_of(press(-2.4))[1]
+    strength = detector._gradient.strength_of(press(-2.4))
     assert 0.03 < strength < TouchConfig().start_strength, "as on the recorded gel"
     (touch,) = touches(watch(lambda t: 4 * pulse(t, 0.8, 1.9) - 2.4, 4.0))
     assert (touch.begin_us - 7_000_000) / 1e6 == pytest.approx(0.8, abs=0.010)

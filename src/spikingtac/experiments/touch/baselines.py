@@ -1,4 +1,7 @@
-"""What simpler methods feel: force from the mean displacement, touches from event counts."""
+"""What simpler methods feel.
+
+Force from the mean displacement, touches from event counts, patches from whatever is largest.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.touch.contact_patch.patch import SQUARE, Patch, patch_of_cells
 from spikingtac.touch.force.wrench_series import WrenchSeries
 
 Field = NDArray[np.float64]
@@ -50,3 +55,17 @@ def event_touches(counts: NDArray[np.int64], window_us: int) -> list[tuple[int, 
     above = np.concatenate([[False], counts > threshold, [False]])
     edges = np.flatnonzero(np.diff(above.astype(np.int8)))
     return [(int(a) * window_us, int(b) * window_us) for a, b in edges.reshape(-1, 2)]
+
+
+def region_above(reference_px: Field, values: Field, share: float) -> Patch:
+    """Return the markers whose value is at least a share of the largest, each with its square.
+
+    Args:
+        reference_px: ``(m, 2)`` markers at rest, px.
+        values: ``(m,)`` what is seen at each, not negative.
+        share: The share.
+    """
+    pitch_px = marker_pitch_px(reference_px)
+    inside = values >= share * float(values.max())
+    corners = reference_px[inside, None] + pitch_px * SQUARE
+    return patch_of_cells(corners, np.maximum(values[inside], 1e-12))

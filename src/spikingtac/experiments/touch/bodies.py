@@ -34,11 +34,12 @@ class Body:
         return settings
 
 
-_BOTH_RADII = ("radius_x_mm", "radius_y_mm")
+BOTH_RADII = ("radius_x_mm", "radius_y_mm")
+"""Settings of a body that is round about its axis."""
 ROUND = (
-    Body("ball", "ball", {_BOTH_RADII: (3.0, 8.0)}, (0.4, 0.9)),
+    Body("ball", "ball", {BOTH_RADII: (3.0, 8.0)}, (0.4, 0.9)),
     Body("punch", "punch", {("radius_mm",): (2.0, 4.5)}, (0.2, 0.45)),
-    Body("finger", "finger", {_BOTH_RADII: (6.0, 8.0)}, (1.2, 2.2)),
+    Body("finger", "finger", {BOTH_RADII: (6.0, 8.0)}, (1.2, 2.2)),
 )
 """Bodies that are alike from all sides."""
 LONG = (

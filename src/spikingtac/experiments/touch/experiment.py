@@ -12,16 +12,23 @@ from spikingtac.experiments.harness.report import Report, Table, find_row
 from spikingtac.experiments.harness.report_files import write_report
 from spikingtac.experiments.harness.rows import Row, rows_of
 from spikingtac.experiments.harness.run_options import RunOptions, select_methods
-from spikingtac.experiments.touch import recorded_forces, twin_slip, twin_touches, twin_wrench
+from spikingtac.experiments.touch import (
+    recorded_forces,
+    twin_patches,
+    twin_slip,
+    twin_touches,
+    twin_wrench,
+)
 
 NAME = "touch"
 SEEDS = 3
-PARTS = (recorded_forces, twin_wrench, twin_touches, twin_slip)
+PARTS = (recorded_forces, twin_wrench, twin_touches, twin_patches, twin_slip)
 METHODS: dict[str, str] = {name: about for part in PARTS for name, about in part.METHODS.items()}
 METRICS: tuple[Metric, ...] = (
     *recorded_forces.METRICS,
     *twin_wrench.METRICS,
     *twin_touches.METRICS,
+    *twin_patches.METRICS,
     *twin_slip.METRICS,
 )
 PUBLISHED = (
@@ -73,6 +80,9 @@ def _records(options: RunOptions, names: list[str], seeds: range) -> list[dict[s
     if chosen(twin_touches):
         records += twin_touches.touch_records(chosen(twin_touches), seeds, options.quick)
     options.report_progress(3, len(PARTS))
+    if chosen(twin_patches):
+        records += twin_patches.patch_records(chosen(twin_patches), options.seed, options.quick)
+    options.report_progress(4, len(PARTS))
     if chosen(twin_slip):
         records += twin_slip.slip_records(chosen(twin_slip), options.seed, options.quick)
     options.report_progress(len(PARTS), len(PARTS))
@@ -87,6 +97,7 @@ def findings(rows: Sequence[Row]) -> list[str]:
         ("wrench/all", twin_wrench),
         *((f"wrench-{camera}/all", twin_wrench) for camera in twin_wrench.CAMERAS),
         ("touches/all", twin_touches),
+        ("patch/all", twin_patches),
         ("slip/all", twin_slip),
         ("held/all", twin_slip),
     ):

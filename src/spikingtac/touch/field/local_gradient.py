@@ -88,14 +88,13 @@ class GradientOperator:
         x_by_y, y_by_y = slopes[..., 1, :, 0], slopes[..., 1, :, 1]
         return Gradients(x_by_x + y_by_y, y_by_x - x_by_y, x_by_x - y_by_y, x_by_y + y_by_x)
 
-    def strength_of(self, displacement: Field) -> tuple[Field, float]:
-        """Return :attr:`Gradients.local` ``(m,)`` and :attr:`Gradients.strength` of one field.
+    def strength_of(self, displacement: Field) -> float:
+        """Return :attr:`Gradients.strength` of one displacement ``(m, 2)``.
 
-        The same as :meth:`of`, for a displacement ``(m, 2)`` of every frame: ten times as fast.
+        The same as :meth:`of`, for every frame: ten times as fast.
         """
-        local = np.empty(len(self._near))
         moved = np.ascontiguousarray(displacement, np.float64)
-        return local, strength_kernel(moved, self._near, self._slopes, local)
+        return strength_kernel(moved, self._near, self._slopes)
 
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""
@@ -103,19 +102,16 @@ class GradientOperator:
 
 
 @njit(cache=True, nogil=True)
-def strength_kernel(
-    displacement: Field, near: NDArray[np.int64], slopes: Field, local: Field
-) -> float:
-    """Fill the length of the gradient at each marker and return their root mean square.
+def strength_kernel(displacement: Field, near: NDArray[np.int64], slopes: Field) -> float:
+    """Return the root mean square over the markers of the gradients' lengths.
 
     Args:
         displacement: ``(m, 2)``.
         near: ``(m, n)`` the markers of each neighbourhood.
         slopes: ``(m, 2, n)`` their weights in the derivatives by x and by y.
-        local: ``(m,)`` overwritten.
     """
     total = 0.0
-    for marker in range(len(local)):
+    for marker in range(len(near)):
         x_by_x, y_by_x, x_by_y, y_by_y = 0.0, 0.0, 0.0, 0.0
         for k in range(near.shape[1]):
             x, y = displacement[near[marker, k], 0], displacement[near[marker, k], 1]
@@ -125,7 +121,5 @@ def strength_kernel(
             x_by_y += by_y * x
             y_by_y += by_y * y
         # Divergence, curl, stretch and skew, squared and summed.
-        square = 2.0 * (x_by_x**2 + y_by_y**2 + y_by_x**2 + x_by_y**2)
-        local[marker] = np.sqrt(square)
-        total += square
-    return float(np.sqrt(total / len(local)))
+        total += 2.0 * (x_by_x**2 + y_by_y**2 + y_by_x**2 + x_by_y**2)
+    return float(np.sqrt(total / len(near)))

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES
 
 Field = NDArray[np.float64]
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the file of weights."""
 FILE = "indentation_law.json"
 OUTPUTS = 2
@@ -31,32 +32,26 @@ DEPTH_SCALE, SIGMA_SCALE = 0.1, 0.02
 """Pitches that an output of 1 stands for, and standard deviation at a logarithm of 0."""
 LOG_SIGMA = (-4.0, 3.0)
 """Range of that logarithm."""
-LAYERS = ("first", "second", "told")
 
 
 @dataclass(frozen=True)
 class IndentationLaw:
-    """Weights of the network.
+    """What tells the indentation.
 
     Attributes:
-        weights: Of the three layers, ``(outputs, inputs)`` each.
-        offsets: Of the three layers, ``(outputs,)`` each.
+        network: From the features of a marker to its indentation and the logarithm of its
+            deviation, both scaled.
         error_factor: By what the network's standard deviations are multiplied: events err more
             than what it was fitted to.
     """
 
-    weights: tuple[Field, Field, Field]
-    offsets: tuple[Field, Field, Field]
+    network: Mlp
     error_factor: float = 1.0
 
     def __post_init__(self) -> None:
-        inputs = FEATURES
-        for weights, offsets in zip(self.weights, self.offsets, strict=True):
-            if weights.shape != (len(offsets), inputs):
-                raise ValueError(f"a layer of {weights.shape} does not follow {inputs} values")
-            inputs = len(offsets)
-        if inputs != OUTPUTS or not self.error_factor > 0:
-            raise ValueError(f"{inputs} outputs, {OUTPUTS} are needed, and a positive factor")
+        self.network.require(FEATURES, OUTPUTS)
+        if not self.error_factor > 0:
+            raise ValueError(f"error_factor is {self.error_factor}, it must be positive")
 
     def __call__(self, features: Field) -> tuple[Field, Field]:
         """Return indentations ``(...,)`` and their standard deviations, in pitches.
@@ -64,18 +59,13 @@ class IndentationLaw:
         Args:
             features: ``(..., FEATURES)``.
         """
-        seen = np.tanh(features @ self.weights[0].T + self.offsets[0])
-        seen = np.tanh(seen @ self.weights[1].T + self.offsets[1])
-        told = seen @ self.weights[2].T + self.offsets[2]
+        told = self.network(features)
         sigma = np.exp(np.clip(told[..., 1], *LOG_SIGMA))
         return DEPTH_SCALE * told[..., 0], SIGMA_SCALE * self.error_factor * sigma
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the law as plain values."""
-        layers = {
-            name: {"weights": weights.tolist(), "offsets": offsets.tolist()}
-            for name, weights, offsets in zip(LAYERS, self.weights, self.offsets, strict=True)
-        }
+        layers = self.network.to_mapping()
         return {"schema": SCHEMA, "error_factor": self.error_factor, "layers": layers}
 
     @classmethod
@@ -88,20 +78,12 @@ class IndentationLaw:
         try:
             if document["schema"] != SCHEMA:
                 raise ValueError(f"schema {document['schema']}, this version reads {SCHEMA}")
-            first, second, told = (document["layers"][name] for name in LAYERS)
-            return cls(
-                (_array(first, "weights"), _array(second, "weights"), _array(told, "weights")),
-                (_array(first, "offsets"), _array(second, "offsets"), _array(told, "offsets")),
-                float(document["error_factor"]),
-            )
+            network = Mlp.from_mapping(document["layers"])
+            return cls(network, float(document["error_factor"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(
                 f"no indentation law: {error}; make one with: python scripts/fit_indentation_law.py"
             ) from error
-
-
-def _array(layer: dict[str, Any], name: str) -> Field:
-    return np.array(layer[name], np.float64)
 
 
 @cache

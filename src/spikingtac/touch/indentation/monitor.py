@@ -91,7 +91,9 @@ class IndentationMonitor:
         """
         self._calibration = calibration
         self._gauge = DiscGrowthGauge(calibration)
-        self._features = FieldFeatures(calibration.reference_px, calibration.size)
+        # The optical axis is taken for the middle of the sensor.
+        middle_px = (np.array(calibration.size) - 1.0) / 2.0
+        self._features = FieldFeatures(calibration.reference_px, middle_px)
         self._gradient = GradientOperator(calibration.reference_px)
         self._pitch_mm, self._nearness = _scales(
             calibration, camera_distance_mm, self._features.pitch_px

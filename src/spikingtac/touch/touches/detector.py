@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.touch.contact_patch.estimator import PatchEstimator
+from spikingtac.touch.contact_patch.patch import Patch
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.field.lost_markers import LostMarkers
 from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.onset import OnsetMemory
-from spikingtac.touch.touches.patch import Patch, deformed_patch
 from spikingtac.touch.touches.release import Release
 from spikingtac.touch.touches.spread import spread_kernel
 from spikingtac.touch.touches.touch import Touch
@@ -49,10 +50,10 @@ class _Open:
     begin_us: int
     threshold: float
     release: Release
+    peak_field: Field
     peak: float = 0.0
     peak_us: int = 0
     peak_px: float = 0.0
-    peak_local: Field | None = None
     peak_spread: float = 0.0
 
 
@@ -87,6 +88,7 @@ class TouchDetector:
         self._config = config or TouchConfig()
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
+        self._patches = PatchEstimator(self._reference)
         self._lost = LostMarkers(self._reference)
         self._memory = OnsetMemory(self._config.unseen)
         self._backlash = Backlash(len(self._reference))
@@ -129,9 +131,7 @@ class TouchDetector:
     @property
     def patch(self) -> Patch | None:
         """Where the open touch is, at its peak so far; None while nothing touches."""
-        if self._open is None or self._open.peak_local is None:
-            return None
-        return deformed_patch(self._reference, self._open.peak_local)
+        return None if self._open is None else self._patches.patch(self._open.peak_field)
 
     @property
     def begin_us(self) -> int | None:
@@ -161,10 +161,10 @@ class TouchDetector:
             return self._follow(self._open, frame.t_us, moved)
         settling = self._settle(frame.t_us, moved)
         self._memory.add(frame.t_us, moved, string)
-        strength = self._gradient.strength_of(moved - self._zero)[1]
+        strength = self._gradient.strength_of(moved - self._zero)
         if strength > self.threshold and not settling:
             begin_us = self._memory.notice(moved - self._zero)
-            self._open = _Open(begin_us, self.threshold, Release(self._config))
+            self._open = _Open(begin_us, self.threshold, Release(self._config), self.tracked_px)
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
@@ -197,11 +197,11 @@ class TouchDetector:
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
-        local, strength = self._gradient.strength_of(away)
+        strength = self._gradient.strength_of(away)
         largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
         touch.peak_px = max(touch.peak_px, largest_px)
         if strength > touch.peak:
-            touch.peak, touch.peak_us, touch.peak_local = strength, t_us, local
+            touch.peak, touch.peak_us, touch.peak_field = strength, t_us, self.tracked_px
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is None:
             return None
@@ -230,10 +230,10 @@ class TouchDetector:
         """Return the strength as the markers are tracked, if that is more: some look lost only."""
         if self._tracked is self._moved:
             return strength
-        return max(strength, self._gradient.strength_of(self.tracked_px)[1])
+        return max(strength, self._gradient.strength_of(self.tracked_px))
 
     def _is_start(self, moved: Field) -> bool:
-        return self._gradient.strength_of(moved)[1] < self._config.start_strength
+        return self._gradient.strength_of(moved) < self._config.start_strength
 
     def _settle(self, t_us: int, moved: Field) -> bool:
         """Right after a release the rest is wherever the skin falls back to.
@@ -244,7 +244,7 @@ class TouchDetector:
         settling = self._settling
         if settling is None:
             return False
-        strength = self._gradient.strength_of(moved - settling.former_zero)[1]
+        strength = self._gradient.strength_of(moved - settling.former_zero)
         falls_back = strength <= settling.lowest + self.threshold
         if strength <= settling.lowest:
             settling.lowest, self._zero = strength, moved
@@ -261,8 +261,7 @@ class TouchDetector:
         self._rest_strength += share * (strength - self._rest_strength)
 
     def _told(self, touch: _Open, end_us: int | None) -> Touch:
-        local = np.zeros(len(self._reference)) if touch.peak_local is None else touch.peak_local
-        patch = deformed_patch(self._reference, local)
+        patch = self._patches.patch(touch.peak_field)
         return Touch(
             begin_us=touch.begin_us,
             end_us=end_us,

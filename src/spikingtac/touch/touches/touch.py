@@ -18,8 +18,8 @@ class Touch:
         peak_us: When the skin was deformed most, us.
         peak_strength: Strength of the displacement's gradient then (1 is 100 % strain).
         peak_displacement_px: Largest displacement of a marker over the touch, px.
-        place_px: ``(2,)`` where the deformation was centred at its peak, px.
-        area_px2: Area that was deformed by at least half of the most, px squared.
+        place_px: ``(2,)`` centre of the contact patch at the peak, px.
+        area_px2: Area of that patch, px squared.
         outline_px: ``(k, 2)`` its convex outline, px.
     """
 

@@ -1,0 +1,228 @@
+"""Fit the model of the contact patch on the twin: ``python scripts/fit_patch_model.py WORK``.
+
+Draws contacts of many bodies on gels of many thicknesses, keeps their skins in the folder WORK
+(half a gigabyte), shows them to cameras at many distances, adds the errors of tracks, and fits the
+network of ``spikingtac.touch.contact_patch.patch_model`` to the cells of the skin that are touched.
+Needs torch, an hour and a half.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+
+import numpy as np
+import torch
+from drawn_skins import SKIN, CameraView, Draw, drawn, turned
+from numpy.typing import NDArray
+from weights_file import write_weights
+
+from spikingtac.experiments.touch.bodies import BOTH_RADII, Body
+from spikingtac.sim.gel.gel import GelConfig
+from spikingtac.touch.contact_patch.patch_features import FEATURES, PatchFeatures
+from spikingtac.touch.contact_patch.patch_model import SIDE, PatchModel
+from spikingtac.touch.field.mlp import Mlp
+
+Field = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_CAPS_MM = {
+    ("radius_x_mm",): (2.0, 20.0),
+    ("radius_y_mm",): (2.0, 20.0),
+    ("half_height_mm",): (4.0, 12.0),
+}
+BODIES = (
+    Body("small ball", "ball", {BOTH_RADII: (1.0, 10.0)}, (0.1, 1.3)),
+    Body("ball", "ball", {BOTH_RADII: (3.0, 10.0)}, (0.1, 1.0)),
+    Body("small punch", "punch", {("radius_mm",): (0.8, 5.0)}, (0.08, 0.6)),
+    Body("punch", "punch", {("radius_mm",): (1.0, 5.0)}, (0.08, 0.5)),
+    Body("finger", "finger", {BOTH_RADII: (5.0, 9.0)}, (0.4, 2.6)),
+    Body("ellipsoid", "ball", _CAPS_MM, (0.15, 1.0), turned=True),
+    Body(
+        "rod",
+        "probe",
+        {("radius_mm",): (1.0, 6.0), ("length_mm",): (1.0, 10.0)},
+        (0.15, 0.9),
+        turned=True,
+    ),
+)
+"""What is drawn: hard and soft, round, flat and long bodies, small and large."""
+GELS = 3 * (GelConfig(),) + tuple(GelConfig(thickness_mm=h) for h in (2.0, 2.5, 3.5, 4.0, 5.0))
+DRAW = Draw(first_seed=700_000, bodies=BODIES, gels=GELS)
+CONTACTS, VALIDATION = 12_000, 300
+VIEWS = 3
+"""Cameras to which each contact is shown (ours: with one, the network learns it by heart)."""
+FRAMES = 12
+"""Frames of a contact that a camera sees, at most."""
+LEAST_DEPTH_MM = 0.03
+"""Skins that are indented by less are left out, mm."""
+DISTANCE_MM = (9.0, 30.0)
+PLACE_SIGMA_PX = (0.03, 0.12)
+"""Range of the tracks' errors, px per axis, of frame after frame."""
+HIDDEN = (192, 96)
+BATCH, RATE, DECAY, LARGEST_GRADIENT = 16, 3e-3, 1e-3, 1.0
+COLD_SHARE = 0.15
+"""Share of the markers far from the contact that is looked at, each with the weight of many."""
+JUDGED_MM = 3.0
+"""Diameter from which a patch is judged, mm, by its area."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The frames of a contact as a camera shows them.
+
+    Attributes:
+        features: Of its markers.
+        moved_px: ``(n, m, 2)`` displacements, px.
+        touched: ``(n, m, SIDE * SIDE)`` cells of the skin that are touched.
+        hot: ``(n, m)`` markers about which, or beside which, any is.
+    """
+
+    features: PatchFeatures
+    moved_px: Field
+    touched: Flags
+    hot: Flags
+
+
+def main() -> None:
+    """Draw, show, fit, write."""
+    parser = argparse.ArgumentParser(description="Fit the model of the contact patch.")
+    parser.add_argument("work", type=Path, help="folder for the skins")
+    parser.add_argument("--contacts", type=int, default=CONTACTS)
+    parser.add_argument("--epochs", type=int, default=14)
+    parser.add_argument("-o", "--output", type=Path, default=Path("patch_model.json"))
+    args = parser.parse_args()
+    args.work.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    paths = [drawn(args.work, number, DRAW) for number in range(args.contacts)]
+    held, taught = shown(paths[:VALIDATION], rng, 1), shown(paths[VALIDATION:], rng, VIEWS)
+    network = fitted(taught, held, rng, args.epochs)
+    write_weights(args.output, PatchModel(network).to_mapping())
+
+
+def shown(paths: list[Path], rng: np.random.Generator, cameras: int) -> list[View]:
+    """Return the contacts as so many cameras each see them."""
+    views = [view(path, rng) for path in paths for _ in range(cameras)]
+    return [one for one in views if one is not None]
+
+
+def view(path: Path, rng: np.random.Generator) -> View | None:
+    """Return a contact as a camera at some distance sees it; None where it hardly touches."""
+    with np.load(path) as archive:
+        place, gradient = archive["mm"].astype(float), archive["grad"].astype(float)
+        bits = archive["touching"]
+    rows = np.flatnonzero(bits.any(axis=1) & (place[..., 2].max(axis=1) > LEAST_DEPTH_MM))
+    if not len(rows):
+        return None
+    if len(rows) > FRAMES:
+        rows = np.sort(rng.choice(rows, FRAMES, replace=False))
+    camera = CameraView.drawn(rng, DISTANCE_MM)
+    moved, _ = camera.seen(place[rows], gradient[rows])
+    touched = cells_of(bits[rows])[:, camera.order][..., turned_cells(camera.symmetry)]
+    features = PatchFeatures(camera.reference_px, np.zeros(2))
+    return View(features, moved.astype(np.float32), touched, beside(touched.any(axis=2)))
+
+
+def offsets() -> Field:
+    """Return the centres of a marker's cells from it, in pitches, ``(SIDE * SIDE, 2)``."""
+    steps = (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE
+    return np.array(list(product(steps, repeat=2)))[:, ::-1]
+
+
+def cells_of(bits: NDArray[np.uint8]) -> Flags:
+    """Return which cells about each marker are touched, from those of the twin's grid."""
+    grid = GelConfig().grid
+    masks = np.unpackbits(bits, axis=1)[:, : grid.cells**2].astype(bool)
+    places = SKIN.rest_mm()[:, None] + offsets() * SKIN.pitch_mm
+    column, row = np.moveaxis(np.round(places / grid.pitch_mm + 0.5 * (grid.cells - 1)), -1, 0)
+    column, row = (np.clip(k, 0, grid.cells - 1).astype(np.int64) for k in (column, row))
+    return masks[:, row * grid.cells + column]
+
+
+def turned_cells(symmetry: int) -> NDArray[np.int64]:
+    """Return which cell comes to each place where the image is turned."""
+    away = np.abs(turned(offsets(), symmetry)[None] - offsets()[:, None]).sum(axis=2)
+    return away.argmin(axis=1)
+
+
+def beside(flags: Flags) -> Flags:
+    """Return the markers ``(n, m)`` that are flagged or stand beside one that is."""
+    side = SKIN.grid[0]
+    padded = np.pad(flags.reshape(-1, side, side), ((0, 0), (1, 1), (1, 1)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))
+    return windows.any(axis=(3, 4)).reshape(flags.shape)
+
+
+def fitted(views: list[View], held: list[View], rng: np.random.Generator, epochs: int) -> Mlp:
+    """Return the network that fits the views."""
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    sizes = (FEATURES, *HIDDEN, SIDE * SIDE)
+    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
+    network = torch.nn.Sequential(layers[0], torch.nn.Tanh(), layers[1], torch.nn.Tanh(), layers[2])
+    optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
+    turns = len(views) // BATCH
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * turns)
+    for epoch in range(epochs):
+        order = rng.permutation(len(views))
+        for turn in range(turns):
+            chosen = [views[k] for k in order[turn * BATCH : (turn + 1) * BATCH]]
+            loss = loss_of(network, [seen(one, rng) for one in chosen])
+            optimiser.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
+            optimiser.step()
+            schedule.step()
+        print(epoch, agreement(plain(layers), held).round(3), flush=True)
+    return plain(layers)
+
+
+def plain(layers: list[torch.nn.Linear]) -> Mlp:
+    """Return the layers as arrays."""
+    weights = [layer.weight.detach().numpy().astype(float) for layer in layers]
+    biases = [layer.bias.detach().numpy().astype(float) for layer in layers]
+    return Mlp(tuple(weights), tuple(biases))
+
+
+def noisy(one: View, rng: np.random.Generator) -> Field:
+    """Return the features of a view with fresh errors of tracks."""
+    sigma_px = rng.uniform(*PLACE_SIGMA_PX, (len(one.moved_px), 1, 1))
+    return one.features.of(one.moved_px + sigma_px * rng.normal(size=one.moved_px.shape))
+
+
+def seen(one: View, rng: np.random.Generator) -> tuple[Field, Flags, Field]:
+    """Return features, touched cells and weights of the markers that are looked at."""
+    cold = ~one.hot & (rng.random(one.hot.shape) < COLD_SHARE)
+    chosen = one.hot | cold
+    return noisy(one, rng)[chosen], one.touched[chosen], np.where(cold[chosen], 1 / COLD_SHARE, 1.0)
+
+
+def loss_of(network: torch.nn.Sequential, chosen: list[tuple[Field, Flags, Field]]) -> torch.Tensor:
+    """Return the mean cross entropy of the cells."""
+    features, touched, weights = (
+        torch.from_numpy(np.concatenate(part).astype(np.float32))
+        for part in zip(*chosen, strict=True)
+    )
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(
+        network(features), touched, weights[:, None], reduction="sum"
+    )
+    return loss / (weights.sum() * SIDE**2)
+
+
+def agreement(network: Mlp, views: list[View]) -> Field:
+    """Return mean intersection over union, its tenth percentile, and the share of 0.7 and more."""
+    model, rng, found = PatchModel(network), np.random.default_rng(1), []
+    for one in views:
+        told = model.probability(noisy(one, rng)) > 0.5
+        cells = one.touched.sum(axis=(1, 2))
+        judged = cells * (SKIN.pitch_mm / SIDE) ** 2 >= np.pi / 4.0 * JUDGED_MM**2
+        both, either = told & one.touched, told | one.touched
+        found.append(both.sum(axis=(1, 2))[judged] / either.sum(axis=(1, 2))[judged])
+    overlap = np.concatenate(found)
+    return np.array([overlap.mean(), np.quantile(overlap, 0.1), (overlap >= 0.7).mean()])
+
+
+if __name__ == "__main__":
+    main()

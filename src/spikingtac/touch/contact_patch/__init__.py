@@ -1,0 +1,1 @@
+"""Which part of the skin a body touches, from the displacement of the markers."""

@@ -1,0 +1,108 @@
+"""A square lattice over any layout of markers: where a law of square grids reads their field.
+
+Where the markers themselves are a square grid, however turned, the lattice is the markers. Else it
+has as many points to an area as they have, and the field is interpolated linearly between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.pitch import marker_pitch_px
+
+Field = NDArray[np.float64]
+
+NEIGHBOUR_SHARE = 1.3
+"""Markers within so many pitches of a marker are its neighbours: in a square grid four, not the
+diagonal ones."""
+GRID_TOLERANCE = 0.15
+"""Pitches from its place in a square grid within which a neighbour must lie (ours)."""
+GRID_SHARE = 0.8
+"""Share of a square grid's neighbours that must lie so for the markers to be one (ours)."""
+LEAST_MARKERS = 4
+"""Markers without which there is nothing to interpolate between."""
+
+
+@dataclass(frozen=True)
+class SquareLattice:
+    """Points of a square grid along its own axes, and how the markers' field is read there.
+
+    Attributes:
+        pitch: Mean distance between neighbouring points, in the markers' unit.
+        places: ``(n, 2)`` the points along the lattice's axes, from the middle of the markers, in
+            the markers' unit.
+        weights: ``(n, m)`` shares of the markers in the field at each point; None where the points
+            are the markers.
+        rotation: ``(2, 2)`` from the lattice's axes to the image's.
+        middle: ``(2,)`` middle of the markers in the image.
+    """
+
+    pitch: float
+    places: Field
+    weights: Field | None
+    rotation: Field
+    middle: Field
+
+    @classmethod
+    def over(cls, reference: Field) -> SquareLattice:
+        """Return the lattice over markers ``(m, 2)``.
+
+        Raises:
+            ConfigError: Fewer than two markers.
+        """
+        pitch = marker_pitch_px(reference)
+        middle = reference.mean(axis=0)
+        away = reference[:, None] - reference[None]
+        near = away[
+            (NEIGHBOUR_SHARE * pitch > np.hypot(*away.T).T) & ~np.eye(len(away), dtype=bool)
+        ]
+        angles = np.arctan2(near[:, 1], near[:, 0])
+        turn = 0.25 * float(np.angle(np.exp(4j * angles).mean()))
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        places, steps = (reference - middle) @ rotation, near @ rotation / pitch
+        off_grid = np.abs(steps - np.round(steps)).max(axis=1)
+        # A square of n markers has 4 (n - sqrt n) neighbours, each pair counted twice.
+        neighbours = 4.0 * (len(reference) - np.sqrt(len(reference)))
+        on_grid = (off_grid < GRID_TOLERANCE).sum() >= GRID_SHARE * neighbours
+        if on_grid or len(reference) < LEAST_MARKERS:
+            mean_pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
+            return cls(mean_pitch, places, None, rotation, middle)
+        pitch, points, weights = _between(places)
+        return cls(pitch, points, weights, rotation, middle)
+
+    def field(self, values: Field) -> Field:
+        """Return vectors ``(m, 2)`` at the markers as the lattice's points see them, ``(n, 2)``."""
+        turned = values @ self.rotation
+        return turned if self.weights is None else self.weights @ turned
+
+    def in_image(self, places: Field) -> Field:
+        """Return places ``(..., 2)`` of the lattice in the image."""
+        return places @ self.rotation.T + self.middle
+
+
+def _between(places: Field) -> tuple[float, Field, Field]:
+    """Return pitch and points of a lattice within the markers' hull, and their shares in each."""
+    # A late import: every verb's start would wait for it.
+    from scipy.spatial import Delaunay
+
+    mesh = Delaunay(places)
+    corners = places[mesh.simplices]
+    edges = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).sum()
+    # A mesh has two triangles for each marker, but for the border's.
+    pitch = float(np.sqrt(2.0 * area / len(corners)))
+    low, high = places.min(axis=0), places.max(axis=0)
+    axes = [np.arange(low[k], high[k] + 1e-9 * pitch, pitch) for k in range(2)]
+    axes = [axis + 0.5 * (high[k] - axis[-1]) for k, axis in enumerate(axes)]
+    points = np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
+    triangle = mesh.find_simplex(points, tol=1e-6)
+    points, triangle = points[triangle >= 0], triangle[triangle >= 0]
+    to_shares, origin = mesh.transform[triangle, :2], mesh.transform[triangle, 2]
+    first = np.einsum("nij,nj->ni", to_shares, points - origin)
+    shares = np.column_stack([first, 1.0 - first.sum(axis=1)])
+    weights = np.zeros((len(points), len(places)))
+    np.put_along_axis(weights, mesh.simplices[triangle], shares, axis=1)
+    return pitch, points, weights

@@ -1,0 +1,155 @@
+"""The touched part of the skin, from its markers' motion: known contacts of the twin's gel."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.path import Path as Outline
+
+from spikingtac.errors import ConfigError
+from spikingtac.sim.gel.gel import Gel, GelConfig
+from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
+from spikingtac.sim.scene.scene import SkinConfig
+from spikingtac.sim.scene.segments import SegmentConfig
+from spikingtac.touch.contact_patch.estimator import PatchEstimator
+from spikingtac.touch.contact_patch.patch import SQUARE, Patch, patch_of_cells
+from spikingtac.touch.contact_patch.patch_features import FEATURES
+from spikingtac.touch.contact_patch.patch_model import SIDE, PatchModel, default_model
+from spikingtac.touch.field.mlp import Mlp
+from spikingtac.touch.field.square_lattice import SquareLattice
+
+PITCH_MM, DISTANCE_MM = 2.4, 13.0
+GRID = SkinConfig().rest_mm()
+PRESSES = [
+    ("ball", {"radius_x_mm": 6.0, "radius_y_mm": 6.0}, 0.6, (1.0, -0.5)),
+    ("punch", {"radius_mm": 3.0}, 0.3, (-1.3, 2.1)),
+    ("finger", {}, 1.6, (0.4, 0.9)),
+    ("spoon", {}, 0.6, (2.0, -1.0)),
+]
+
+
+def turned(places: np.ndarray, degrees: float) -> np.ndarray:
+    angle = np.radians(degrees)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return places @ np.array([[cosine, sine], [-sine, cosine]])
+
+
+def hexagonal() -> np.ndarray:
+    """Markers in rows that are shifted against each other, as many to an area as the grid's."""
+    pitch = PITCH_MM * np.sqrt(2.0 / np.sqrt(3.0))
+    row, column = np.mgrid[-4:5, -4:5].reshape(2, -1)
+    places = pitch * np.column_stack([column + 0.5 * (row % 2), row * np.sqrt(0.75)])
+    return places[np.abs(places).max(axis=1) < 9.0]
+
+
+def pressed(
+    kind: str, settings: dict, depth_mm: float, place_mm: tuple[float, float], markers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Displacements of markers before a camera, the cells of the skin (mm), which are touched."""
+    segment = SegmentConfig(kind="press", depth_mm=depth_mm, duration_s=0.2)
+    x_mm, y_mm = place_mm
+    motion = IndenterMotion(MotionConfig(x_mm=x_mm, y_mm=y_mm, height_mm=0.1, segments=(segment,)))
+    body, gel = (
+        make_indenter(IndenterConfig(kind=kind, settings=settings)),
+        Gel(GelConfig(), markers),
+    )
+    state = gel.step(0.05, body, motion.pose(0.25 * motion.duration_s))
+    for share in (0.5, 0.75, 1.0):
+        state = gel.step(0.05, body, motion.pose(share * motion.duration_s))
+    nearer = DISTANCE_MM / (DISTANCE_MM - state.marker_mm[:, 2:])
+    axis = GelConfig().grid.axis_mm
+    cells = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    touched = np.unpackbits(state.patch.touching)[: len(cells)].astype(bool)
+    return state.marker_mm[:, :2] * nearer - markers, cells, touched
+
+
+def overlap(patch: Patch, cells: np.ndarray, touched: np.ndarray) -> float:
+    found = Outline(patch.outline).contains_points(cells)
+    return (found & touched).sum() / (found | touched).sum()
+
+
+@pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
+def test_a_press_is_told_where_it_touches(press: tuple) -> None:
+    moved, cells, touched = pressed(*press, GRID)
+    patch = PatchEstimator(GRID).patch(moved)
+    cell_mm2 = GelConfig().grid.pitch_mm ** 2
+    assert overlap(patch, cells, touched) > 0.75
+    assert patch.area == pytest.approx(touched.sum() * cell_mm2, rel=0.25)
+    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=0.3)
+
+
+def test_a_camera_that_is_turned_and_counts_in_pixels_sees_the_same() -> None:
+    moved, *_ = pressed(*PRESSES[0], GRID)
+    told = PatchEstimator(GRID).patch(moved)
+    scale, degrees, shift = 15.5, 12.0, np.array([160.0, 150.0])
+    other = PatchEstimator(scale * turned(GRID, degrees) + shift).patch(
+        scale * turned(moved, degrees)
+    )
+    assert other.area == pytest.approx(told.area * scale**2, rel=1e-6)
+    np.testing.assert_allclose(other.place, scale * turned(told.place, degrees) + shift, atol=1e-6)
+    assert len(other.outline) == len(told.outline)
+
+
+@pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
+def test_markers_in_shifted_rows_are_read_between_them(press: tuple) -> None:
+    markers = hexagonal()
+    moved, cells, touched = pressed(*press, markers)
+    patch = PatchEstimator(markers).patch(moved)
+    assert overlap(patch, cells, touched) > 0.55
+    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=0.6)
+
+
+def test_a_lattice_over_a_square_grid_is_its_markers_however_they_are_turned() -> None:
+    for degrees in (0.0, 20.0, -44.0):
+        lattice = SquareLattice.over(turned(GRID, degrees) + 5.0)
+        assert lattice.weights is None
+        np.testing.assert_allclose(lattice.in_image(lattice.places), turned(GRID, degrees) + 5.0)
+        steps = lattice.places[:, None] - lattice.places
+        np.testing.assert_allclose(steps / PITCH_MM, np.round(steps / PITCH_MM), atol=1e-6)
+
+
+@pytest.mark.parametrize("markers", [hexagonal(), GRID * [1.0, 1.6]], ids=["shifted", "oblong"])
+def test_a_lattice_over_other_markers_reads_linear_fields_exactly(markers: np.ndarray) -> None:
+    lattice = SquareLattice.over(markers)
+    assert lattice.weights is not None
+    assert len(lattice.places) == pytest.approx(len(markers), rel=0.3)
+    slope = np.array([[0.1, -0.3], [0.2, 0.05]])
+    read = lattice.field(markers @ slope + 1.0)
+    expected = lattice.in_image(lattice.places) @ slope + 1.0
+    np.testing.assert_allclose(read, expected @ lattice.rotation, atol=1e-9)
+
+
+def test_a_field_that_hardly_moves_still_has_a_patch() -> None:
+    patch = PatchEstimator(GRID).patch(np.full((64, 2), 1e-4))
+    assert patch.area > 0.0
+    assert len(patch.outline) >= 4
+
+
+def test_cells_make_up_an_area_an_outline_and_a_weighted_centre() -> None:
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])[:, None] + SQUARE
+    patch = patch_of_cells(corners, np.array([1.0, 1.0, 2.0]))
+    assert patch.area == pytest.approx(3.0)
+    np.testing.assert_allclose(patch.place, [1.25, 0.0])
+    assert np.ptp(patch.outline, axis=0).tolist() == [3.0, 1.0]
+
+
+def test_a_network_of_one_layer_is_linear_and_of_two_bends() -> None:
+    weights, biases = np.array([[1.0, 2.0]]), np.array([0.5])
+    seen = np.array([[1.0, 1.0], [0.0, -1.0]])
+    np.testing.assert_allclose(Mlp((weights,), (biases,))(seen)[:, 0], [3.5, -1.5])
+    two = Mlp((weights, np.array([[3.0]])), (biases, np.array([1.0])))
+    np.testing.assert_allclose(two(seen)[:, 0], 3.0 * np.tanh([3.5, -1.5]) + 1.0)
+    with pytest.raises(ValueError, match="biases"):
+        Mlp((weights,), (np.zeros(2),))
+
+
+def test_the_model_survives_its_file_and_refuses_others() -> None:
+    model = default_model()
+    copy = PatchModel.from_mapping(json.loads(json.dumps(model.to_mapping())))
+    seen = np.random.default_rng(0).normal(size=(5, FEATURES))
+    np.testing.assert_array_equal(copy.probability(seen), model.probability(seen))
+    assert model.probability(seen).shape == (5, SIDE * SIDE)
+    for broken in ({}, {"schema": 99}, model.to_mapping() | {"layers": []}):
+        with pytest.raises(ConfigError, match="no patch model"):
+            PatchModel.from_mapping(broken)
