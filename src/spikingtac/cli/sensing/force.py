@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 class Args:
     """Learn a force model from displacements with wrenches (fit), or check one (check).
 
-    fit: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
-    check: spikingtac force check contacts_3.npz --force force.json
-    without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.json
-    with both: spikingtac force fit tracks.npz --shear-modulus-kpa 30 --calibration C -o force.json
+    From labelled contacts: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
+
+    Without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.json
+
+    From both: spikingtac force fit contacts_1.npz --shear-modulus-kpa 30 --calibration C
+
+    Checked: spikingtac force check contacts_3.npz --force force.json
 
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
