@@ -84,13 +84,16 @@ def test_creep_is_inverted_as_its_sums_say(
 
 def test_the_zero_follows_the_rests() -> None:
     rng = np.random.default_rng(3)
-    config, radius = RestZeroConfig(frames=10, prior_frames=3), 0.5
-    rest, zero, seen = RestZero(config, radius, 8), np.zeros(8), 0
+    config, radius = RestZeroConfig(average_s=0.5, prior_s=0.15), 0.5
+    rest, zero, rested_s, t_us, seen = RestZero(config, radius, 8), np.zeros(8), 0.15, 0, 0
     for number in range(200):
+        step_s = min(1e-6 * int(rng.integers(1_000, 150_000)), 0.1) if number else 0.1
+        t_us += round(1e6 * step_s)
         frame = 0.3 + 0.1 * rng.normal(size=8) + 4.0 * (number % 3 == 2)
         away = frame - zero
         if (away * away).mean() < radius**2:
             seen += 1
-            zero = zero + max(1.0 / (seen + config.prior_frames), 1.0 / config.frames) * away
-        np.testing.assert_allclose(rest.subtract(frame), frame - zero, rtol=1e-13, atol=1e-14)
+            rested_s = min(rested_s + step_s, config.average_s)
+            zero = zero + step_s / rested_s * away
+        np.testing.assert_allclose(rest.subtract(t_us, frame), frame - zero, rtol=1e-13, atol=1e-14)
     assert 100 < seen < 150

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,23 @@ def test_rest_is_quiet(model: ForceModel) -> None:
     assert not wrench.extrapolated
 
 
+@pytest.mark.parametrize("rate_hz", [18, 50, 1_000, 10_000])
+def test_a_slow_press_is_told_alike_however_fast_the_frames_come(
+    model: ForceModel, rate_hz: int
+) -> None:
+    rng, estimator = np.random.default_rng(9), model.estimator()
+    away = REFERENCE - [2.5, 2.0]
+    pressed = 0.4 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 4.0)
+    told = []
+    for number in range(2 * rate_hz):  # a second of rest, then a second of growing load
+        share = max(number / rate_hz - 1.0, 0.0)
+        moved = share * pressed + rng.normal(0.0, NOISE_MM, pressed.shape)
+        told.append(estimator.update(number * 1_000_000 // rate_hz, moved).force_n[2])
+    last = told[-max(rate_hz // 50, 1) :]
+    expected = -3.0 * 0.8**1.5
+    assert np.mean(last) == pytest.approx(expected, abs=0.25)
+
+
 def test_the_stream_equals_the_batch(model: ForceModel) -> None:
     one = series(5)
     values, widths, distances = model.estimate(one)
@@ -136,12 +154,42 @@ def test_creep_is_taken_off_in_the_stream_as_in_the_batch() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["{", "[]", '{"schema": 9}', '{"schema": 2, "unit": "mm"}'], ids=repr
+    "text", ["{", "[]", '{"schema": 9}', '{"schema": 3, "unit": "mm"}'], ids=repr
 )
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "force.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"force\.json"):
+        load_force(path)
+
+
+def more_modes(document: dict[str, Any]) -> None:
+    document["modes"] += document["modes"][:20]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda document: document.update(reference=[]),
+        lambda document: document.update(creep=[]),
+        lambda document: document.update(rms=0.0),
+        lambda document: document.update(unit="furlong"),
+        lambda document: document.update(intervals=document["intervals"][:1]),
+        lambda document: document["novelty"].update(deviation=[]),
+        lambda document: document.update(centers=[row[1:] for row in document["centers"]]),
+        lambda document: document["laws"][2]["parts"][0]["weights"].pop(),
+        more_modes,
+    ],
+)
+def test_a_damaged_model_is_refused(
+    model: ForceModel, tmp_path: Path, damage: Callable[[dict[str, Any]], Any]
+) -> None:
+    path = tmp_path / "force.json"
+    save_force(model, path)
+    document = json.loads(path.read_text())
+    damage(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(ConfigError, match=r"force\.json' holds no force model"):
         load_force(path)
 
 
@@ -172,12 +220,23 @@ def test_too_little_makes_no_model() -> None:
     bare = WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench[:, :0], "mm", "bare")
     with pytest.raises(ConfigError, match="bare holds no wrench"):
         fit_force([bare])
+    still = WrenchSeries(
+        one.t_us, REFERENCE, np.zeros_like(one.displacement), one.wrench, "mm", "still"
+    )
+    with pytest.raises(ConfigError, match="still: no marker moves"):
+        fit_force([still])
+    with pytest.raises(ConfigError, match="no marker moves in its 0 frames"):
+        fit_force([one, one.part(one.t_us < 0)])
 
 
 def test_a_broken_series_is_refused() -> None:
     one = series(1)
     with pytest.raises(RecordingError, match="rows"):
         WrenchSeries(one.t_us, REFERENCE, one.displacement, one.wrench[:5], "mm")
+    with pytest.raises(RecordingError, match="7 columns"):
+        WrenchSeries(one.t_us, REFERENCE, one.displacement, np.zeros((len(one.t_us), 7)), "mm")
+    with pytest.raises(RecordingError, match="2 coordinates"):
+        WrenchSeries(one.t_us, REFERENCE[:, :1], one.displacement, one.wrench, "mm")
     broken = one.displacement.copy()
     broken[3, 2, 1] = np.nan
     with pytest.raises(RecordingError, match="not finite"):
@@ -225,6 +284,20 @@ def test_drawn_contacts_help_where_labels_are_few() -> None:
         for model in (alone, helped)
     ]
     assert (rms[1] < 0.8 * rms[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "told"),
+    [((1, 0, 2), (1, 1, 1), "fx goes along with fy"), ((0, 1, 2), (1, 1, -1), "with -fz")],
+)
+def test_labels_must_have_the_axes_of_drawn_contacts(
+    order: tuple[int, ...], signs: tuple[int, ...], told: str
+) -> None:
+    one, *drawn = (series(seed).part(np.arange(780) < 260) for seed in (61, 63, 64))
+    assert fit_force([one], drawn=drawn).about["frames"] == 780
+    turned = dataclasses.replace(one, wrench=one.wrench[:, order] * signs)
+    with pytest.raises(ConfigError, match=told):
+        fit_force([turned], drawn=drawn)
 
 
 def test_drawn_contacts_are_learned_from_and_never_judged_by(

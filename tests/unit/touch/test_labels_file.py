@@ -59,7 +59,15 @@ def test_the_truth_of_the_twin_needs_no_alignment(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "t_us,fx\n1,2\n", "t_us,fx,fy,fz\n1,a,2,3\n", "t_us,fx,fy,fz\n"]
+    "text",
+    [
+        "",
+        "t_us,fx\n1,2\n",
+        "t_us,fx,fy,fz\n1,a,2,3\n",
+        "t_us,fx,fy,fz\n",
+        "t_us,fx,fy,fz\n1,0,0,1\n2,0,nan,1\n",
+        "t_us,fx,fy,fz,mz\n1,0,0,1,0\n",
+    ],
 )
 def test_files_without_forces_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "force.csv"
@@ -68,3 +76,17 @@ def test_files_without_forces_are_refused(tmp_path: Path, text: str) -> None:
         load_labels(path)
     with pytest.raises(RecordingError, match="no forces"):
         load_labels(tmp_path)
+
+
+def test_a_truncated_truth_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "truth.npz"
+    np.savez(path, contact_t_us=np.arange(100), force_n=np.zeros((100, 3)))
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(RecordingError, match="no forces"):
+        load_labels(path)
+
+
+def test_an_empty_truth_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "truth.npz", contact_t_us=np.arange(0), force_n=np.zeros((0, 3)))
+    with pytest.raises(RecordingError, match="700 frames and 0 forces"):
+        labelled(watched(), load_labels(tmp_path))

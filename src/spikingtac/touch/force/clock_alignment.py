@@ -24,6 +24,11 @@ LEAST_CORRELATION = 0.6
 def clock_offset_us(series: WrenchSeries, t_us: NDArray[np.int64], wrench: Field) -> int:
     """Return what must be added to the forces' times to get those of the displacements, us.
 
+    Args:
+        series: Displacements; its own wrench is not looked at.
+        t_us: ``(k,)`` times of the forces on their own clock, us, increasing.
+        wrench: ``(k, c)`` forces, N, in the first three columns.
+
     Raises:
         RecordingError: Motion and force do not look alike at any offset.
     """
@@ -34,7 +39,7 @@ def clock_offset_us(series: WrenchSeries, t_us: NDArray[np.int64], wrench: Field
     scale = float(np.sqrt((seen**2).sum() * (felt**2).sum()))
     score = correlate(seen, felt) / (scale if scale > 0.0 else 1.0)
     best = int(score.argmax())
-    if score[best] < LEAST_CORRELATION:
+    if not score[best] >= LEAST_CORRELATION:
         raise RecordingError(
             f"{series.name}: displacements and forces agree by {score[best]:.2f} at best; "
             "are they of the same recording?"

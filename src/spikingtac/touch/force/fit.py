@@ -18,6 +18,7 @@ from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
+from spikingtac.touch.force.label_axes import require_same_axes
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.neighbourhood import DRAWN_CENTERS, unlike_ones
@@ -89,7 +90,8 @@ def fit_force(
         creep: How the skin creeps; not at all unless given.
 
     Raises:
-        ConfigError: There is too little to learn from, or the series do not fit each other.
+        ConfigError: There is too little to learn from, the series do not fit each other, or the
+            labels have other axes than the drawn contacts.
     """
     zero, creep = zero or RestZeroConfig(), creep or CreepConfig()
     kept = [one if depth else one.in_image() for one in (*series, *drawn)]
@@ -97,9 +99,10 @@ def fit_force(
     rms = field_rms(np.concatenate([one.displacement for one in kept]))
     groups = [_taught(one, rms, zero, creep) for one in kept]
     labelled, others = groups[: len(series)], groups[len(series) :]
+    if labelled and others:
+        require_same_axes(*_joined(labelled), *_joined(others))
     labelled, others = (_groups(labelled), others) if labelled else (_groups(others), [])
-    fields = np.concatenate([group.fields for group in groups])
-    wrench = np.concatenate([group.wrench for group in groups])
+    fields, wrench = _joined(groups)
     dimensions = kept[0].reference.shape[1]
     learn = partial(FieldBasis.learn, dimensions=dimensions)
     if drawn:
@@ -130,6 +133,8 @@ def _check(series: Sequence[WrenchSeries], depth: bool) -> None:
         raise ConfigError("no series was given; give files with t_us, displacements and a wrench")
     first = series[0]
     for one in series:
+        if not one.displacement.any():
+            raise ConfigError(f"{one.name}: no marker moves in its {len(one.t_us)} frames")
         same = one.reference.shape == first.reference.shape and one.unit == first.unit
         if not same or one.wrench.shape[1] != first.wrench.shape[1]:
             raise ConfigError(
@@ -151,6 +156,12 @@ def _taught(series: WrenchSeries, rms: float, zero: RestZeroConfig, creep: Creep
     fields = fields_from_rest(series.t_us, flat, CreepMemory(creep), rest)
     every = -(-len(flat) // FRAMES_PER_SERIES)
     return _Taught(fields[::every], series.wrench[::every])
+
+
+def _joined(groups: Sequence[_Taught]) -> tuple[Field, Field]:
+    """Return the fields and the wrenches of groups in one array each."""
+    fields = np.concatenate([group.fields for group in groups])
+    return fields, np.concatenate([group.wrench for group in groups])
 
 
 def _groups(taught: list[_Taught]) -> list[_Taught]:
@@ -183,12 +194,11 @@ def _folds(
     ``others`` are learned from and never left out.
     """
     for left_out in groups:
-        rest = [*(group for group in groups if group is not left_out), *others]
-        fields = np.concatenate([group.fields for group in rest])
+        fields, wrench = _joined([one for one in (*groups, *others) if one is not left_out])
         basis = learn(fields)
         yield _Fold(
             FieldFeatures(fields, basis),
-            np.concatenate([group.wrench for group in rest]),
+            wrench,
             FieldFeatures(left_out.fields, basis),
             left_out.wrench,
         )

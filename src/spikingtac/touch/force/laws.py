@@ -27,7 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.force.ridge import Ridge, RidgeSystem
-from spikingtac.touch.force.shape import PRODUCT_MODES, SHAPE_FLOOR, FieldFeatures
+from spikingtac.touch.force.shape import (
+    PRODUCT_MODES,
+    SHAPE_FLOOR,
+    FieldBasis,
+    FieldFeatures,
+    shape_width,
+)
 
 Field = NDArray[np.float64]
 Family = Literal["shape", "linear", "squares", "kernel", "normal", "correction"]
@@ -143,6 +149,14 @@ def fit_component(choice: LawChoice, fields: FieldFeatures, force: Field) -> Com
     if not choice.corrected:
         return law
     return ComponentLaw(law.parts, shares, _fit_near("correction", fields, force - law(fields)))
+
+
+def coefficients(family: Family, basis: FieldBasis) -> int:
+    """Return how many coefficients a law of a family has on fields of a basis."""
+    size, modes = basis.modes.shape
+    shape, like = shape_width(modes), len(basis.centers)
+    counts = {"shape": shape, "linear": size, "squares": 2 * size, "kernel": shape + like}
+    return (counts | {"normal": shape + 1, "correction": modes + like})[family]
 
 
 def _shape(fields: FieldFeatures) -> Field:

@@ -16,7 +16,7 @@ from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
 from spikingtac.touch.force.shape import FieldBasis, FieldFeatures, amplitude
 from spikingtac.touch.force.stacked_laws import StackedLaws
-from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
+from spikingtac.touch.force.wrench_series import COMPONENTS, UNITS, WrenchSeries
 
 Field = NDArray[np.float64]
 
@@ -92,10 +92,26 @@ class ForceModel:
     _widths: tuple[Field, Field] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        self._require_consistency()
         object.__setattr__(self, "_stacked", StackedLaws(self.laws, self.basis))
         floors = np.array([interval.floor for interval in self.intervals])
         shares = np.array([interval.share for interval in self.intervals])
         object.__setattr__(self, "_widths", (floors, shares))
+
+    def _require_consistency(self) -> None:
+        """Refuse parts that do not fit each other: the compiled estimate would not notice."""
+        size, modes = self.basis.modes.shape
+        deviations = len(self.novelty.deviation)
+        if self.unit not in UNITS or not self.rms > 0:
+            raise ConfigError(f"unit {self.unit!r} and rms {self.rms} are not mm or px and above 0")
+        if self.reference.shape != (size // self.basis.dimensions, self.basis.dimensions):
+            raise ConfigError(f"modes of {size} numbers do not fit markers {self.reference.shape}")
+        if self.basis.centers.ndim != 2 or self.basis.centers.shape[1] != modes + 1:
+            raise ConfigError(f"centers {self.basis.centers.shape} do not fit {modes} modes")
+        if not 0 < deviations <= modes or not self.novelty.edge > 0:
+            raise ConfigError(f"a novelty of {deviations} deviations does not fit {modes} modes")
+        if len(self.laws) != len(self.intervals) or not 3 <= len(self.laws) <= len(COMPONENTS):
+            raise ConfigError(f"{len(self.laws)} laws and {len(self.intervals)} intervals")
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -178,8 +194,9 @@ class ForceEstimator:
     """A causal stream: one frame of displacements in, one wrench out.
 
     Example:
-        >>> estimator = ForceModel.load("force.json").estimator()  # doctest: +SKIP
-        >>> estimator.update(frame.t_us, frame.displacement_px).force_n  # doctest: +SKIP
+        >>> estimator = load_force("force.json").estimator()  # doctest: +SKIP
+        >>> moved_px = frame.detected_px - calibration.reference_px  # doctest: +SKIP
+        >>> estimator.update(frame.t_us, moved_px).force_n  # doctest: +SKIP
     """
 
     def __init__(self, model: ForceModel) -> None:
@@ -204,7 +221,7 @@ class ForceEstimator:
                 "spikingtac force fit"
             )
         elastic = self._creep.elastic(t_us, displacement.ravel() / self._model.rms)
-        away = self._rest.subtract(elastic)
+        away = self._rest.subtract(t_us, elastic)
         values, distance = self._wrench(away)
         floors, shares = self._model._widths
         widths = (floors + shares * np.abs(values)) * max(distance, 1.0)
@@ -217,7 +234,7 @@ def fields_from_rest(
     """Return fields ``(n, size)`` without creep and from the zero of their time."""
     rows = zip(t_us.tolist(), fields, strict=True)
     elastic = [creep.elastic(time_us, row) for time_us, row in rows]
-    return rest.subtract_all(np.array(elastic).reshape(fields.shape))
+    return rest.subtract_all(t_us, np.array(elastic).reshape(fields.shape))
 
 
 def field_rms(fields: Field) -> float:

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.force.laws import ComponentLaw, ForceLaw
+from spikingtac.errors import ConfigError
+from spikingtac.touch.force.laws import ComponentLaw, ForceLaw, coefficients
 from spikingtac.touch.force.live.one_field import LinearWeights, OneField
 from spikingtac.touch.force.novelty import Novelty
 from spikingtac.touch.force.shape import SHAPE_FLOOR, FieldBasis, FieldFeatures, shape_width
@@ -28,7 +29,11 @@ class StackedLaws:
         Args:
             laws: One law per component.
             basis: What fields are described by.
+
+        Raises:
+            ConfigError: A law is not one of such fields.
         """
+        self._basis = basis
         size, self._modes = basis.modes.shape
         self._width, components = shape_width(self._modes), len(laws)
         self._shape = np.zeros((self._width, components))
@@ -69,6 +74,12 @@ class StackedLaws:
         return OneField(weights, self._normal, basis, novelty)
 
     def _add(self, index: int, share: float, law: ForceLaw) -> None:
+        expected = coefficients(law.family, self._basis)
+        if len(law.ridge.weights) != expected:
+            raise ConfigError(
+                f"a law {law.family!r} has {len(law.ridge.weights)} coefficients, "
+                f"these fields need {expected}"
+            )
         if law.family == "normal":
             self._normal.append((index, share, law))
             return

@@ -13,6 +13,8 @@ COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 """Columns of a wrench: forces in N, then moments in Nm."""
 UNITS = ("mm", "px")
 """Units that displacements can have."""
+DIMENSIONS = (2, 3)
+"""Coordinates that a marker can have: in the image, or with depth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class WrenchSeries:
         reference: ``(m, d)`` markers at rest, in ``unit``.
         displacement: ``(n, m, d)`` displacements, in ``unit``; d is 2 (in the image) or 3.
         wrench: ``(n, c)`` forces in N and moments in Nm, the first c of :data:`COMPONENTS`; no
-            columns where nothing was measured.
+            columns where nothing was measured. In whichever frame the labels have.
         unit: ``"mm"`` or ``"px"``.
         name: Where it came from, for messages.
     """
@@ -43,9 +45,20 @@ class WrenchSeries:
                 f"{self.name}: displacements are {self.displacement.shape}, times {frames} and "
                 f"markers {markers}; they must be (times, markers, 2 or 3)"
             )
+        dimensions = self.displacement.shape[2]
+        if dimensions not in DIMENSIONS or self.reference.shape != (markers, dimensions):
+            raise RecordingError(
+                f"{self.name}: displacements have {dimensions} coordinates, the markers' places "
+                f"are {self.reference.shape}; both must have 2 or 3 for each marker"
+            )
         if len(self.wrench) != frames or self.wrench.ndim != 2:
             raise RecordingError(
                 f"{self.name}: the wrench is {self.wrench.shape}, it must have {frames} rows"
+            )
+        if self.wrench.shape[1] > len(COMPONENTS):
+            raise RecordingError(
+                f"{self.name}: the wrench has {self.wrench.shape[1]} columns, at most "
+                f"{len(COMPONENTS)} are known: {', '.join(COMPONENTS)}"
             )
         if self.unit not in UNITS:
             raise RecordingError(f"{self.name}: the unit is {self.unit!r}, valid: mm, px")

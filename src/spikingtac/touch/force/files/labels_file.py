@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,8 +38,8 @@ class WrenchLabels:
 def load_labels(path: str | Path) -> WrenchLabels:
     """Read ``truth.npz``, a simulation's folder, or a CSV with a header.
 
-    The CSV names its columns ``t_us`` or ``t_s``, ``fx``, ``fy``, ``fz`` (N) and, where moments
-    were measured, ``mx``, ``my``, ``mz`` (Nm).
+    The CSV names its columns ``t_us`` or ``t_s``, ``fx``, ``fy``, ``fz`` (N) and, where all of
+    the moments were measured, ``mx``, ``my``, ``mz`` (Nm).
 
     Raises:
         RecordingError: The file cannot be read or holds no wrench.
@@ -57,6 +58,11 @@ def labelled(series: WrenchSeries, labels: WrenchLabels) -> WrenchSeries:
     Raises:
         RecordingError: Labels and displacements do not overlap in time.
     """
+    if not len(labels.t_us) or not len(series.t_us):
+        raise RecordingError(
+            f"{series.name}: {len(series.t_us)} frames and {len(labels.t_us)} forces; "
+            "there must be some of both"
+        )
     t_us = labels.t_us
     if not labels.same_clock:
         t_us = t_us + clock_offset_us(series, labels.t_us, labels.wrench)
@@ -77,10 +83,10 @@ def labelled(series: WrenchSeries, labels: WrenchLabels) -> WrenchSeries:
 
 def _from_truth(path: Path) -> WrenchLabels:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             t_us, force = archive["contact_t_us"], archive["force_n"]
             moment = archive["torque_n_mm"] / N_MM_PER_NM if "torque_n_mm" in archive else None
-    except (OSError, ValueError, EOFError, KeyError) as error:
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
         raise RecordingError(
             f"{str(path)!r} holds no forces: {error}; give a CSV or the truth.npz of a simulation"
         ) from error
@@ -102,7 +108,15 @@ def _from_csv(path: Path) -> WrenchLabels:
             f"{str(path)!r} needs a header and rows with t_us or t_s, fx, fy and fz; "
             f"it has {', '.join(names) or 'nothing'}"
         )
+    given = [name for name in COMPONENTS[3:] if name in names]
+    if given and len(given) < len(COMPONENTS) - 3:
+        raise RecordingError(
+            f"{str(path)!r} has of the moments only {', '.join(given)}; give mx, my and mz, or none"
+        )
     table = np.array(rows)
+    if not np.isfinite(table).all():
+        row = 1 + int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
+        raise RecordingError(f"{str(path)!r}: row {row} has a value that is not a finite number")
     time = table[:, names.index("t_us")] if "t_us" in names else None
     t_us = time if time is not None else table[:, names.index("t_s")] * US_PER_S
     if not (np.diff(t_us) > 0).all():

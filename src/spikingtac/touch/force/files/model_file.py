@@ -20,7 +20,7 @@ from spikingtac.touch.force.rest_zero import RestZeroConfig
 from spikingtac.touch.force.ridge import Ridge
 from spikingtac.touch.force.shape import FieldBasis
 
-FORCE_SCHEMA = 2
+FORCE_SCHEMA = 3
 """Version of the document."""
 DIGITS = 7
 """Significant digits of a coefficient."""
@@ -72,7 +72,7 @@ def load_force(path: str | Path) -> ForceModel:
         if document["schema"] != FORCE_SCHEMA:
             raise ValueError(f"schema {document['schema']}, this version reads {FORCE_SCHEMA}")
         return _model(document)
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{str(path)!r} holds no force model: {error}; {hint}") from error
 
 
