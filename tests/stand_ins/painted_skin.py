@@ -13,11 +13,11 @@ DISC = DiscProfile(CONTRAST, EDGE_PX)
 PITCH_PX = 37.0
 
 
-def square_calibration(side: int) -> Calibration:
+def square_calibration(side: int, pitch_px: float = PITCH_PX) -> Calibration:
     """The calibration of ``side`` by ``side`` markers, with all that growth needs."""
-    axis = np.asarray(PITCH_PX * (np.arange(side) + 0.6), np.float64)
+    axis = np.asarray(pitch_px * (np.arange(side) + 0.6), np.float64)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    pixels = int(axis[-1] + 0.6 * PITCH_PX)
+    pixels = int(axis[-1] + 0.6 * pitch_px)
     return Calibration(
         reference_px=places,
         radius_px=np.full(side**2, RADIUS_PX),
@@ -27,7 +27,7 @@ def square_calibration(side: int) -> Calibration:
         edge_px=EDGE_PX,
         step_on=STEP,
         step_off=STEP,
-        px_per_mm=PITCH_PX / 2.4,
+        px_per_mm=pitch_px / 2.4,
     )
 
 

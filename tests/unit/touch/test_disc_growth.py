@@ -57,6 +57,19 @@ def test_growth_is_told_at_rest_and_under_a_shift(growth: float):
         np.testing.assert_allclose(told.growth, growth, atol=error)
 
 
+@pytest.mark.parametrize("growth", [0.0, 0.2])
+def test_discs_that_stand_close_grow_alike(growth: float):
+    close = square_calibration(3, pitch_px=22.0)
+    skin, gauge = PaintedSkin(close, FRAME_US), DiscGrowthGauge(close)
+    told = gauge.measure(0, close.reference_px, resting=True)
+    for share in np.r_[np.zeros(5), np.linspace(0.0, 1.0, 17)[1:]]:
+        places = close.reference_px + 4.0 * share
+        packet = skin.go(places, growth * share)
+        gauge.absorb(packet)
+        told = gauge.measure(packet.t_end_us, places, resting=share == 0.0)
+    np.testing.assert_allclose(told.growth, growth, atol=0.025)
+
+
 def test_neither_the_cutting_of_the_stream_nor_the_polarity_matters():
     course = [*STEADY, *((0.3 * k, 0.01 * k) for k in range(1, 9))]
     whole, cut = measured(course), measured(course, halves=True)
@@ -108,7 +121,9 @@ def test_calibrations_without_a_swing_are_refused_with_a_reason():
     assert "contrast, step_on" in (why_no_growth(by_hand) or "")
     dull = dataclasses.replace(CALIBRATION, step_off=0.8)
     assert "80 % of the full swing" in (why_no_growth(dull) or "")
-    for unfit in (by_hand, dull):
+    crowded = square_calibration(3, pitch_px=18.0)
+    assert "stand so close" in (why_no_growth(crowded) or "")
+    for unfit in (by_hand, dull, crowded):
         with pytest.raises(ConfigError, match="growth of the discs cannot be measured"):
             DiscGrowthGauge(unfit)
 

@@ -3,7 +3,7 @@
 A level is the share of the full swing between ground and disc, so its sum over a disc's
 surroundings is the disc's area in px squared, wherever its centre lies. Far inside of a disc a
 level is 1, between the discs it is 0: what leak and noise have left there is wiped off, since a rim
-that comes by would take it along.
+that comes by would take it along. What is within another disc's rim is left alone.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ def disc_areas_kernel(
     for marker in range(len(center_px)):
         x, y = center_px[marker, 0], center_px[marker, 1]
         core, rim, reach = bounds_px[marker, 0], bounds_px[marker, 1], bounds_px[marker, 2]
+        near = _near(marker, center_px, bounds_px)
+        near_px, near_rim = center_px[near], bounds_px[near, 1]
         total = 0.0
         for row in range(max(int(np.ceil(y - reach)), 0), min(int(y + reach) + 1, height)):
             for column in range(max(int(np.ceil(x - reach)), 0), min(int(x + reach) + 1, width)):
@@ -50,12 +52,38 @@ def disc_areas_kernel(
                 if square > reach * reach:
                     continue
                 if square > rim * rim:
+                    if _within(column, row, near_px, near_rim):
+                        continue
                     memory[row, column] = level[row, column] = np.float32(0.0)
                     continue
                 if square < core * core:
                     memory[row, column] = level[row, column] = np.float32(1.0)
                 total += level[row, column]
         area_px2[marker] = total
+
+
+@njit(cache=True, nogil=True)
+def _near(marker: int, center_px: Field, bounds_px: Field) -> NDArray[np.int64]:
+    """Return the other discs whose rims reach into what is wiped around a disc."""
+    near = np.empty(len(center_px), np.int64)
+    count = 0
+    for other in range(len(center_px)):
+        away = center_px[other] - center_px[marker]
+        reach = bounds_px[marker, 2] + bounds_px[other, 1]
+        if other != marker and away[0] ** 2 + away[1] ** 2 < reach**2:
+            near[count] = other
+            count += 1
+    return near[:count]
+
+
+@njit(cache=True, nogil=True)
+def _within(column: int, row: int, center_px: Field, rim_px: Field) -> bool:
+    """Return whether a pixel lies within the rim of any of some discs."""
+    for disc in range(len(center_px)):
+        square = (column - center_px[disc, 0]) ** 2 + (row - center_px[disc, 1]) ** 2
+        if square <= rim_px[disc] ** 2:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)

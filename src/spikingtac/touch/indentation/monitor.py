@@ -21,7 +21,7 @@ PERIOD_US = 10_000
 """Time between two measurements, us (ours: more tell nothing more)."""
 STEADY_MEASUREMENTS = 5
 """Measurements whose median is the growth and the indentation of a touch (ours: 50 ms; single ones
-would let noise choose the peak)."""
+would let noise choose the peak). Of a shorter touch it is the median of what there is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,8 @@ class IndentationMonitor:
 
     def take_peak(self) -> Peak | None:
         """Return the most of the touch that is over, and forget it; None where nothing was seen."""
-        growth, depth = self._growth_peak, self._depth_peak
+        growth = self._growth_peak or _middle(self._grown)
+        depth = self._depth_peak or _middle(self._deep)
         self._forget_touch()
         if growth is None:
             return None
@@ -193,13 +194,18 @@ def _higher(
     coasted: NDArray[np.bool_],
     peak: tuple[float, float] | None,
 ) -> tuple[float, float] | None:
-    """Keep the largest of the values, and return the higher of its steady course and the peak."""
+    """Keep the largest of the values, and return the higher of the peak and its steady course."""
     seen = np.flatnonzero(~coasted)
     if len(seen):
         most = int(seen[np.argmax(values[seen])])
         recent.append((float(values[most]), float(sigmas[most])))
     del recent[:-STEADY_MEASUREMENTS]
-    if not recent:
+    middle = _middle(recent)
+    if middle is None or len(recent) < STEADY_MEASUREMENTS:
         return peak
-    middle = sorted(recent)[len(recent) // 2]
     return middle if peak is None or middle[0] > peak[0] else peak
+
+
+def _middle(recent: list[tuple[float, float]]) -> tuple[float, float] | None:
+    """Return the median, the smaller of the middle two; None of nothing."""
+    return sorted(recent)[(len(recent) - 1) // 2] if recent else None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.touch.indentation.disc_areas import PROFILE_STEP_PX
+from spikingtac.touch.indentation.disc_areas import OUTSIDE_PX, PROFILE_STEP_PX
 
 Field = NDArray[np.float64]
 Levels = NDArray[np.float32]
@@ -23,6 +23,9 @@ OFFSET_EDGES, OFFSET_POINTS = 20.0, 2001
 """Half the way across an edge over which its level is summed, in edge scales, and its points."""
 LARGEST_STEP = 0.5
 """Share of the full swing of an event above which an edge hardly swings (ours)."""
+ROOM_GROWTH = 0.1
+"""Growth for which there must be room between the rims of neighbours (ours: of discs of 7 px, 20 px
+apart, 0.15 to 0.2 is told of a growth of 0.2, and -0.01 of none; 19 px apart 0.06 and -0.06)."""
 
 
 def why_no_growth(calibration: Calibration) -> str | None:
@@ -39,7 +42,17 @@ def why_no_growth(calibration: Calibration) -> str | None:
             f"an event stands for {100 * step:.0f} % of the full swing, fewer than two for "
             "an edge; lower the camera's thresholds or give it more light, and calibrate again"
         )
+    if _room_px(calibration) < 0.0:
+        return "the discs stand so close that the rim of one reaches its neighbour when it grows"
     return None
+
+
+def _room_px(calibration: Calibration) -> float:
+    """Return the least distance between the counted surroundings of two grown discs, px."""
+    places = calibration.reference_px
+    reach = (1.0 + ROOM_GROWTH) * np.asarray(calibration.radius_px, np.float64) + OUTSIDE_PX
+    room = np.hypot(*(places[:, None] - places).T) - reach[:, None] - reach
+    return float(room[~np.eye(len(places), dtype=bool)].min(initial=np.inf))
 
 
 @dataclass(frozen=True, slots=True)
