@@ -29,6 +29,27 @@ def test_split_missed_and_late_touches_are_told() -> None:
     }  # fmt: skip
 
 
+def test_a_found_touch_that_spans_two_true_ones_is_one_of_them() -> None:
+    merged = [(1_000_000, 4_100_000)]
+    scores = touch_scores(TRUTH, merged)
+    assert (scores["missed"], scores["extra"]) == (1.0, 0.0)
+    scores = touch_scores(TRUTH, [*merged, (5_000_000, 6_000_000)])
+    assert (scores["missed"], scores["extra"]) == (1.0, 1.0), "one is invented all the same"
+
+
+def test_as_many_touches_as_can_be_are_found() -> None:
+    found = [(1_100_000, 3_100_000), (3_200_000, 3_400_000)]
+    scores = touch_scores(TRUTH, found)
+    assert (scores["missed"], scores["extra"]) == (0.0, 0.0)
+    longer = [(1_900_000, 4_000_000), (3_200_000, 3_300_000)]
+    assert touch_scores(TRUTH, longer)["missed"] == 0.0, "though it overlaps the second by more"
+
+
+def test_nothing_found_and_nothing_true_have_no_times() -> None:
+    assert touch_scores(TRUTH, []) == {"missed": 2.0, "extra": 0.0}
+    assert touch_scores([], [(0, 1)]) == {"missed": 0.0, "extra": 1.0}
+
+
 def test_windows_above_rest_are_touches() -> None:
     counts = np.full(100, 5)
     counts[50:60] = 200
