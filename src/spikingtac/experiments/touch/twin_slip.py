@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.errors import ConfigError
 from spikingtac.experiments.touch.bodies import TESTED
 from spikingtac.experiments.touch.slides import CARRY, HOLD, LIFT_S, Slide, draw_slide
 from spikingtac.experiments.touch.slip_scores import METRICS as METRICS
@@ -24,11 +25,15 @@ HELD_CONTACTS, QUICK_HELD_CONTACTS = 60, 2
 HELD_KINDS = (CARRY, CARRY, HOLD)
 """What is done with them, in turns."""
 HELD_SEED = 5_000
-"""Seed of the first of them, from that of the others on."""
+"""Generator's seed of the first of them, from that of the other contacts on. So the held bodies of
+a seed have the bodies and frictions of the contacts five seeds later, under another motion."""
 SLOW_MM_S = 20.0
 TAUGHT_SEED = 20_000
-"""Seeds from here on are those that the model was fitted to."""
+"""Generators' seeds from here on are those of contacts that the model was fitted to."""
 SEED_STRIDE = 1_000
+"""Generators' seeds from one seed of the experiment to the next."""
+SEEDS = range((TAUGHT_SEED - HELD_SEED) // SEED_STRIDE)
+"""Seeds whose contacts the model was not fitted to."""
 STOP_SHARE = 0.2
 """Share of its fastest growth below which a shift has stopped (ours)."""
 STOP_SPAN = 20
@@ -48,11 +53,21 @@ NO_KIND_OF_SLIDE = ("stick", "short-rub", "roll")
 """Kinds in which a body does not slide as a whole for long; only false alarms count there."""
 
 
+def require_seeds(seeds: range) -> None:
+    """Raise ConfigError where the model was fitted to the contacts of a seed, or it has none."""
+    if seeds.start not in SEEDS or seeds[-1] not in SEEDS:
+        raise ConfigError(
+            f"seeds {seeds.start} to {seeds[-1]} are given; slip is scored with {SEEDS.start} to "
+            f"{SEEDS[-1]}, beyond lie the contacts that it was learned from: give --seed and "
+            f"--seeds within, or leave out the methods {' and '.join(METHODS)}"
+        )
+
+
 def slip_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
     """Return the scores of every method on every contact."""
     records = held_records(methods, seed, quick)
     for number in range(QUICK_CONTACTS if quick else CONTACTS):
-        own = (seed * SEED_STRIDE + number) % TAUGHT_SEED
+        own = seed * SEED_STRIDE + number
         slide = draw_slide(np.random.default_rng(own), TESTED, FRICTIONS)
         watched = watch_slide(slide, own)
         truth = truth_of(watched)
@@ -74,7 +89,7 @@ def held_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, A
     """Return the false alarms of every method on bodies that are carried and held."""
     records = []
     for number in range(QUICK_HELD_CONTACTS if quick else HELD_CONTACTS):
-        own = (HELD_SEED + seed * SEED_STRIDE + number) % TAUGHT_SEED
+        own = HELD_SEED + seed * SEED_STRIDE + number
         kinds = (HELD_KINDS[number % len(HELD_KINDS)],)
         slide = draw_slide(np.random.default_rng(own), TESTED, FRICTIONS, kinds)
         watched = watch_slide(slide, own)
