@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 class Touch:
     """A touch from its first motion to its release.
 
+    Lengths are in the unit of the detector's markers: px, or mm where it was set to that.
+
     Attributes:
         begin_us: When the skin began to move, us.
         end_us: When the skin was released, us; None where the recording ended first.

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from spikingtac.touch.touches.backlash import UnseenMotion
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.errors import ConfigError
+from spikingtac.touch.touches.backlash import NOTHING_UNSEEN, UnseenMotion
+
+UNITS = ("px", "mm")
+SCATTER_SHARE = 0.03
+"""Scatter of markers of another sensor, as a share of their pitch (ours: 0.045 mm of 1.6 mm on a
+published series at rest)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TouchConfig:
     """When a touch begins and ends.
+
+    The lengths among them are px, and as they stand those of an event camera's markers; for markers
+    in mm take :meth:`for_unit`.
 
     Attributes:
         least_displacement_px: Scatter of a marker that is no touch, px; the threshold is the
@@ -64,3 +77,25 @@ class TouchConfig:
                 raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
         if not self.end_share < 1:
             raise ValueError(f"end_share is {self.end_share}, it must be below 1")
+
+    @classmethod
+    def for_unit(cls, reference: NDArray[np.float64], unit: str) -> TouchConfig:
+        """Return the settings for markers whose places are in a unit.
+
+        Those in px are taken to be seen by an event camera, those in mm by a sensor that sees
+        places and not changes. With the settings for mm every length is in mm, that of
+        ``least_displacement_px`` and those of the touches, too.
+
+        Args:
+            reference: ``(m, 2)`` markers at rest, in that unit.
+            unit: ``px`` or ``mm``.
+
+        Raises:
+            ConfigError: Fewer than two markers, or another unit.
+        """
+        if unit not in UNITS:
+            raise ConfigError(f"the unit of the markers is {unit!r}, valid: {', '.join(UNITS)}")
+        if unit == "px":
+            return cls()
+        least = SCATTER_SHARE * marker_pitch_px(reference)
+        return cls(least_displacement_px=least, unseen=NOTHING_UNSEEN)
