@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.field.marker_row import straightened
 
 Field = NDArray[np.float64]
 
@@ -17,6 +18,9 @@ NEIGHBOURS = 9
 square grid, or half of it at the border."""
 LEAST_MARKERS = 4
 """Fewer markers do not span a gradient with an error to judge it by."""
+
+LEAST_EXTENT = 1e-9
+"""Share of the largest singular value below which a neighbourhood has no extent: rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,9 @@ class GradientOperator:
             raise ConfigError(
                 f"{markers} markers span no field, at least {LEAST_MARKERS} are needed"
             )
+        # Of a row only what changes along it is known; its places' errors across it tell nothing.
+        row = straightened(reference)
+        reference = reference if row is None else row
         self._along = np.zeros((2, markers, markers))
         near = min(NEIGHBOURS, markers)
         self._near = np.zeros((markers, near), np.int64)
@@ -78,7 +85,7 @@ class GradientOperator:
             away = reference - place
             chosen = np.argsort((away**2).sum(axis=1), kind="stable")[:near]
             rows = np.column_stack([np.ones(near), away[chosen]])
-            self._near[marker], self._slopes[marker] = chosen, np.linalg.pinv(rows)[1:]
+            self._near[marker], self._slopes[marker] = chosen, np.linalg.pinv(rows, LEAST_EXTENT)[1:]
             self._along[:, marker, chosen] = self._slopes[marker]
 
     def of(self, displacement: Field) -> Gradients:

@@ -1,7 +1,8 @@
 """A square lattice over any layout of markers: where a law of square grids reads their field.
 
-Where the markers themselves are a square grid, however turned, the lattice is the markers. Else it
-has as many points to an area as they have, and the field is interpolated linearly between them.
+Where the markers themselves are a square grid, however turned, or a single row, the lattice is the
+markers. Else it has as many points to an area as they have, and the field is interpolated linearly
+between them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.pitch import marker_pitch_px
+from spikingtac.touch.field.marker_row import straightened
 
 Field = NDArray[np.float64]
 
@@ -67,7 +69,8 @@ class SquareLattice:
         # A square of n markers has 4 (n - sqrt n) neighbours, each pair counted twice.
         neighbours = 4.0 * (len(reference) - np.sqrt(len(reference)))
         on_grid = (off_grid < GRID_TOLERANCE).sum() >= GRID_SHARE * neighbours
-        if on_grid or len(reference) < LEAST_MARKERS:
+        in_a_row = len(reference) < LEAST_MARKERS or straightened(reference) is not None
+        if on_grid or in_a_row:
             mean_pitch = float(np.hypot(*near.T).mean()) if len(near) else pitch
             return cls(mean_pitch, places, None, rotation, middle)
         pitch, points, weights = _between(places)

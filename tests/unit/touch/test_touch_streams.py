@@ -1,0 +1,220 @@
+"""Streams of frames that are not as they should be: gaps, jumps in time, a touched start, a row."""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field.marker_row import straightened
+from spikingtac.touch.field.square_lattice import SquareLattice
+from spikingtac.touch.slip.held_touches import HeldTouchDetector
+from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
+from spikingtac.touch.touches.calibrated_rest import RETURN_FACTOR
+from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.touch.touches.touch import Touch
+from spikingtac.touch.touches.touch_config import UNITS, TouchConfig
+from spikingtac.types import MarkerFrame
+
+PITCH_PX, NOISE_PX, RATE_HZ = 37.0, 0.012, 500.0
+MM_PER_PX = 0.065
+X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
+REFERENCE = PITCH_PX * np.column_stack([X.ravel(), Y.ravel()]) + 30.0
+ROW = np.column_stack([PITCH_PX * np.arange(10.0), np.full(10, 80.0)])
+CENTER = np.array([160.0, 145.0])
+PLACES_ONLY = TouchConfig(unseen=NOTHING_UNSEEN)
+
+
+def press(reference: np.ndarray, center: np.ndarray, depth: float = 1.0) -> np.ndarray:
+    """Markers spread away from a press, most at one and a half pitches from it."""
+    away = (reference - center) / PITCH_PX
+    return depth * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True) / 1.5**2)
+
+
+PRESS = press(REFERENCE, CENTER)
+
+
+def pulse(t_s: float, begin_s: float, end_s: float, rise_s: float = 0.2) -> float:
+    """A press of depth 4 that grows as the square of time and is taken back alike."""
+    return 4.0 * max(min((t_s - begin_s) / rise_s, (end_s - t_s) / rise_s, 1.0), 0.0) ** 2
+
+
+def watch(
+    depth: Callable[[float], float],
+    seconds: float,
+    reference: np.ndarray = REFERENCE,
+    pattern: np.ndarray = PRESS,
+) -> Iterator[MarkerFrame]:
+    rng, none, sure = np.random.default_rng(4), np.zeros(len(reference), bool), np.ones(64)
+    for k in range(int(seconds * RATE_HZ)):
+        t_s = k / RATE_HZ
+        place = reference + depth(t_s) * pattern + rng.normal(0.0, NOISE_PX, reference.shape)
+        yield MarkerFrame(round(t_s * 1e6), place, place, place - reference, none, sure)
+
+
+def touches(detector: TouchDetector, frames: Iterator[MarkerFrame]) -> list[Touch]:
+    found = [touch for frame in frames if (touch := detector.update(frame))]
+    last = detector.finish()
+    return [*found, last] if last else found
+
+
+def one_press(t_s: float) -> float:
+    return pulse(t_s, 0.8, 1.9)
+
+
+@pytest.mark.parametrize(
+    ("missing", "every"),
+    [([27], 0), ([27], 1), ([27], 2), ([18, 19, 20, 26, 27, 28, 34, 35, 36], 1), ([0, 63], 3)],
+)
+def test_markers_without_a_place_do_not_hide_a_press(missing: list[int], every: int) -> None:
+    def torn(frame: MarkerFrame, number: int) -> MarkerFrame:
+        place = frame.detected_px.copy()
+        if number % every == 0 if every else number == 100:
+            place[missing, 0] = np.nan
+            place[missing[0], 1] = np.inf
+        return dataclasses.replace(frame, detected_px=place)
+
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    frames = (torn(frame, k) for k, frame in enumerate(watch(one_press, 3.0)))
+    (touch,) = touches(detector, frames)
+    assert touch.begin_us == pytest.approx(800_000, abs=12_000)
+    assert touch.end_us == pytest.approx(1_900_000, abs=100_000)
+    np.testing.assert_allclose(touch.place_px, CENTER, atol=0.5 * PITCH_PX)
+    assert np.isfinite(detector.displacement_px).all()
+    assert np.isfinite(detector.tracked_px).all()
+
+
+def test_frames_without_any_marker_leave_the_skin_where_it_was() -> None:
+    def blind(frame: MarkerFrame) -> MarkerFrame:
+        nothing = np.full_like(frame.detected_px, np.nan)
+        hidden = 1_200_000 <= frame.t_us < 1_300_000
+        return dataclasses.replace(frame, detected_px=nothing) if hidden else frame
+
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    (touch,) = touches(detector, map(blind, watch(one_press, 3.0)))
+    assert touch.end_us == pytest.approx(1_900_000, abs=100_000)
+
+
+def test_a_frame_of_an_earlier_time_begins_anew() -> None:
+    first = [frame for frame in watch(one_press, 3.0) if frame.t_us < 1_200_000]
+    fresh = touches(TouchDetector(REFERENCE, PLACES_ONLY), watch(one_press, 3.0))
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    torn, again = touches(detector, iter([*first, *watch(one_press, 3.0)]))
+    assert torn.end_us is None
+    assert torn.begin_us == pytest.approx(800_000, abs=10_000)
+    assert (again.begin_us, again.end_us) == (fresh[0].begin_us, fresh[0].end_us)
+
+
+def test_a_held_touch_ends_where_time_goes_back_and_the_next_has_its_own_slips() -> None:
+    detector = HeldTouchDetector(REFERENCE, PLACES_ONLY)
+    frames = [frame for frame in watch(one_press, 3.0) if frame.t_us < 1_200_000]
+    held = [one for frame in 2 * frames if (one := detector.update(frame))]
+    assert [one.touch.end_us for one in held] == [None]
+    last = detector.finish()
+    assert last is not None
+    assert last.slips == held[0].slips
+
+
+def held_at_first(
+    strength: float, released_s: float, fall_s: float = 0.2
+) -> Callable[[float], float]:
+    """A skin that is strained from the first frame on, and then released."""
+    depth = strength / GradientOperator(REFERENCE).strength_of(PRESS)
+    return lambda t_s: depth * min(max((released_s - t_s) / fall_s, 0.0), 1.0) ** 2
+
+
+@pytest.mark.parametrize("strength", [0.01, 0.03, 0.045])
+@pytest.mark.parametrize("seconds", [4.0, 1.3])
+def test_the_release_of_what_was_held_at_first_is_no_touch(strength: float, seconds: float) -> None:
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    assert touches(detector, watch(held_at_first(strength, 1.0), seconds)) == []
+
+
+def test_after_that_release_presses_are_found() -> None:
+    held = held_at_first(0.03, 1.0)
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    frames = watch(lambda t_s: held(t_s) + pulse(t_s, 2.5, 3.5), 6.0)
+    (touch,) = touches(detector, frames)
+    assert touch.begin_us == pytest.approx(2_500_000, abs=10_000)
+    assert touch.end_us == pytest.approx(3_500_000, abs=100_000)
+
+
+@pytest.mark.parametrize(("rise_s", "begin_us"), [(0.05, 50_000), (0.2, 100_000), (0.3, 110_000)])
+def test_a_press_that_begins_with_the_recording_is_one_touch(rise_s: float, begin_us: int) -> None:
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    (touch,) = touches(detector, watch(lambda t_s: pulse(t_s, 0.0, 1.5, rise_s), 4.0))
+    assert touch.begin_us <= begin_us
+    assert touch.end_us == pytest.approx(1_500_000, abs=1e6 * 0.5 * rise_s + 40_000)
+
+
+def test_a_press_on_a_skin_that_is_held_ends_where_all_is_released_at_once() -> None:
+    """By its peak alone it never does: what was held is no small share of that."""
+    held = held_at_first(0.03, 2.0, fall_s=0.02)
+    assert RETURN_FACTOR * 0.03 < 4.0 * GradientOperator(REFERENCE).strength_of(PRESS)
+    detector = TouchDetector(REFERENCE, PLACES_ONLY)
+    frames = watch(lambda t_s: held(t_s) + 0.6 * pulse(t_s, 1.0, 2.0, 0.02), 4.0)
+    (touch,) = touches(detector, frames)
+    assert touch.begin_us == pytest.approx(1_000_000, abs=10_000)
+    assert touch.end_us == pytest.approx(2_000_000, abs=20_000)
+
+
+def test_a_held_touch_does_not_take_over_the_slips_of_a_release_that_was_none() -> None:
+    held = held_at_first(0.03, 1.0)
+    detector = HeldTouchDetector(REFERENCE, PLACES_ONLY)
+    for frame in watch(held, 2.5):
+        assert detector.update(frame) is None
+        if detector.touches.touching:
+            detector._slips = [None]  # type: ignore[list-item]
+    assert not detector.touches.touching
+    assert detector._slips == []
+
+
+def test_markers_in_mm_are_felt_with_the_settings_for_mm() -> None:
+    """With those for px the press of 4 px is 0.26 mm, and lost among what px may scatter."""
+    reference = MM_PER_PX * REFERENCE
+    for config, found in ((TouchConfig(), 0), (TouchConfig.for_unit(reference, "mm"), 1)):
+        frames = watch(one_press, 3.0)
+        small = (dataclasses.replace(f, detected_px=MM_PER_PX * f.detected_px) for f in frames)
+        told = touches(TouchDetector(reference, config), small)
+        assert len(told) == found
+    assert told[0].begin_us == pytest.approx(800_000, abs=30_000)
+    assert told[0].peak_displacement_px == pytest.approx(
+        MM_PER_PX * 4.0 * np.hypot(*PRESS.T).max(), rel=0.05
+    )
+
+
+def test_settings_are_for_a_unit() -> None:
+    assert TouchConfig.for_unit(REFERENCE, "px") == TouchConfig()
+    with pytest.raises(ConfigError, match=f"'cm', valid: {', '.join(UNITS)}"):
+        TouchConfig.for_unit(REFERENCE, "cm")
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0, 90.0])
+@pytest.mark.parametrize("bend_px", [0.0, 1e-9, 1.0])
+def test_a_single_row_of_markers_feels_a_press(degrees: float, bend_px: float) -> None:
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    bent = ROW + np.array([0.0, bend_px]) * ((np.arange(10.0) - 4.5) ** 2 / 20.0)[:, None]
+    reference = bent @ turn
+    center = ROW[4:6].mean(axis=0) @ turn
+    pattern = press(reference, center)
+    frames = watch(one_press, 3.0, reference, pattern)
+    (touch,) = touches(TouchDetector(reference, PLACES_ONLY), frames)
+    assert touch.begin_us == pytest.approx(800_000, abs=12_000)
+    assert touch.end_us == pytest.approx(1_900_000, abs=100_000)
+    assert touch.area_px2 > 0.0
+    assert len(touch.outline_px) >= 4
+    assert np.hypot(*(touch.place_px - center)) < 2.5 * PITCH_PX  # nothing was learned of rows
+    assert SquareLattice.over(reference).weights is None
+
+
+def test_a_row_is_straightened_and_two_rows_are_none() -> None:
+    row = ROW + np.array([0.0, 1.0]) * (np.arange(10.0) % 2)[:, None]
+    straight = straightened(row)
+    assert straight is not None
+    np.testing.assert_allclose(straight, row, atol=0.7)
+    assert np.linalg.matrix_rank(straight - straight.mean(axis=0), tol=1e-9) == 1
+    assert straightened(np.concatenate([ROW, ROW + [0.0, PITCH_PX]])) is None
+    assert straightened(REFERENCE) is None
