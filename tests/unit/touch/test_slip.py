@@ -85,6 +85,12 @@ def test_a_contact_that_slips_at_once_has_no_lead() -> None:
     assert (slip.incipient_us, slip.gross_us, slip.lead_us) == (None, 4_000, None)
 
 
+def test_what_rings_at_once_with_the_whole_slip_leads_it_by_nothing() -> None:
+    config = SlipConfig(incipient=AT_ONCE.gross, gross=AT_ONCE.gross, settle_us=0)
+    (slip,) = slips([1.0] * 3 + [0.0] * 2 + [1.0], config)
+    assert (slip.incipient_us, slip.gross_us, slip.lead_us) == (4_000, 4_000, 0)
+
+
 def test_two_slips_of_a_touch_are_told_one_by_one() -> None:
     found = slips(([1.0] * 3 + [0.5] * 6) * 2, AT_ONCE)
     assert [slip.gross_us for slip in found] == [None, None]
@@ -223,10 +229,15 @@ def test_a_model_survives_its_file_and_refuses_another() -> None:
             SlipModel.from_mapping(document)
 
 
-def test_shares_stay_between_zero_and_one_whatever_is_seen() -> None:
-    for size in (0.0, 1.0, 1e6):
-        estimate = default_model().estimator().update(0, np.full(FEATURES, size))
-        assert all(0.0 <= value <= 1.0 for value in estimate)
+def test_a_skin_that_has_not_moved_sticks_and_the_largest_features_say_something_finite() -> None:
+    estimator, stream = default_model().estimator(), FeatureStream(REFERENCE)
+    for t_us in range(0, 400_000, 1_000):
+        features = stream.update(t_us, np.zeros_like(REFERENCE))
+        if features is not None:
+            estimate = estimator.update(t_us, features)
+    assert estimate.share > 0.9
+    assert estimate.incipient < SlipConfig().incipient.probability
+    assert np.isfinite(estimator.update(400_000, np.full(FEATURES, 1e6))).all()
 
 
 def test_the_initial_state_is_that_of_an_untouched_skin() -> None:
@@ -365,6 +376,21 @@ def test_a_dragged_touch_tells_its_incipient_slip() -> None:
     first_us = touch.slips[0].incipient_us
     assert first_us is not None
     assert 640_000 < first_us < 870_000  # a third still sticks, all slips at 1,000,000
+
+
+@pytest.mark.parametrize("more", [0, 1, 16])
+def test_a_touch_that_has_just_begun_has_no_slip_rather_than_an_unknown_one(more: int) -> None:
+    detector, stream = HeldTouchDetector(REFERENCE), frames(dragged())
+    for frame in stream:
+        detector.update(frame)
+        if detector.touches.touching:
+            break
+    for _ in range(more):
+        detector.update(next(stream))
+    assert detector.slip is None
+    held = detector.finish()
+    assert held is not None
+    assert held.slips == ()
 
 
 def test_frames_of_a_slow_camera_tell_no_slip() -> None:

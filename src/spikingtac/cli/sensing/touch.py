@@ -14,7 +14,6 @@ from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark, warn
 from spikingtac.cli.sensing.touch_rows import peak_values, print_rows, touch_row, write_rows
-from spikingtac.cli.sensing.touch_series import touch_config
 from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
 from spikingtac.cli.sensing.vibration_rows import print_vibration, vibration_rows
 from spikingtac.errors import ConfigError
@@ -168,18 +167,23 @@ def _find(
 
 def _listed(watched: Watched) -> _Found:
     from spikingtac.touch.slip.held_touches import HeldTouchDetector
+    from spikingtac.touch.touches.touch_config import TouchConfig
 
-    detector = HeldTouchDetector(watched.reference, touch_config(watched.reference, watched.unit))
+    config = TouchConfig.for_unit(watched.reference, watched.unit)
+    detector = HeldTouchDetector(watched.reference, config)
     monitor, touches = watched.indentation, detector.touches
     found, peaks, first_us = [], [], None
     for frame in watched.frames:
         first_us = frame.t_us if first_us is None else first_us
+        touched = touches.touching
         held = detector.update(frame)
         if monitor is not None:
             monitor.update(frame, touches.tracked_px, touches.touching)
+        over = touched and not touches.touching
+        peak = monitor.take_peak() if over and monitor is not None else None
         if held is not None:
             found.append(held)
-            peaks.append(None if monitor is None else monitor.take_peak())
+            peaks.append(peak)
     last = detector.finish()
     if last is not None:
         found.append(last)

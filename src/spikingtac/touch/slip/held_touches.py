@@ -23,7 +23,7 @@ class HeldTouch:
 
     Attributes:
         touch: The touch.
-        slips: Its slips in order; None where the frames were too far apart to tell.
+        slips: Its slips in order; None where the frames were too far apart to tell any.
     """
 
     touch: Touch
@@ -32,6 +32,8 @@ class HeldTouch:
 
 class HeldTouchDetector:
     """Finds touches and their slips, causally.
+
+    Frames come in order of time; one of an earlier time begins anew.
 
     Example:
         >>> detector = HeldTouchDetector(calibration.reference_px)  # doctest: +SKIP
@@ -45,8 +47,9 @@ class HeldTouchDetector:
         """Start at rest.
 
         Args:
-            reference: ``(m, 2)`` markers at rest, px or mm.
-            config: When touches begin and end.
+            reference: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
+            config: When touches begin and end; as of an event camera in px unless given, for mm
+                ``TouchConfig.for_unit(reference, "mm")``.
 
         Raises:
             ConfigError: Too few markers.
@@ -61,26 +64,35 @@ class HeldTouchDetector:
         self._monitor.reset()
         self._slips: list[Slip] = []
         self._told = False
-        self._last_us = 0
+        self._last_us: int | None = None
 
     @property
     def slip(self) -> SlipState | None:
-        """How the open touch holds; None while nothing touches or frames are too far apart."""
+        """How the open touch holds; None while nothing is told of it (:class:`SlipMonitor`)."""
         return self._monitor.state
 
     def update(self, frame: MarkerFrame) -> HeldTouch | None:
-        """Take in a frame and return the touch that it ends, if any."""
+        """Take in a frame and return the touch that it ends, if any; see :class:`TouchDetector`."""
+        if self._last_us is not None and frame.t_us < self._last_us:
+            ended = self.finish()
+            self.reset()
+            self.update(frame)
+            return ended
         touch = self.touches.update(frame)
         moved, touching = self.touches.tracked_px, self.touches.touching
         self._keep(self._monitor.update(frame.t_us, moved, touching))
-        self._told = self._told or self._monitor.state is not None
         self._last_us = frame.t_us
-        return None if touch is None else self._held(touch)
+        if touch is not None:
+            return self._held(touch)
+        if not touching:  # nothing was touched, or what looked like a touch was none
+            self._slips, self._told = [], False
+        self._told = self._told or (touching and self._monitor.tells)
+        return None
 
     def finish(self) -> HeldTouch | None:
         """Return the touch that is still open at the end, without an end."""
         touch = self.touches.finish()
-        self._keep(self._monitor.finish(self._last_us))
+        self._keep(self._monitor.finish(self._last_us or 0))
         return None if touch is None else self._held(touch)
 
     def _keep(self, slip: Slip | None) -> None:

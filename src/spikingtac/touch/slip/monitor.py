@@ -29,8 +29,9 @@ class SlipMonitor:
         ...     print(monitor.state)
 
     Attributes:
-        state: What is known of the contact now; None while nothing touches, or where frames are
-            too far apart (more than 6 ms).
+        state: What is known of the contact now; None while nothing touches, in the first
+            ``settle_us`` of a touch, and where frames are too far apart.
+        tells: Whether the last two frames were near enough to each other to tell slip (6 ms).
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class SlipMonitor:
     def reset(self) -> None:
         """Forget everything."""
         self.state: SlipState | None = None
+        self.tells = False
         self._features.reset()
         self._estimator.reset()
         self._touched_us: int | None = None
@@ -76,6 +78,7 @@ class SlipMonitor:
             touching: Whether something touches (:class:`TouchDetector`).
         """
         features = self._features.update(t_us, displacement)
+        self.tells = features is not None
         if not touching:
             self._touched_us = None
         elif self._touched_us is None:

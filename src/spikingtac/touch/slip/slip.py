@@ -32,8 +32,8 @@ class Slip:
     """A slip from its first sign to its end.
 
     Attributes:
-        incipient_us: When part of the contact was noticed to slip, us; None where all of it
-            slipped at once.
+        incipient_us: When part of the contact was noticed to slip, us: ``gross_us`` where that was
+            noticed together with the slip of all of it; None where it was noticed later, or never.
         gross_us: When the whole contact was noticed to slip, us; None where it never did.
         end_us: When the contact held again or ended, us.
         least_sticking_share: Smallest share of the contact that stuck, 0 to 1.
@@ -46,7 +46,10 @@ class Slip:
 
     @property
     def lead_us(self) -> int | None:
-        """Time by which the incipient slip announced the gross one, us; None without both."""
+        """Time by which the incipient slip announced the gross one, us; 0 where both came at once.
+
+        None without both.
+        """
         if self.incipient_us is None or self.gross_us is None:
             return None
         return self.gross_us - self.incipient_us

@@ -20,7 +20,9 @@ from spikingtac.touch.contact_patch.estimator import PatchEstimator
 from spikingtac.touch.contact_patch.patch import Patch
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.field.lost_markers import LostMarkers
+from spikingtac.touch.touches.absent_markers import AbsentMarkers
 from spikingtac.touch.touches.backlash import Backlash
+from spikingtac.touch.touches.calibrated_rest import CalibratedRest
 from spikingtac.touch.touches.onset import OnsetMemory
 from spikingtac.touch.touches.release import Release
 from spikingtac.touch.touches.spread import spread_kernel
@@ -29,7 +31,6 @@ from spikingtac.touch.touches.touch_config import TouchConfig
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
-
 
 SPREAD_SHARE = 0.1
 """Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
@@ -50,6 +51,7 @@ class _Open:
     begin_us: int
     threshold: float
     release: Release
+    home: CalibratedRest
     peak_field: Field
     peak: float = 0.0
     peak_us: int = 0
@@ -69,6 +71,9 @@ class _Settling:
 class TouchDetector:
     """Finds touches in marker frames, one by one and causally.
 
+    Frames come in order of time; one of an earlier time begins anew. Markers whose places are not
+    finite move as their neighbours do.
+
     Example:
         >>> detector = TouchDetector(calibration.reference_px)  # doctest: +SKIP
         >>> touches = [t for f in frames if (t := detector.update(f))]  # doctest: +SKIP
@@ -78,8 +83,9 @@ class TouchDetector:
         """Start at rest.
 
         Args:
-            reference_px: ``(m, 2)`` markers at rest, px.
-            config: When touches begin and end.
+            reference_px: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
+            config: When touches begin and end; as of an event camera in px unless given, for mm
+                :meth:`TouchConfig.for_unit`.
 
         Raises:
             ConfigError: Too few markers.
@@ -89,6 +95,7 @@ class TouchDetector:
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
         self._patches = PatchEstimator(self._reference)
+        self._absent = AbsentMarkers(self._reference)
         self._lost = LostMarkers(self._reference)
         self._memory = OnsetMemory(self._config.unseen)
         self._backlash = Backlash(len(self._reference))
@@ -144,14 +151,24 @@ class TouchDetector:
         return max(self._floor, self._config.noise_factor * self._rest_strength)
 
     def update(self, frame: MarkerFrame) -> Touch | None:
-        """Take in a frame and return the touch that it ends, if any."""
-        seen = frame.detected_px - self._reference
+        """Take in a frame and return the touch that it ends, if any.
+
+        A frame of an earlier time than the last one begins anew; what was open is returned without
+        an end.
+        """
+        if self._last_us is not None and frame.t_us < self._last_us:
+            ended = self.finish()
+            self.reset()
+            self.update(frame)
+            return ended
+        seen = self._absent.filled(frame.detected_px - self._reference, self._zero, self._moved)
         moved = self._repaired(seen)
         self._moved = moved
         self._tracked = moved if moved is seen else self._believed(seen, moved)
         string = self._backlash.update(moved)
         self._first_us = frame.t_us if self._first_us is None else self._first_us
-        if frame.t_us - self._first_us < self._config.start_us and self._is_start(moved):
+        begins = frame.t_us - self._first_us < self._config.start_us
+        if begins and self._gradient.strength_of(moved) < self._config.start_strength:
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
@@ -163,19 +180,17 @@ class TouchDetector:
         self._memory.add(frame.t_us, moved, string)
         strength = self._gradient.strength_of(moved - self._zero)
         if strength > self.threshold and not settling:
-            begin_us = self._memory.notice(moved - self._zero)
-            self._open = _Open(begin_us, self.threshold, Release(self._config), self.tracked_px)
+            self._open = self._begun(moved - self._zero)
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
 
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""
-        if self._open is None:
+        touch, self._open = self._open, None
+        if touch is None or touch.home.was_return(touch.peak):
             return None
-        touch = self._told(self._open, None)
-        self._open = None
-        return touch
+        return self._told(touch, None)
 
     def _repaired(self, moved: Field) -> Field:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
@@ -194,6 +209,11 @@ class TouchDetector:
             return repaired
         return np.where((self._lost.lost & self._lost_before)[:, None], repaired, seen)
 
+    def _begun(self, pattern: Field) -> _Open:
+        begin_us, config = self._memory.notice(pattern), self._config
+        home = CalibratedRest(config, self._gradient, self._zero, pattern)
+        return _Open(begin_us, self.threshold, Release(config), home, self.tracked_px)
+
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
@@ -203,11 +223,19 @@ class TouchDetector:
         if strength > touch.peak:
             touch.peak, touch.peak_us, touch.peak_field = strength, t_us, self.tracked_px
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
-        if end_us is None:
+        if end_us is not None:
+            self._settling = _Settling(t_us, self._zero, strength)
+            return self._closed(touch, end_us, moved)
+        back_us = touch.home.update(t_us, moved)
+        if back_us is None:
             return None
+        ended = self._closed(touch, back_us, moved)
+        return None if touch.home.was_return(touch.peak) else ended
+
+    def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch:
+        """Return a touch that is over; where the skin is now, is its rest."""
         told = self._told(touch, end_us)
-        self._open, self._settling = None, _Settling(t_us, self._zero, strength)
-        self._zero = moved
+        self._open, self._zero = None, moved
         self._memory.clear()
         return told
 
@@ -231,9 +259,6 @@ class TouchDetector:
         if self._tracked is self._moved:
             return strength
         return max(strength, self._gradient.strength_of(self.tracked_px))
-
-    def _is_start(self, moved: Field) -> bool:
-        return self._gradient.strength_of(moved) < self._config.start_strength
 
     def _settle(self, t_us: int, moved: Field) -> bool:
         """Right after a release the rest is wherever the skin falls back to.
