@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
 from drawn_skins import SKIN, CameraView, Draw, drawn
+from fitted_mlp import Schedule, fitted_mlp
 from numpy.typing import NDArray
 from weights_file import write_weights
 
 from spikingtac.experiments.touch.bodies import BOTH_RADII, Body
-from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import (
     DEPTH_SCALE,
@@ -44,12 +43,15 @@ LEAST_DEPTH_MM = 0.03
 KEPT_SHARE = 3
 """Of the others one in so many is kept."""
 DISTANCE_MM = (9.0, 18.0)
+"""Range of the cameras' distances from the skin, mm: about the twin's 13."""
 PLACE_SIGMA_PX = (0.03, 0.12)
+"""Range of the tracks' errors, px per axis, of frame after frame."""
 GROWTH_SIGMA = (0.003, 0.009)
+"""Range of the errors of a disc's growth, as a share of its radius (ours)."""
 COMMON_SIGMA = 0.003
 """Error of the growth that all discs of a frame share."""
 HIDDEN = (96, 48)
-BATCH, RATE, DECAY = 12, 4e-3, 1e-3
+SCHEDULE = Schedule(batch=12, rate=4e-3, decay=1e-3, epochs=20)
 TOUCHED, TOUCHED_WEIGHT = 0.05, 10.0
 """Pitches of indentation above which a marker counts more, and by how much."""
 SQUARED_WEIGHT = 0.05
@@ -62,7 +64,15 @@ with camera and tracker, lie within two (their hard bodies twist and circle; q95
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """The frames of a contact as a camera shows them."""
+    """The frames of a contact as a camera shows them.
+
+    Attributes:
+        features: Of its markers.
+        moved_px: ``(n, m, 2)`` displacements, px.
+        growth: ``(n, m)`` growths of the discs' radii, 0.1 is 10 %.
+        nearness: Pitch of the markers over the camera's distance.
+        depth: ``(n, m)`` indentations, in pitches.
+    """
 
     features: FieldFeatures
     moved_px: Field
@@ -76,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fit the law of indentation.")
     parser.add_argument("work", type=Path, help="folder for the skins")
     parser.add_argument("--contacts", type=int, default=CONTACTS)
-    parser.add_argument("--epochs", type=int, default=20)
+    parser.add_argument("--epochs", type=int, default=SCHEDULE.epochs)
     parser.add_argument("--without-growth", action="store_true", help="to see what it is worth")
     parser.add_argument("--error-factor", type=float, default=ERROR_FACTOR)
     parser.add_argument("-o", "--output", type=Path, default=Path("indentation_law.json"))
@@ -122,30 +132,15 @@ def fitted(
     views: list[View], rng: np.random.Generator, epochs: int, without_growth: bool
 ) -> IndentationLaw:
     """Return the law that fits the views."""
-    torch.manual_seed(0)
-    torch.set_num_threads(1)
+
+    def loss(network: torch.nn.Sequential, chosen: list[View]) -> torch.Tensor:
+        seen = np.concatenate([noisy(one, rng, without_growth) for one in chosen])
+        depth = np.concatenate([one.depth.ravel() for one in chosen]).astype(np.float32)
+        return loss_of(network(torch.from_numpy(seen)), torch.from_numpy(depth))
+
+    schedule = replace(SCHEDULE, epochs=epochs)
     sizes = (FEATURES, *HIDDEN, OUTPUTS)
-    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
-    network = torch.nn.Sequential(layers[0], torch.nn.Tanh(), layers[1], torch.nn.Tanh(), layers[2])
-    optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
-    turns = len(views) // BATCH
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * turns)
-    for epoch in range(epochs):
-        order, total = rng.permutation(len(views)), 0.0
-        for turn in range(turns):
-            chosen = [views[k] for k in order[turn * BATCH : (turn + 1) * BATCH]]
-            seen = np.concatenate([noisy(one, rng, without_growth) for one in chosen])
-            depth = np.concatenate([one.depth.ravel() for one in chosen]).astype(np.float32)
-            loss = loss_of(network(torch.from_numpy(seen)), torch.from_numpy(depth))
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += float(loss.detach())
-        print(epoch, total / turns, flush=True)
-    weights = [layer.weight.detach().numpy().astype(float) for layer in layers]
-    biases = [layer.bias.detach().numpy().astype(float) for layer in layers]
-    return IndentationLaw(Mlp(tuple(weights), tuple(biases)))
+    return IndentationLaw(fitted_mlp(sizes, views, loss, schedule, rng, lambda _, mean: mean))
 
 
 def loss_of(told: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:

@@ -9,13 +9,14 @@ Needs torch, an hour and a half.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
-from itertools import pairwise, product
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import torch
 from drawn_skins import SKIN, CameraView, Draw, drawn, turned
+from fitted_mlp import Schedule, fitted_mlp
 from numpy.typing import NDArray
 from weights_file import write_weights
 
@@ -59,10 +60,11 @@ FRAMES = 12
 LEAST_DEPTH_MM = 0.03
 """Skins that are indented by less are left out, mm."""
 DISTANCE_MM = (9.0, 30.0)
+"""Range of the cameras' distances from the skin, mm."""
 PLACE_SIGMA_PX = (0.03, 0.12)
 """Range of the tracks' errors, px per axis, of frame after frame."""
 HIDDEN = (192, 96)
-BATCH, RATE, DECAY, LARGEST_GRADIENT = 16, 3e-3, 1e-3, 1.0
+SCHEDULE = Schedule(batch=16, rate=3e-3, decay=1e-3, largest_gradient=1.0, epochs=14)
 COLD_SHARE = 0.15
 """Share of the markers far from the contact that is looked at, each with the weight of many."""
 JUDGED_MM = 3.0
@@ -91,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fit the model of the contact patch.")
     parser.add_argument("work", type=Path, help="folder for the skins")
     parser.add_argument("--contacts", type=int, default=CONTACTS)
-    parser.add_argument("--epochs", type=int, default=14)
+    parser.add_argument("--epochs", type=int, default=SCHEDULE.epochs)
     parser.add_argument("-o", "--output", type=Path, default=Path("patch_model.json"))
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
@@ -157,33 +159,14 @@ def beside(flags: Flags) -> Flags:
 
 def fitted(views: list[View], held: list[View], rng: np.random.Generator, epochs: int) -> Mlp:
     """Return the network that fits the views."""
-    torch.manual_seed(0)
-    torch.set_num_threads(1)
-    sizes = (FEATURES, *HIDDEN, SIDE * SIDE)
-    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
-    network = torch.nn.Sequential(layers[0], torch.nn.Tanh(), layers[1], torch.nn.Tanh(), layers[2])
-    optimiser = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
-    turns = len(views) // BATCH
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=epochs * turns)
-    for epoch in range(epochs):
-        order = rng.permutation(len(views))
-        for turn in range(turns):
-            chosen = [views[k] for k in order[turn * BATCH : (turn + 1) * BATCH]]
-            loss = loss_of(network, [seen(one, rng) for one in chosen])
-            optimiser.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
-            optimiser.step()
-            schedule.step()
-        print(epoch, agreement(plain(layers), held).round(3), flush=True)
-    return plain(layers)
-
-
-def plain(layers: list[torch.nn.Linear]) -> Mlp:
-    """Return the layers as arrays."""
-    weights = [layer.weight.detach().numpy().astype(float) for layer in layers]
-    biases = [layer.bias.detach().numpy().astype(float) for layer in layers]
-    return Mlp(tuple(weights), tuple(biases))
+    return fitted_mlp(
+        (FEATURES, *HIDDEN, SIDE * SIDE),
+        views,
+        lambda network, chosen: loss_of(network, [seen(one, rng) for one in chosen]),
+        replace(SCHEDULE, epochs=epochs),
+        rng,
+        lambda network, _: agreement(network, held).round(3),
+    )
 
 
 def noisy(one: View, rng: np.random.Generator) -> Field:

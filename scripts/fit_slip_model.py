@@ -7,7 +7,6 @@ four recurrent networks of ``spikingtac.touch.slip.slip_model``. Needs torch.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from slip_samples import SAMPLES, drawn
+from weights_file import write_weights
 
 from spikingtac.touch.slip.feature_stream import FEATURES
 from spikingtac.touch.slip.gru import GruNetwork, Linear
@@ -104,7 +104,7 @@ def main() -> None:
         courses = [piece for course in whole for piece in course.pieces()]
         networks.append(fitted(courses, recipe))
     model = SlipModel(tuple(networks))
-    args.output.write_text(json.dumps(model.to_mapping()) + "\n", encoding="utf-8")
+    write_weights(args.output, model.to_mapping())
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ SOURCE_PITCH_MM = 0.9
 """Distance between the places at which forces act, mm (ours: a third of a marker's pitch)."""
 SPREAD = 0.6
 """Radius over which each is spread, in those distances (ours: their sum is smooth to 1 %)."""
+REACH_SHARE, REACH_MARGIN_MM = 1.6, 5.0
+"""Reach of the table of responses: of the longer side of the marker field, and mm beyond it (ours:
+no two places of a square field are farther apart than 1.42 sides)."""
 CENTER_SHARE = 0.8
 """Share of the marker field on which contacts are centred."""
 PROFILE_POWERS = (0.5, 0.5, 0.2, 1.0)
@@ -42,7 +45,8 @@ class SyntheticContactConfig:
 
     Attributes:
         frames: Contacts in a series.
-        series: Parts of the range of sizes; the contacts of a series are drawn from one of them.
+        series: Parts of the range of sizes; the contacts of a series are drawn from its part and
+            the one below, those of the first from the first alone.
         rounds: Series of each part (ours: with twice as many contacts the normal force errs by an
             eighth to a fifth less on 60 validation contacts; the fit takes three times as long).
         smallest_mm: Smallest semi-axis of a patch, mm.
@@ -86,7 +90,7 @@ def synthetic_series(
     rng = np.random.default_rng(seed)
     places = (reference_px - reference_px.mean(axis=0)) / px_per_mm
     sources = _sources(places)
-    reach = float(np.ptp(places, axis=0).max()) * 1.6 + 5.0
+    reach = float(np.ptp(places, axis=0).max()) * REACH_SHARE + REACH_MARGIN_MM
     response = SurfaceResponse(skin, SPREAD * SOURCE_PITCH_MM, reach)
     patches = _Patches(skin, sources, response)
     out = []

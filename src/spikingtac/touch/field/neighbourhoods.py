@@ -18,9 +18,13 @@ NEIGHBOURS = (2 * REACH + 1) ** 2
 WITHIN_PITCHES = 0.4
 """Largest distance of a neighbour from its place in a square grid, in pitches."""
 DIFFERENCE_SCALE = 10.0
+"""Factor of the neighbours' displacements from the marker's, per pitch: of the order of a tenth of a
+pitch under a press. It and the next two make all features of the order of one (ours); laws are
+fitted with them."""
 OWN_SCALE = 5.0
+"""Factor of the marker's own displacement, per pitch."""
 PRESENT_SCALE = 0.3
-"""Factors that make all features of the order of one; laws are fitted with them."""
+"""What stands for a neighbour that is there; 0 for none."""
 MOTION_FEATURES = 3 * NEIGHBOURS + 2
 """Number of features of a marker's neighbourhood in motion."""
 
