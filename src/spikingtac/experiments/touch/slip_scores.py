@@ -36,9 +36,9 @@ STICKING_SHARE = 0.9
 What is told between the two shares is told of a contact that slips in part: early, if not right."""
 US_PER_MS, US_PER_S = 1e3, 1e6
 METRICS = (
-    Metric("gross_in_time", "1", "share of the gross slips noticed until 10 ms after they begin"),
+    Metric("gross_in_time", "1", "share of first gross slips noticed until 10 ms after they begin"),
     Metric("gross_delay_ms", "ms", "delay of those noticed at all; negative is early"),
-    Metric("lead_20ms", "1", "share of the slides below 20 mm/s told 20 ms before gross slip"),
+    Metric("lead_20ms", "1", "share of the slides below 20 mm/s told 20 ms before it"),
     Metric("false_incipient", "alarms", "incipient slips told while 85 % and more stick", "sum"),
     Metric("false_incipient_sticking", "alarms", "of these, told while 90 % and more stick", "sum"),
     Metric("false_gross", "alarms", "gross slips told while 30 % and more stick", "sum"),
@@ -65,7 +65,11 @@ class Truth:
 
 
 def slip_scores(truth: Truth, incipient: Sequence[int], gross: Sequence[int]) -> dict[str, float]:
-    """Compare alarms, us, with the truth of one contact."""
+    """Compare alarms, us, with the truth of one contact.
+
+    Of its gross slips only the first is scored: the later ones of a body that turns back or is
+    dragged twice are not.
+    """
     stuck = np.where(np.isfinite(truth.share), truth.share, 1.0)
     sticks = truth.judged & (stuck > STICKING_SHARE)
     frame_s = float(np.median(np.diff(truth.t_us))) / US_PER_S

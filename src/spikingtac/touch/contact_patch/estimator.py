@@ -24,7 +24,8 @@ class PatchEstimator:
 
     Example:
         >>> estimator = PatchEstimator(calibration.reference_px)  # doctest: +SKIP
-        >>> estimator.patch(frame.displacement_px).area  # doctest: +SKIP
+        >>> moved_px = frame.detected_px - calibration.reference_px  # doctest: +SKIP
+        >>> estimator.patch(moved_px).area  # doctest: +SKIP
         4210.0
     """
 
@@ -51,7 +52,8 @@ class PatchEstimator:
         """Return how probably each cell about each point of the lattice is touched, ``(n, c)``.
 
         Args:
-            displacement: ``(m, 2)`` of the markers from rest, in the unit of the reference.
+            displacement: ``(m, 2)`` of the markers from rest, in the unit of the reference, as they
+                are detected: a law of hysteresis takes off what the model was fitted with.
         """
         return self._model.probability(self._features.of(self._lattice.field(displacement)))
 
