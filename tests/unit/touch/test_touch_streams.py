@@ -12,7 +12,7 @@ from spikingtac.touch.field.marker_row import straightened
 from spikingtac.touch.field.square_lattice import SquareLattice
 from spikingtac.touch.slip.held_touches import HeldTouchDetector
 from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
-from spikingtac.touch.touches.calibrated_rest import RETURN_FACTOR
+from spikingtac.touch.touches.calibrated_rest import RETURN_FACTOR, CalibratedRest
 from spikingtac.touch.touches.detector import TouchDetector
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.touch.touches.touch_config import UNITS, TouchConfig
@@ -152,12 +152,26 @@ def test_a_press_that_begins_with_the_recording_is_one_touch(rise_s: float, begi
 def test_a_press_on_a_skin_that_is_held_ends_where_all_is_released_at_once() -> None:
     """By its peak alone it never does: what was held is no small share of that."""
     held = held_at_first(0.03, 2.0, fall_s=0.02)
-    assert RETURN_FACTOR * 0.03 < 4.0 * GradientOperator(REFERENCE).strength_of(PRESS)
     detector = TouchDetector(REFERENCE, PLACES_ONLY)
     frames = watch(lambda t_s: held(t_s) + 0.6 * pulse(t_s, 1.0, 2.0, 0.02), 4.0)
     (touch,) = touches(detector, frames)
     assert touch.begin_us == pytest.approx(1_000_000, abs=10_000)
     assert touch.end_us == pytest.approx(2_000_000, abs=20_000)
+
+
+@pytest.mark.parametrize(("depth", "was_return"), [(-1.0, True), (0.5, False)])
+def test_only_what_begins_towards_the_calibrated_rest_is_the_way_there(
+    depth: float, was_return: bool
+) -> None:
+    gradient, config = GradientOperator(REFERENCE), TouchConfig()
+    off = gradient.strength_of(PRESS)
+    home = CalibratedRest(config, gradient, PRESS, 0.1 * depth * PRESS)
+    assert not home.was_return(off), "it is not back"
+    assert home.update(0, 0.5 * PRESS) is None
+    back_us = [home.update(t_us, 0.0 * PRESS) for t_us in (1_000, 2_000, 1_000 + config.still_us)]
+    assert back_us == [None, None, 1_000]
+    assert home.was_return(off) == was_return
+    assert not home.was_return(RETURN_FACTOR * off), "something pressed meanwhile"
 
 
 def test_a_held_touch_does_not_take_over_the_slips_of_a_release_that_was_none() -> None:
@@ -216,5 +230,5 @@ def test_a_row_is_straightened_and_two_rows_are_none() -> None:
     assert straight is not None
     np.testing.assert_allclose(straight, row, atol=0.7)
     assert np.linalg.matrix_rank(straight - straight.mean(axis=0), tol=1e-9) == 1
-    assert straightened(np.concatenate([ROW, ROW + [0.0, PITCH_PX]])) is None
+    assert straightened(np.concatenate([ROW, ROW + np.array([0.0, PITCH_PX])])) is None
     assert straightened(REFERENCE) is None

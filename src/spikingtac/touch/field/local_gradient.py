@@ -85,7 +85,8 @@ class GradientOperator:
             away = reference - place
             chosen = np.argsort((away**2).sum(axis=1), kind="stable")[:near]
             rows = np.column_stack([np.ones(near), away[chosen]])
-            self._near[marker], self._slopes[marker] = chosen, np.linalg.pinv(rows, LEAST_EXTENT)[1:]
+            slopes = np.linalg.pinv(rows, LEAST_EXTENT)[1:]
+            self._near[marker], self._slopes[marker] = chosen, slopes
             self._along[:, marker, chosen] = self._slopes[marker]
 
     def of(self, displacement: Field) -> Gradients:

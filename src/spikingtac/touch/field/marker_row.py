@@ -10,8 +10,8 @@ from spikingtac.calibration.pitch import marker_pitch_px
 Field = NDArray[np.float64]
 
 TOLERANCE = 0.1
-"""Root mean square distance from a line, in pitches, up to which markers lie on it (ours): as far as
-a row's places err and bend, and nothing to tell a slope by."""
+"""Root mean square distance from a line, in pitches, up to which markers lie on it (ours): a row's
+places err and bend as much, and it is too little to tell a slope by."""
 
 
 def straightened(reference: Field) -> Field | None:

@@ -18,9 +18,9 @@ NEIGHBOURS = (2 * REACH + 1) ** 2
 WITHIN_PITCHES = 0.4
 """Largest distance of a neighbour from its place in a square grid, in pitches."""
 DIFFERENCE_SCALE = 10.0
-"""Factor of the neighbours' displacements from the marker's, per pitch: of the order of a tenth of a
-pitch under a press. It and the next two make all features of the order of one (ours); laws are
-fitted with them."""
+"""Factor of the neighbours' displacements from the marker's, per pitch: a press makes a tenth of a
+pitch. It and the next two make all features of the order of one (ours); laws are fitted with
+them."""
 OWN_SCALE = 5.0
 """Factor of the marker's own displacement, per pitch."""
 PRESENT_SCALE = 0.3
