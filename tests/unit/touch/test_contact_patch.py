@@ -122,7 +122,8 @@ def test_a_lattice_over_other_markers_reads_linear_fields_exactly(markers: np.nd
 
 @pytest.mark.parametrize("press", PRESSES, ids=lambda press: press[0])
 def test_a_tenth_of_a_press_is_told_within_it(press: tuple) -> None:
-    moved, cells, touched = pressed(*press, GRID)
+    kind, settings, depth_mm, place_mm = press
+    moved, cells, touched = pressed(kind, settings, depth_mm, place_mm, GRID)
     patch = PatchEstimator(GRID).patch(0.1 * moved)
     np.testing.assert_allclose(patch.place, cells[touched].mean(axis=0), atol=1.0)
     found = Outline(patch.outline).contains_points(cells)
@@ -133,7 +134,8 @@ def test_a_tenth_of_a_press_is_told_within_it(press: tuple) -> None:
 def test_a_field_that_all_markers_share_is_nowhere_a_touch() -> None:
     estimator = PatchEstimator(GRID)
     assert estimator.probability(np.full((64, 2), 1e-4)).max() < 0.01
-    moved, *_ = pressed(*PRESSES[0], GRID)
+    kind, settings, depth_mm, place_mm = PRESSES[0]
+    moved, *_ = pressed(kind, settings, depth_mm, place_mm, GRID)
     assert estimator.probability(moved).max() > 0.9
 
 

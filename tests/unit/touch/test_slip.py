@@ -231,8 +231,9 @@ def test_a_model_survives_its_file_and_refuses_another() -> None:
 
 def test_a_contact_that_has_not_moved_sticks() -> None:
     estimator, stream = default_model().estimator(), FeatureStream(REFERENCE)
+    estimate, still = SlipEstimate(0.0, 1.0), np.zeros_like(REFERENCE)
     for t_us in range(0, 400_000, 1_000):
-        features = stream.update(t_us, np.zeros_like(REFERENCE))
+        features = stream.update(t_us, still)
         if features is not None:
             estimate = estimator.update(t_us, features)
     assert estimate.share > 0.9

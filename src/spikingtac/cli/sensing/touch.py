@@ -29,8 +29,8 @@ WORK = "spikingtac.cli.sensing.touch:touch_one"
 class Args(WatchArgs):
     """List the touches in a recording: begin, end, place, area, peak and slips of each.
 
-    This verb tells touches apart and measures them, some ten milliseconds after they happen. To
-    stop a robot within a millisecond, use: spikingtac contact.
+    This verb tells touches apart and measures them, some 20 to 60 ms after they begin. To stop a
+    robot within a millisecond, use: spikingtac contact.
 
     Of many recordings, the lists go into a folder, with a table of all results and a report:
     spikingtac touch DAY --calibration C -o DAY_touches --workers 4

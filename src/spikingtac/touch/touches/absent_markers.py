@@ -27,9 +27,10 @@ class AbsentMarkers:
             before: ``(m, 2)`` of the last frame: a marker all of whose neighbours are missing
                 stays where it was.
         """
-        if np.isfinite(displacement).all():
+        finite = np.isfinite(displacement)
+        if finite.all():
             return displacement
-        there = np.isfinite(displacement).all(axis=1)
+        there = finite[:, 0] & finite[:, 1]
         filled = np.where(there[:, None], displacement, before)
         for marker in np.flatnonzero(~there):
             near = self._near[marker][there[self._near[marker]]]
