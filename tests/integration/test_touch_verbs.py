@@ -37,11 +37,12 @@ def arrays(path: Path, seed: int) -> Path:
 
 
 def tracks_of(path: Path, places_px: np.ndarray) -> Path:
-    """Write the same presses as tracks of markers at these places, px."""
+    """Write the same presses as tracks of markers at these places, px; pressing is positive fz."""
     with np.load(arrays(path, 2)) as file:
         moved_px = 24.0 * file["displacement_mm"][:, :, :2]
+        wrench = file["wrench"] * [1, 1, -1, 1, 1, 1]
         np.savez(path, t_us=file["t_us"], reference_px=places_px,
-                 detected_px=places_px + moved_px, wrench=file["wrench"])  # fmt: skip
+                 detected_px=places_px + moved_px, wrench=wrench)  # fmt: skip
     return path
 
 
@@ -163,6 +164,12 @@ def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[s
     for touch in touches:
         np.testing.assert_allclose(touch["place_mm"], np.array(touch["place_px"]) / 24, atol=1e-4)
         assert touch["area_mm2"] == pytest.approx(touch["area_px2"] / 24**2, abs=1e-3)
+        field = touch["field"]
+        assert field["mean_shear_x_mm"] == pytest.approx(field["mean_shear_x_px"] / 24, abs=1e-5)
+        peak = (places - rest)[np.searchsorted(t_us, touch["peak_us"])]
+        assert field["mean_shear_x_px"] == pytest.approx(peak[:, 0].mean(), abs=0.05)
+        assert field["mean_shear_y_px"] == pytest.approx(peak[:, 1].mean(), abs=0.05)
+        assert 0.0 <= field["strain"] < touch["peak_strength"]  # without the share of noise
 
 
 def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

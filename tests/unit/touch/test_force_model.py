@@ -295,6 +295,8 @@ def test_labels_must_have_the_axes_of_drawn_contacts(
 ) -> None:
     one, *drawn = (series(seed).part(np.arange(780) < 260) for seed in (61, 63, 64))
     assert fit_force([one], drawn=drawn).about["frames"] == 780
+    tilted = dataclasses.replace(one, wrench=one.wrench @ [[1, 0, 0.3], [0, 1, 0], [-0.3, 0, 1]])
+    assert fit_force([tilted], drawn=drawn).about["frames"] == 780
     turned = dataclasses.replace(one, wrench=one.wrench[:, order] * signs)
     with pytest.raises(ConfigError, match=told):
         fit_force([turned], drawn=drawn)

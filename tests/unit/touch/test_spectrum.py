@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
+from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.field.quantities import FieldGauge
 from spikingtac.touch.vibration.spectrum import Spectrum, VibrationMonitor
 
@@ -64,7 +65,22 @@ def test_quantities_of_a_known_field() -> None:
 
 def test_their_uncertainty_is_that_of_repeated_noise() -> None:
     rng, gauge = np.random.default_rng(5), FieldGauge(REFERENCE, 0.2)
-    found = [gauge.measure(rng.normal(0.0, 0.2, (MARKERS, 2))) for _ in range(400)]
-    for name in ("mean_shear_x_px", "torsion_rad", "divergence", "curl"):
-        values = np.array([getattr(one, name).value for one in found])
-        assert values.std() == pytest.approx(getattr(found[0], name).sigma, rel=0.15), name
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    for stretch in (0.0, 0.005, 0.05):
+        moved = stretch * away * [1.0, 0.0]
+        found = [gauge.measure(moved + rng.normal(0.0, 0.2, (MARKERS, 2))) for _ in range(400)]
+        for name in ("mean_shear_x_px", "torsion_rad", "divergence", "curl", "strain"):
+            values = np.array([getattr(one, name).value for one in found])
+            told = np.mean([getattr(one, name).sigma for one in found])
+            assert values.std() == pytest.approx(told, rel=0.15), (name, stretch)
+
+
+def test_noise_is_taken_off_the_strain() -> None:
+    rng, gauge = np.random.default_rng(6), FieldGauge(REFERENCE, 0.2)
+    away = REFERENCE - REFERENCE.mean(axis=0)
+    for stretch in (0.005, 0.05):
+        moved = stretch * away * [1.0, 0.0]
+        noisy = [moved + rng.normal(0.0, 0.2, (MARKERS, 2)) for _ in range(400)]
+        strain = np.mean([gauge.measure(one).strain.value for one in noisy])
+        exact = float(GradientOperator(REFERENCE).of(moved).strength)
+        assert strain == pytest.approx(exact, rel=0.02)

@@ -12,6 +12,7 @@ from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
+    from spikingtac.touch.field.quantities import Estimate
     from spikingtac.touch.indentation.monitor import Peak
     from spikingtac.touch.slip.held_touches import HeldTouch
     from spikingtac.touch.slip.slip import Slip
@@ -41,7 +42,26 @@ def touch_row(held: HeldTouch, unit: str, scale: SkinScale | None) -> dict[str, 
         row |= _lengths(touch, "px", IN_THE_IMAGE)
     if scale is not None:
         row |= _lengths(touch, "mm", scale)
-    return row | {"slips": None if held.slips is None else [_slip(slip) for slip in held.slips]}
+    row["slips"] = None if held.slips is None else [_slip(slip) for slip in held.slips]
+    return row | {"field": _field(touch, unit, scale)}
+
+
+def _field(touch: Touch, unit: str, scale: SkinScale | None) -> dict[str, float]:
+    """Return the quantities of the field at the peak, each with its standard deviation."""
+    field, scales = touch.field, {}
+    if unit == "px":
+        scales["px"] = 1.0
+    if scale is not None:
+        scales["mm"] = scale.mm_per_px(touch.place_px)
+    told: dict[str, Estimate] = {}
+    for name, factor in scales.items():
+        told[f"mean_shear_x_{name}"] = field.mean_shear_x_px.times(factor)
+        told[f"mean_shear_y_{name}"] = field.mean_shear_y_px.times(factor)
+    told |= {name: getattr(field, name) for name in ("torsion_rad", "divergence", "curl", "strain")}
+    values = {}
+    for name, estimate in told.items():
+        values[name], values[f"{name}_std"] = round(estimate.value, 6), round(estimate.sigma, 6)
+    return values
 
 
 def peak_values(peak: Peak | None) -> dict[str, Any]:
@@ -129,9 +149,9 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
             out[f"place_x_{unit}"], out[f"place_y_{unit}"] = value
         elif key == "slips":
             out |= _first_slip(value)
-        elif not key.startswith("outline_"):
+        elif key != "field" and not key.startswith("outline_"):
             out[key] = value
-    return out
+    return out | row["field"]
 
 
 def print_rows(

@@ -104,6 +104,13 @@ class GradientOperator:
         moved = np.ascontiguousarray(displacement, np.float64)
         return strength_kernel(moved, self._near, self._slopes)
 
+    def strength_form(self) -> Field:
+        """Return the ``(m, m)`` quadratic form of the squared strength, the same for each axis.
+
+        The squared strength is its value at the displacements along x plus that along y.
+        """
+        return 2.0 / self._along.shape[1] * np.einsum("kai,kaj->ij", self._along, self._along)
+
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""
         return float(np.sqrt(4.0 * (self._along**2).sum() / (self._along.shape[1])))

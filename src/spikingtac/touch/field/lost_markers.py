@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.touch.field.selection import select_kernel
 
 Field = NDArray[np.float64]
@@ -40,14 +41,17 @@ class LostMarkers:
     """
 
     def __init__(self, reference: Field) -> None:
-        """Prepare the neighbourhoods of markers ``(m, 2)`` at rest, px or mm."""
+        """Prepare the neighbourhoods of markers ``(m, 2)`` at rest, px or mm.
+
+        Raises:
+            ConfigError: Fewer than two markers.
+        """
         away = np.sqrt(((reference[:, None] - reference[None]) ** 2).sum(axis=2))
         near = min(NEIGHBOURS, len(reference))
         self._near = np.argsort(away, axis=1, kind="stable")[:, :near].T.copy()
-        np.fill_diagonal(away, np.inf)
         self.lost, self._some_lost = np.zeros(len(reference), np.bool_), False
         self._frame = 0
-        self._least = LEAST_PITCH_SHARE * float(np.median(away.min(axis=1)))
+        self._least = LEAST_PITCH_SHARE * marker_pitch_px(reference)
 
     def repaired(self, displacement: Field) -> Field:
         """Return displacements ``(m, 2)`` of which the lost ones are replaced."""

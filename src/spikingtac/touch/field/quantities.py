@@ -24,6 +24,10 @@ class Estimate:
     value: float
     sigma: float
 
+    def times(self, factor: float) -> Estimate:
+        """Return the estimate in another unit."""
+        return Estimate(factor * self.value, abs(factor) * self.sigma)
+
 
 @dataclass(frozen=True, slots=True)
 class FieldQuantities:
@@ -35,8 +39,8 @@ class FieldQuantities:
         torsion_rad: Rotation of the markers about their centre that fits best, rad.
         divergence: Mean growth of area; positive where the skin is spread.
         curl: Mean curl, twice the mean rotation, rad.
-        strain: Root mean square of the gradient over the markers. Its noise adds to it, and the
-            expected share is taken off; ``sigma`` is that of the rest.
+        strain: Root mean square of the gradient over the markers. Noise adds to it, and the share
+            that is expected is taken off.
     """
 
     mean_shear_x_px: Estimate
@@ -71,7 +75,8 @@ class FieldGauge:
         self._away = reference_px - reference_px.mean(axis=0)
         self._gradient = GradientOperator(reference_px)
         self._noise = noise_px
-        self._noise2 = (noise_px * self._gradient.noise_gain()) ** 2
+        self._form = self._gradient.strength_form()
+        self._noise2 = 2.0 * noise_px**2 * float(np.trace(self._form))
         self._inertia = float((self._away**2).sum())
         unit = np.eye(2 * len(reference_px)).reshape(-1, len(reference_px), 2)
         answers = self._gradient.of(unit)
@@ -88,17 +93,29 @@ class FieldGauge:
         torsion = Estimate(
             float(np.arctan2(turned, kept)), self._noise / float(np.sqrt(self._inertia))
         )
-        square = float(self._gradient.of(displacement).strength) ** 2
-        strain = float(np.sqrt(max(square - self._noise2, 0.0)))
-        spread = float(np.sqrt(self._noise2 / len(away)))
         return FieldQuantities(
             Estimate(float(mean[0]), of_mean),
             Estimate(float(mean[1]), of_mean),
             torsion,
             self._linear(self._of_divergence, flat),
             self._linear(self._of_curl, flat),
-            Estimate(strain, spread),
+            self._strain(displacement),
         )
+
+    def _strain(self, displacement: Field) -> Estimate:
+        """Return the strength without its noise: a root of a sum of squares.
+
+        The sum's variance is that of a quadratic form of normal numbers; a root's deviation is the
+        sum's over twice the root, but never over less than the sum's own root, near rest.
+        """
+        slopes = self._form @ displacement
+        strain = np.sqrt(max(float((displacement * slopes).sum()) - self._noise2, 0.0))
+        of_noise = 4.0 * self._noise**4 * float((self._form**2).sum())
+        # The measured slopes hold twice the noise's own variance, of which one part is wanted.
+        variance = 4.0 * self._noise**2 * float((slopes**2).sum()) - of_noise
+        deviation = np.sqrt(max(variance, of_noise))
+        least = max(strain, np.sqrt(deviation), np.finfo(np.float64).tiny)
+        return Estimate(float(strain), float(0.5 * deviation / least))
 
     def _linear(self, weights: Field, flat: Field) -> Estimate:
         return Estimate(float(weights @ flat), self._noise * float(np.sqrt(weights @ weights)))

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 
 from spikingtac.errors import ConfigError
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
-from spikingtac.touch.force.label_axes import require_same_axes
+from spikingtac.touch.force.labels.axes import require_same_axes
 from spikingtac.touch.force.laws import LawChoice, fit_component
 from spikingtac.touch.force.model import ForceModel, Interval, field_rms, fields_from_rest
 from spikingtac.touch.force.neighbourhood import DRAWN_CENTERS, unlike_ones
@@ -90,8 +90,8 @@ def fit_force(
         creep: How the skin creeps; not at all unless given.
 
     Raises:
-        ConfigError: There is too little to learn from, the series do not fit each other, or the
-            labels have other axes than the drawn contacts.
+        ConfigError: There is too little to learn from, the series do not fit each other, or labels
+            have other axes than drawn contacts.
     """
     zero, creep = zero or RestZeroConfig(), creep or CreepConfig()
     kept = [one if depth else one.in_image() for one in (*series, *drawn)]
@@ -103,8 +103,7 @@ def fit_force(
         require_same_axes(*_joined(labelled), *_joined(others))
     labelled, others = (_groups(labelled), others) if labelled else (_groups(others), [])
     fields, wrench = _joined(groups)
-    dimensions = kept[0].reference.shape[1]
-    learn = partial(FieldBasis.learn, dimensions=dimensions)
+    learn = partial(FieldBasis.learn, dimensions=kept[0].reference.shape[1])
     if drawn:
         learn = partial(learn, centers=DRAWN_CENTERS, choose=unlike_ones)
     features = FieldFeatures(fields, learn(fields))

@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.pitch import marker_pitch_px
+
 Field = NDArray[np.float64]
 
 WIDTHS = (0.6, 1.0, 1.6, 2.6)
@@ -36,10 +38,12 @@ class FieldSummary:
     """
 
     def __init__(self, reference: Field) -> None:
-        """Prepare for markers ``(m, 2)`` at rest, px or mm."""
-        away = ((reference[:, None] - reference[None]) ** 2).sum(axis=2)
-        np.fill_diagonal(away, np.inf)
-        self.pitch = float(np.sqrt(np.median(away.min(axis=1))))
+        """Prepare for markers ``(m, 2)`` at rest, px or mm.
+
+        Raises:
+            ConfigError: Fewer than two markers.
+        """
+        self.pitch = marker_pitch_px(reference)
         self.places = np.ascontiguousarray(reference / self.pitch)
         self.decay = np.array([0.5 / width**2 for width in WIDTHS])
 

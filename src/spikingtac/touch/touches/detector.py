@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.contact_patch.estimator import PatchEstimator
 from spikingtac.touch.contact_patch.patch import Patch
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.field.lost_markers import LostMarkers
@@ -24,6 +23,7 @@ from spikingtac.touch.touches.absent_markers import AbsentMarkers
 from spikingtac.touch.touches.backlash import Backlash
 from spikingtac.touch.touches.calibrated_rest import CalibratedRest
 from spikingtac.touch.touches.onset import OnsetMemory
+from spikingtac.touch.touches.peak import PeakGauge, TouchPeak
 from spikingtac.touch.touches.release import Release
 from spikingtac.touch.touches.spread import spread_kernel
 from spikingtac.touch.touches.touch import Touch
@@ -52,11 +52,7 @@ class _Open:
     threshold: float
     release: Release
     home: CalibratedRest
-    peak_field: Field
-    peak: float = 0.0
-    peak_us: int = 0
-    peak_px: float = 0.0
-    peak_spread: float = 0.0
+    peak: TouchPeak
 
 
 @dataclass(slots=True)
@@ -94,7 +90,7 @@ class TouchDetector:
         self._config = config or TouchConfig()
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
-        self._patches = PatchEstimator(self._reference)
+        self._gauge = PeakGauge(self._reference, self._config.least_displacement_px)
         self._absent = AbsentMarkers(self._reference)
         self._lost = LostMarkers(self._reference)
         self._memory = OnsetMemory(self._config.unseen)
@@ -138,7 +134,7 @@ class TouchDetector:
     @property
     def patch(self) -> Patch | None:
         """Where the open touch is, at its peak so far; None while nothing touches."""
-        return None if self._open is None else self._patches.patch(self._open.peak_field)
+        return None if self._open is None else self._gauge.patch(self._open.peak)
 
     @property
     def begin_us(self) -> int | None:
@@ -188,9 +184,9 @@ class TouchDetector:
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""
         touch, self._open = self._open, None
-        if touch is None or touch.home.was_return(touch.peak):
+        if touch is None or touch.home.was_return(touch.peak.strength):
             return None
-        return self._told(touch, None)
+        return self._gauge.touch(touch.begin_us, None, touch.peak)
 
     def _repaired(self, moved: Field) -> Field:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
@@ -212,16 +208,18 @@ class TouchDetector:
     def _begun(self, pattern: Field) -> _Open:
         begin_us, config = self._memory.notice(pattern), self._config
         home = CalibratedRest(config, self._gradient, self._zero, pattern)
-        return _Open(begin_us, self.threshold, Release(config), home, self.tracked_px)
+        return _Open(begin_us, self.threshold, Release(config), home, TouchPeak(self.tracked_px))
 
     def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
         """Measure an open touch and return it if it is over."""
         away = moved - self._zero
         strength = self._gradient.strength_of(away)
         largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
-        touch.peak_px = max(touch.peak_px, largest_px)
-        if strength > touch.peak:
-            touch.peak, touch.peak_us, touch.peak_field = strength, t_us, self.tracked_px
+        peak = touch.peak
+        peak.largest_px = max(peak.largest_px, largest_px)
+        peak.spread = max(peak.spread, spread)
+        if strength > peak.strength:
+            peak.strength, peak.t_us, peak.field = strength, t_us, self.tracked_px
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is not None:
             self._settling = _Settling(t_us, self._zero, strength)
@@ -230,11 +228,11 @@ class TouchDetector:
         if back_us is None:
             return None
         ended = self._closed(touch, back_us, moved)
-        return None if touch.home.was_return(touch.peak) else ended
+        return None if touch.home.was_return(peak.strength) else ended
 
     def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch:
         """Return a touch that is over; where the skin is now, is its rest."""
-        told = self._told(touch, end_us)
+        told = self._gauge.touch(touch.begin_us, end_us, touch.peak)
         self._open, self._zero = None, moved
         self._memory.clear()
         return told
@@ -245,14 +243,14 @@ class TouchDetector:
         A few markers that are lost in a sudden release strain the field for ever; most of the
         markers are back nevertheless. A faint touch is over where it would not begin.
         """
-        touch.peak_spread = max(touch.peak_spread, spread)
-        left = strength / max(touch.peak, 1e-12)
+        peak = touch.peak
+        left = strength / max(peak.strength, 1e-12)
         faint = self._tracked_strength(strength) / (FAINT_SHARE * touch.threshold)
         if faint < 1.0:
             left = min(left, self._config.end_share * faint)
-        if touch.peak_spread < SPREAD_FACTOR * self._config.least_displacement_px:
+        if peak.spread < SPREAD_FACTOR * self._config.least_displacement_px:
             return left
-        return min(left, self._config.end_share / SPREAD_SHARE * spread / touch.peak_spread)
+        return min(left, self._config.end_share / SPREAD_SHARE * spread / peak.spread)
 
     def _tracked_strength(self, strength: float) -> float:
         """Return the strength as the markers are tracked, if that is more: some look lost only."""
@@ -284,16 +282,3 @@ class TouchDetector:
         share = -np.expm1(-elapsed_us / self._config.resting_us)
         self._zero = self._zero + share * (moved - self._zero)
         self._rest_strength += share * (strength - self._rest_strength)
-
-    def _told(self, touch: _Open, end_us: int | None) -> Touch:
-        patch = self._patches.patch(touch.peak_field)
-        return Touch(
-            begin_us=touch.begin_us,
-            end_us=end_us,
-            peak_us=touch.peak_us,
-            peak_strength=touch.peak,
-            peak_displacement_px=touch.peak_px,
-            place_px=patch.place,
-            area_px2=patch.area,
-            outline_px=patch.outline,
-        )

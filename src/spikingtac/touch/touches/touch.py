@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.touch.field.quantities import FieldQuantities
+
 
 @dataclass(frozen=True, slots=True)
 class Touch:
@@ -23,6 +25,8 @@ class Touch:
         place_px: ``(2,)`` centre of the contact patch at the peak, px.
         area_px2: Area of that patch, px squared.
         outline_px: ``(k, 2)`` its convex outline, px.
+        field: Shear, torsion, divergence, curl and strain of the whole field at the peak, with the
+            deviations of markers that scatter by ``TouchConfig.least_displacement_px``.
     """
 
     begin_us: int
@@ -33,6 +37,7 @@ class Touch:
     place_px: NDArray[np.float64]
     area_px2: float
     outline_px: NDArray[np.float64]
+    field: FieldQuantities
 
     @property
     def duration_us(self) -> int | None:

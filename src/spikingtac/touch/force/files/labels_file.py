@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
-from spikingtac.touch.force.clock_alignment import clock_offset_us
+from spikingtac.touch.force.labels.clock_alignment import clock_offset_us
 from spikingtac.touch.force.wrench_series import COMPONENTS, WrenchSeries
 
 Field = NDArray[np.float64]

@@ -7,6 +7,8 @@ ones, and what it tells must go along with the labels.
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +21,8 @@ Field = NDArray[np.float64]
 
 FORCES = COMPONENTS[:3]
 CLEAR_CORRELATION = 0.5
-"""Correlation, or lead of one over another, that is no accident (ours: on the twin's fourteen
-contact scenes the right axes go along by 0.86 and more, others by up to 0.8)."""
+"""Correlation, or lead of one order of the axes over another, that is no accident (ours: on the
+twin's fourteen contact scenes the right axes go along by 0.86 and more)."""
 JUDGED_SHARE = 0.05
 """Deviation of a force, over that of the largest, from which it is judged: what hardly changes goes
 along with anything (ours: 0.001 in presses and twists, 0.07 and more where skin is dragged)."""
@@ -37,23 +39,36 @@ def require_same_axes(fields: Field, wrench: Field, drawn: Field, drawn_wrench: 
         drawn_wrench: ``(k, c)`` their wrench.
 
     Raises:
-        ConfigError: A force goes along with another axis, or against its own.
+        ConfigError: The forces go along with other axes, or against their own.
     """
     basis = FieldBasis.learn(drawn, dimensions=2, centers=1)
     known, labelled = FieldFeatures(drawn, basis), FieldFeatures(fields, basis)
-    told = [fit_component(LAW, known, column)(labelled) for column in drawn_wrench.T[: len(FORCES)]]
-    deviation = wrench[:, : len(FORCES)].std(axis=0)
-    for axis in np.flatnonzero(deviation > JUDGED_SHARE * deviation.max()):
-        along = np.array([_correlation(wrench[:, axis], one) for one in told])
-        best = int(np.abs(along).argmax())
-        crossed = abs(along[best]) > abs(along[axis]) + CLEAR_CORRELATION
-        if along[axis] < -CLEAR_CORRELATION or crossed:
-            other = ("-" if along[best] < 0.0 else "") + FORCES[best]
-            raise ConfigError(
-                f"the labels' {FORCES[axis]} goes along with {other} of the skin's equations "
-                f"(correlation {along[best]:.2f}); turn the force sensor's axes: x to the right "
-                "and y down in the image, fz positive where the skin is pressed"
-            )
+    told = [fit_component(LAW, known, force)(labelled) for force in drawn_wrench.T[: len(FORCES)]]
+    forces = wrench.T[: len(FORCES)]
+    along = np.array([[_correlation(force, one) for one in told] for force in forces])
+    along[_hardly_changes(forces)] = 0.0
+    along[:, _hardly_changes(np.array(told))] = 0.0
+    axes = np.arange(len(FORCES))
+    orders = {order: np.abs(along[axes, order]).sum() for order in permutations(axes.tolist())}
+    best = np.array(max(orders, key=orders.__getitem__))
+    own = along.diagonal()
+    if orders[tuple(best.tolist())] < np.abs(own).sum() + CLEAR_CORRELATION:
+        best = axes  # labels of one tilted axis go along with another as well
+    wrong = np.flatnonzero((best != axes) | (own < -CLEAR_CORRELATION))
+    if len(wrong):
+        label, other = int(wrong[0]), int(best[wrong[0]])
+        sign = "-" if along[label, other] < 0.0 else ""
+        raise ConfigError(
+            f"the labels' {FORCES[label]} goes along with {sign}{FORCES[other]} of the skin's "
+            f"equations (correlation {along[label, other]:.2f}); turn the force sensor's axes: x "
+            "to the right and y down in the image, fz positive where the skin is pressed"
+        )
+
+
+def _hardly_changes(forces: Field) -> NDArray[np.bool_]:
+    """Return which of the forces ``(3, n)`` are too small to be judged."""
+    deviation = forces.std(axis=1)
+    return deviation < JUDGED_SHARE * deviation.max()
 
 
 def _correlation(first: Field, second: Field) -> float:

@@ -1,0 +1,1 @@
+"""Whether labels belong to the displacements: their clock and their axes."""
