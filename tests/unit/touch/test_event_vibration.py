@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,19 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
+from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.shared_events import SharedEventsTracker
 from spikingtac.touch.vibration.edge_counts import SPREAD, SPREAD_SHARE, Edge, edge_counts
 from spikingtac.touch.vibration.event_vibration import (
     EventVibrationConfig,
     EventVibrationMonitor,
     calibrated_edge,
 )
-from spikingtac.touch.vibration.heard_packets import HeardPackets
 from spikingtac.touch.vibration.line_search import Band, strongest_line
 from spikingtac.touch.vibration.rim_amplitude import RimCounts, rim_amplitude
 from spikingtac.touch.vibration.rim_cells import RINGS, SECTORS, RimCells, ring_distances_px
 from spikingtac.touch.vibration.rim_memory import BIN_US, RimMemory
+from spikingtac.touch.vibration.window_lines import WindowLines
 from spikingtac.types import EventPacket, MarkerFrame
 
 EDGE = Edge(6.0, 0.35, 0.25, 0.25, 100.0, 60.0)
@@ -256,12 +259,65 @@ def test_the_memory_keeps_the_last_bins_only() -> None:
         memory.absorb(EventPacket.empty(0, BIN_US, (9, 8)), cell)
 
 
-def test_every_window_of_a_stream_is_heard(shaken: EventPacket) -> None:
-    doubled = [shaken, replace(shaken, t=shaken.t + shaken.t_end_us, t_start_us=shaken.t_end_us,
-                               t_end_us=2 * shaken.t_end_us)]  # fmt: skip
-    heard = HeardPackets(doubled, EventVibrationMonitor(CALIBRATION, SHORT))
-    assert list(heard) == doubled
-    assert [round(line.hz) for line in heard.lines] in ([120], [120, 120])
+class Shifted:
+    """A tracker that sees all markers go 9 px to the right at a time, at once."""
+
+    def __init__(self, at_us: int) -> None:
+        self._at_us = at_us
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Need no events."""
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return where the markers are."""
+        away = np.tile([9.0 * (t_us >= self._at_us), 0.0], (len(CENTERS), 1))
+        return MarkerFrame(
+            t_us, CENTERS + away, CENTERS + away, away, np.zeros(4, bool), np.ones(4)
+        )
+
+    def reset(self) -> None:
+        """Have nothing to forget."""
+
+
+def packed(whole: EventPacket, length_us: int) -> Iterator[EventPacket]:
+    for start_us in range(0, whole.t_end_us, length_us):
+        end_us = min(start_us + length_us, whole.t_end_us)
+        first, last = np.searchsorted(whole.t, [start_us, end_us])
+        yield whole.part(int(first), int(last), start_us, end_us)
+
+
+def test_every_window_of_a_stream_is_heard_however_it_is_packed(shaken: EventPacket) -> None:
+    x, half_us = np.concatenate([shaken.x, shaken.x, shaken.x + 9]), 2 * shaken.t_end_us
+    t = np.concatenate([shaken.t + k * shaken.t_end_us for k in range(3)])
+    y, p = np.tile(shaken.y, 3), np.tile(shaken.p, 3)
+    inside = x < SIZE[0]
+    columns = (column[inside] for column in (x, y, p, t))
+    whole = EventPacket(*columns, 0, 3 * shaken.t_end_us, SIZE)
+    found = []
+    for length_us in (whole.t_end_us, 1_000, 33_000, 70_000):
+        heard = WindowLines(EventVibrationMonitor(CALIBRATION, SHORT))
+        tracker = SharedEventsTracker(Shifted(half_us), heard.absorb)
+        for frame in follow(packed(whole, length_us), tracker, 1_000.0):
+            heard.monitor.follow(frame)
+        found.append(heard.lines)
+    ends_us = [int(whole.t[0]) + k * round(1e6 * SHORT.window_s) for k in (1, 2, 3)]
+    for lines in found:
+        assert [line.t_us for line in lines] == [end // BIN_US * BIN_US for end in ends_us]
+        assert [round(line.hz) for line in lines] == [120, 120, 120]
+        assert lines[0].amplitude_px == pytest.approx(0.8, rel=0.1)
+        assert lines[2].amplitude_px == pytest.approx(0.8, rel=0.4)  # rims follow within 0.1 s
+        for line, other in zip(lines, found[0], strict=True):
+            assert (line.hz, line.ratio, line.amplitude_px) == pytest.approx(
+                (other.hz, other.ratio, other.amplitude_px), rel=1e-9
+            )
+
+
+def test_a_leap_of_time_begins_the_windows_anew(shaken: EventPacket) -> None:
+    heard = WindowLines(EventVibrationMonitor(CALIBRATION, SHORT))
+    heard.absorb(shaken)
+    heard.absorb(shaken)  # the recording is played again
+    first_us = int(shaken.t[0]) + heard.monitor.window_us
+    assert [line.t_us for line in heard.lines] == 2 * [first_us // BIN_US * BIN_US]
 
 
 def test_settings_are_checked() -> None:
@@ -269,5 +325,7 @@ def test_settings_are_checked() -> None:
         EventVibrationConfig(lowest_hz=2_000.0)
     with pytest.raises(ValueError, match="4 cycles"):
         EventVibrationConfig(window_s=0.1)
+    with pytest.raises(ValueError, match="there are 0 bins"):
+        EventVibrationConfig(lowest_hz=10.2, highest_hz=10.6)
     with pytest.raises(ValueError, match="neighbours"):
         EventVibrationConfig(neighbours=1)

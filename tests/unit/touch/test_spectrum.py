@@ -44,8 +44,32 @@ def test_a_window_that_is_not_full_says_nothing() -> None:
     monitor = VibrationMonitor(1_000.0)
     monitor.update(0, np.zeros((MARKERS, 2)))
     assert monitor.spectrum() is None
-    with pytest.raises(ConfigError, match="frames make no spectrum"):
-        VibrationMonitor(50.0)
+    with pytest.raises(ConfigError, match="must be positive"):
+        VibrationMonitor(0.0)
+
+
+def test_slow_frames_make_a_longer_window() -> None:
+    monitor = VibrationMonitor(50.0)
+    for k in range(64):
+        assert monitor.spectrum() is None
+        shift = 0.5 * np.sin(2.0 * np.pi * 17.0 * k / 50.0)
+        monitor.update(20_000 * k, np.full((MARKERS, 2), [shift, 0.0]))
+    found = monitor.spectrum()
+    assert found is not None
+    assert found.line_hz == pytest.approx(17.0, abs=0.2)
+    slower = VibrationMonitor(15.0)  # below 7.5 Hz there is touch, and no vibration
+    for k in range(64):
+        slower.update(round(1e6 * k / 15.0), np.full((MARKERS, 2), 0.1 * (k % 3)))
+    lowest = slower.spectrum()
+    assert lowest is not None
+    assert lowest.line_hz is None
+
+
+def test_frames_of_another_rate_make_no_line() -> None:
+    monitor = VibrationMonitor(1_000.0)
+    for k in range(1_000):
+        monitor.update(2_000 * k, np.full((MARKERS, 2), np.sin(0.24 * np.pi * k)))
+    assert monitor.spectrum() is None
 
 
 X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))

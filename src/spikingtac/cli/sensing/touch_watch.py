@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,11 @@ from spikingtac.errors import ConfigError, RecordingError
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.markers.tracker import MarkerTracker
     from spikingtac.touch.ageing.swing_runs import Swing
     from spikingtac.touch.indentation.monitor import IndentationMonitor
     from spikingtac.touch.vibration.event_vibration import VibrationLine
-    from spikingtac.touch.vibration.heard_packets import HeardPackets
-    from spikingtac.types import EventPacket, MarkerFrame
+    from spikingtac.touch.vibration.window_lines import WindowLines
+    from spikingtac.types import MarkerFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,48 +118,45 @@ def track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.pipeline.shared_events import SharedEventsTracker
     from spikingtac.touch.ageing.swing_runs import SwingRuns
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
     monitor = _indentation(calibration, args.camera_distance_mm)
-    tracker = _sharing(make_tracker(config.tracking, calibration), monitor)
+    vibration = _vibration(calibration) if args.vibration else None
+    tracker = make_tracker(config.tracking, calibration)
+    for listener in (monitor, vibration):
+        tracker = tracker if listener is None else SharedEventsTracker(tracker, listener.absorb)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
-    heard = _heard(checked, calibration) if args.vibration else None
     anomalies: dict[str, int] = {}
     health: dict[str, float] = {}
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            packets, rate_hz = runs.passing(heard or checked), config.tracking.rate_hz
+            packets, rate_hz = runs.passing(checked), config.tracking.rate_hz
             for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
                 runs.follow(frame.detected_px - calibration.reference_px)
-                if heard is not None:
-                    heard.monitor.follow(frame)
+                if vibration is not None:
+                    vibration.monitor.follow(frame)
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    told = (anomalies, health, None if heard is None else heard.lines, runs.swing, monitor)
+    lines = None if vibration is None else vibration.lines
+    told = (anomalies, health, lines, runs.swing, monitor)
     return Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
 
 
-def _heard(packets: Iterable[EventPacket], calibration: Calibration) -> HeardPackets:
+def _vibration(calibration: Calibration) -> WindowLines:
     from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
-    from spikingtac.touch.vibration.heard_packets import HeardPackets
+    from spikingtac.touch.vibration.window_lines import WindowLines
 
-    return HeardPackets(packets, EventVibrationMonitor(calibration))
-
-
-def _sharing(tracker: MarkerTracker, monitor: IndentationMonitor | None) -> MarkerTracker:
-    """Return a tracker whose events the monitor takes in, too."""
-    from spikingtac.pipeline.shared_events import SharedEventsTracker
-
-    return tracker if monitor is None else SharedEventsTracker(tracker, monitor.absorb)
+    return WindowLines(EventVibrationMonitor(calibration))
 
 
 def _indentation(

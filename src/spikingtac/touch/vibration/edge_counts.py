@@ -20,8 +20,6 @@ Field = NDArray[np.float64]
 
 PHASES = 48
 """Steps of a cycle."""
-CYCLES = 2
-"""Cycles after which the low-pass repeats itself: it forgets within one below 1 kHz."""
 SPREAD = np.array([0.82, 1.0, 1.18])
 SPREAD_SHARE = np.array([1.0, 4.0, 1.0]) / 6.0
 """Thresholds of a pixel over the sensor's, and how often: three points of a normal distribution
@@ -93,11 +91,15 @@ def edge_counts_kernel(
                 light = (1.0 + (contrast - 1.0) / (1.0 + np.exp(min(away, 60.0)))) / contrast
                 level[step] = np.log(light)
                 follows[step] = 1.0 - np.exp(-light / max(lag, 1e-9))
-            now = level[0]
-            for step in range(CYCLES * PHASES):
-                here = step % PHASES
-                now += (level[here] - now) * follows[here]
-                seen[here] = now
+            # Of a level at the begin of a cycle some is left at its end; the steady one repeats.
+            left, now = 1.0, 0.0
+            for step in range(PHASES):
+                now += (level[step] - now) * follows[step]
+                left *= 1.0 - follows[step]
+            now /= 1.0 - left
+            for step in range(PHASES):
+                now += (level[step] - now) * follows[step]
+                seen[step] = now
             for sign in range(2):
                 own, other = thresholds[sign], thresholds[1 - sign]
                 for draw in range(len(SPREAD)):

@@ -29,6 +29,8 @@ US_PER_S = 1e6
 USUAL_STEP = 0.14
 """Share of the swing of an event where the calibration tells none: 0.25 of ln 6."""
 
+LEAST_BINS = 2
+"""Bins from the first to the last that is looked at, at least: a line is a peak between two."""
 EDGE_REACH_PX = 1.5
 """Pixels within this distance of an edge tell the line, px; farther ones tell noise (ours)."""
 
@@ -59,6 +61,12 @@ class EventVibrationConfig:
             raise ValueError("0 < lowest_hz < highest_hz <= 2,000 must hold")
         if not self.window_s * self.lowest_hz >= 4 or not self.line_ratio > 1:
             raise ValueError("a window holds 4 cycles of lowest_hz, line_ratio is above 1")
+        bins = np.floor(self.highest_hz * self.window_s) - np.ceil(self.lowest_hz * self.window_s)
+        if bins < LEAST_BINS:
+            raise ValueError(
+                f"from {self.lowest_hz} to {self.highest_hz} Hz there are {bins + 1:.0f} bins in a "
+                f"window of {self.window_s} s, a line needs {LEAST_BINS + 1}"
+            )
         if self.neighbours < 8 or self.replaced_us < BIN_US:
             raise ValueError(f"neighbours is at least 8, replaced_us at least {BIN_US}")
 

@@ -21,7 +21,10 @@ Field = NDArray[np.float64]
 US_PER_S = 1e6
 UM_PER_MM = 1e3
 LEAST_FRAMES = 64
-"""Fewer frames make no spectrum."""
+"""Fewer frames make no spectrum: below 128 frames a second its window is longer."""
+IRREGULAR_SHARE = 0.25
+"""Share of a period by which a frame may come earlier or later than expected (ours: times are
+rounded to 1 us; a frame that is missing would make a line of another frequency)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,8 @@ class VibrationConfig:
     """How vibration is measured.
 
     Attributes:
-        window_s: Length of the spectrum, s (ours: 0.5 s has bins of 2 Hz).
+        window_s: Length of the spectrum, s (ours: 0.5 s has bins of 2 Hz), or 64 frames where
+            that is longer.
         lowest_hz: Motions slower than this are touch, not vibration, Hz (ours).
         line_ratio: Amplitude of a line over the median of the spectrum that is no noise (ours:
             white noise exceeds 5 once in 4,000 spectra of 250 bins).
@@ -88,22 +92,25 @@ class VibrationMonitor:
             config: How vibration is measured.
 
         Raises:
-            ConfigError: The window holds too few frames.
+            ConfigError: The rate is not positive.
         """
+        if not rate_hz > 0:
+            raise ConfigError(f"the rate is {rate_hz} frames per second, it must be positive")
         self._rate, self._config = rate_hz, config or VibrationConfig()
-        frames = round(self._config.window_s * rate_hz)
-        if frames < LEAST_FRAMES:
-            raise ConfigError(
-                f"{frames} frames make no spectrum, at least {LEAST_FRAMES} are needed; "
-                "track at a higher rate or take a longer window"
-            )
+        frames = max(round(self._config.window_s * rate_hz), LEAST_FRAMES)
         self._frames = frames
         self._times: deque[int] = deque(maxlen=frames)
         self._places: deque[Field] = deque(maxlen=frames)
         self._window = np.hanning(frames + 1)[:-1]
 
     def update(self, t_us: int, displacement: Field) -> None:
-        """Take in displacements ``(m, 2)``, px."""
+        """Take in displacements ``(m, 2)``, px; the window begins anew after a gap in time."""
+        period_us = US_PER_S / self._rate
+        if self._times:
+            late_us = t_us - self._times[-1] - period_us
+            if abs(late_us) > IRREGULAR_SHARE * period_us:
+                self._times.clear()
+                self._places.clear()
         self._times.append(t_us)
         self._places.append(np.add.reduce(displacement, axis=0) / len(displacement))
 
@@ -124,6 +131,8 @@ class VibrationMonitor:
 
     def _line(self, frequency: Field, amplitude: Field) -> tuple[float | None, float]:
         fast = frequency >= self._config.lowest_hz
+        if not fast.any():
+            return None, 0.0
         heard = np.where(fast, amplitude, 0.0)
         best = int(heard.argmax())
         noise = float(np.median(amplitude[fast]))
