@@ -12,7 +12,13 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.shared_events import SharedEventsTracker
-from spikingtac.touch.vibration.edge_counts import SPREAD, SPREAD_SHARE, Edge, edge_counts
+from spikingtac.touch.vibration.edge_counts import (
+    SPREAD,
+    SPREAD_SHARE,
+    Edge,
+    _low_passed,
+    edge_counts,
+)
 from spikingtac.touch.vibration.event_vibration import (
     EventVibrationConfig,
     EventVibrationMonitor,
@@ -73,6 +79,19 @@ def pixel_events(distance_px: float, amplitude_px: float, hz: float, edge: Edge)
 def test_the_counts_are_those_of_a_simulated_pixel(distance_px: float, hz: float) -> None:
     told = edge_counts(np.array([distance_px]), np.array([0.8]), hz, EDGE)[:, 0, 0]
     assert told == pytest.approx(pixel_events(distance_px, 0.8, hz, EDGE), abs=0.45)
+
+
+@pytest.mark.parametrize("lag_us", [0.0, 100.0, 2_000.0])
+def test_the_low_pass_repeats_its_cycle(lag_us: float) -> None:
+    level = np.log(1.0 + 4.0 / (1.0 + np.exp(3.0 * np.sin(np.linspace(0, 2 * np.pi, 49)[:-1]))))
+    follows = 1.0 - np.exp(-np.exp(level) * 25.0 / max(lag_us, 1e-9))
+    seen, now = np.empty(48), 0.0
+    _low_passed(level, follows, seen)
+    for _ in range(60):
+        expected = [
+            now := now + (own - now) * share for own, share in zip(level, follows, strict=True)
+        ]
+    np.testing.assert_allclose(seen, expected, atol=1e-12)
 
 
 def test_what_does_not_reach_a_threshold_gives_no_event() -> None:

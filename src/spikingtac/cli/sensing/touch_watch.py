@@ -17,6 +17,7 @@ from spikingtac.errors import ConfigError, RecordingError
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.markers.tracker import MarkerTracker
     from spikingtac.touch.ageing.swing_runs import Swing
     from spikingtac.touch.indentation.monitor import IndentationMonitor
     from spikingtac.touch.vibration.event_vibration import VibrationLine
@@ -118,7 +119,6 @@ def track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.recording_tracks import require_same_size
-    from spikingtac.pipeline.shared_events import SharedEventsTracker
     from spikingtac.touch.ageing.swing_runs import SwingRuns
 
     calibration = Calibration.load(calibration_path)
@@ -126,9 +126,7 @@ def track(
     require_same_size(source.size, calibration.size)
     monitor = _indentation(calibration, args.camera_distance_mm)
     vibration = _vibration(calibration) if args.vibration else None
-    tracker = make_tracker(config.tracking, calibration)
-    for listener in (monitor, vibration):
-        tracker = tracker if listener is None else SharedEventsTracker(tracker, listener.absorb)
+    tracker = _heard(make_tracker(config.tracking, calibration), monitor, vibration)
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
     anomalies: dict[str, int] = {}
@@ -147,9 +145,19 @@ def track(
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    lines = None if vibration is None else vibration.lines
-    told = (anomalies, health, lines, runs.swing, monitor)
+    told = (anomalies, health, vibration and vibration.lines, runs.swing, monitor)
     return Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
+
+
+def _heard(
+    tracker: MarkerTracker, *listeners: IndentationMonitor | WindowLines | None
+) -> MarkerTracker:
+    """Return a tracker whose events the listeners take in, too, where there are any."""
+    from spikingtac.pipeline.shared_events import SharedEventsTracker
+
+    for listener in listeners:
+        tracker = tracker if listener is None else SharedEventsTracker(tracker, listener.absorb)
+    return tracker
 
 
 def _vibration(calibration: Calibration) -> WindowLines:

@@ -73,6 +73,22 @@ def edge_counts(distance_px: Field, amplitude_px: Field, hz: float, edge: Edge) 
 
 
 @njit(cache=True, nogil=True)
+def _low_passed(level: Field, follows: Field, seen: Field) -> None:
+    """Fill ``seen`` with the cycle that the low-pass repeats.
+
+    Of a level at the begin of a cycle a share is left at its end, so the steady one is solved for.
+    """
+    left, now = 1.0, 0.0
+    for step in range(len(level)):
+        now += (level[step] - now) * follows[step]
+        left *= 1.0 - follows[step]
+    now /= 1.0 - left
+    for step in range(len(level)):
+        now += (level[step] - now) * follows[step]
+        seen[step] = now
+
+
+@njit(cache=True, nogil=True)
 def edge_counts_kernel(
     distance: Field,
     amplitude: Field,
@@ -91,15 +107,7 @@ def edge_counts_kernel(
                 light = (1.0 + (contrast - 1.0) / (1.0 + np.exp(min(away, 60.0)))) / contrast
                 level[step] = np.log(light)
                 follows[step] = 1.0 - np.exp(-light / max(lag, 1e-9))
-            # Of a level at the begin of a cycle some is left at its end; the steady one repeats.
-            left, now = 1.0, 0.0
-            for step in range(PHASES):
-                now += (level[step] - now) * follows[step]
-                left *= 1.0 - follows[step]
-            now /= 1.0 - left
-            for step in range(PHASES):
-                now += (level[step] - now) * follows[step]
-                seen[step] = now
+            _low_passed(level, follows, seen)
             for sign in range(2):
                 own, other = thresholds[sign], thresholds[1 - sign]
                 for draw in range(len(SPREAD)):
