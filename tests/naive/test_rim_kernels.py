@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.ageing.swing_runs import LONGEST_GAP_US, longest_runs_kernel
+from spikingtac.touch.vibration.edge_counts import (
+    PHASES,
+    SPREAD,
+    SPREAD_SHARE,
+    edge_counts_kernel,
+)
 from spikingtac.touch.vibration.rim_cells import (
     NO_CELL,
     REACH_PX,
@@ -70,3 +76,36 @@ def test_places_of_cells() -> None:
             angle = np.arctan2(y - center[nearest, 1], x - center[nearest, 0])
             sector = int((angle + np.pi) / (2 * np.pi) * SECTORS) % SECTORS
             assert cell[y, x] == ring * SECTORS + sector
+
+
+def settled_levels(away: np.ndarray, contrast: float, lag: float) -> list[float]:
+    """A cycle of the low-pass after a hundred others, so that it has forgotten how it began."""
+    light = (1.0 + (contrast - 1.0) / (1.0 + np.exp(away))) / contrast
+    now, seen = 0.0, []
+    for step in range(101 * PHASES):
+        here = step % PHASES
+        now += (np.log(light[here]) - now) * (1.0 - np.exp(-light[here] / lag))
+        seen.append(float(now))
+    return seen[-PHASES:]
+
+
+@pytest.mark.parametrize("hz", [20.0, 498.0, 1_000.0])
+@pytest.mark.parametrize("lag_us", [100.0, 272.0, 740.0])
+def test_expected_events_of_an_edge(hz: float, lag_us: float) -> None:
+    distance, amplitude = np.linspace(-3.0, 3.0, 5), np.array([0.0, 0.7, 2.5])
+    step_us, thresholds = 1e6 / hz / PHASES, np.array([0.25, 0.2])
+    pixel = (6.0, lag_us / step_us, 100.0 / step_us)
+    out = np.zeros((2, len(amplitude), len(distance)))
+    edge_counts_kernel(distance, amplitude, pixel, thresholds, out)
+    expected = np.zeros_like(out)
+    wave = np.sin(2.0 * np.pi * np.arange(PHASES) / PHASES)
+    for a, k in np.ndindex(len(amplitude), len(distance)):
+        seen = settled_levels(distance[k] - amplitude[a] * wave, pixel[0], pixel[1])
+        for polarity, sense in ((0, -1.0), (1, 1.0)):
+            own, other = thresholds[polarity], thresholds[1 - polarity]
+            for spread, share in zip(SPREAD, SPREAD_SHARE, strict=True):
+                rises = [sense * (b - a) for a, b in zip(seen, [*seen[1:], seen[0]], strict=True)]
+                steps = sum(r / (own * spread + pixel[2] * r) for r in rises if r > 0.0)
+                told = max(0.0, steps - 0.5 * (1.0 + other / own))
+                expected[polarity, a, k] += share * told
+    np.testing.assert_allclose(out, expected, atol=1e-9)

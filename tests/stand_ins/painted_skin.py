@@ -15,9 +15,9 @@ PITCH_PX = 37.0
 
 def square_calibration(side: int, pitch_px: float = PITCH_PX) -> Calibration:
     """The calibration of ``side`` by ``side`` markers, with all that growth needs."""
-    axis = np.asarray(pitch_px * (np.arange(side) + 0.6), np.float64)
+    axis = np.asarray(pitch_px * np.arange(side) + 0.6 * PITCH_PX, np.float64)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    pixels = int(axis[-1] + 0.6 * pitch_px)
+    pixels = int(axis[-1] + 0.6 * PITCH_PX)
     return Calibration(
         reference_px=places,
         radius_px=np.full(side**2, RADIUS_PX),

@@ -16,10 +16,14 @@ from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.sim.scene.truth import image_radius_px
 from spikingtac.touch.field.mlp import Mlp
-from spikingtac.touch.indentation.disc_growth import DiscGrowth
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import IndentationLaw, fitted_law
-from spikingtac.touch.indentation.monitor import Indentation, IndentationMonitor, Peak
+from spikingtac.touch.indentation.monitor import (
+    Indentation,
+    IndentationMonitor,
+    Peak,
+    SteadyPeak,
+)
 from spikingtac.types import MarkerFrame
 from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
@@ -131,21 +135,23 @@ def test_with_it_the_depth_has_an_uncertainty():
     assert peak.indentation_std_mm > 0.0
 
 
-@pytest.mark.parametrize(("measured", "peak"), [((0.5,) + 7 * (0.1,), 0.1), ((0.5, 0.1), 0.1)])
-def test_a_single_measurement_makes_no_peak(
-    monkeypatch: pytest.MonkeyPatch, measured: tuple[float, ...], peak: float
-):
-    monitor, growths = IndentationMonitor(CALIBRATION), iter(measured)
-
-    def grown(t_us: int, _: np.ndarray, *, resting: bool) -> DiscGrowth:
-        return DiscGrowth(t_us, np.full(16, next(growths)), np.full(16, 0.01))
-
-    monkeypatch.setattr(monitor._gauge, "measure", grown)
-    for number in range(len(measured)):
-        monitor.update(frame(number * FRAME_US, REST), np.zeros((16, 2)), touching=True)
-    found = monitor.take_peak()
-    assert found is not None
-    assert found.growth == peak
+@pytest.mark.parametrize(
+    ("course", "most"),
+    [
+        ([], None),
+        ([0.3], 0.3),
+        ([0.1, 0.4], 0.1),
+        ([0.1, 0.4, 0.2], 0.2),
+        ([0.5] + 7 * [0.1], 0.1),
+        ([0.1, 0.5, 0.5] + 5 * [0.1], 0.1),
+        ([0.1, 0.2, 0.3, 0.3, 0.3, 0.3, 0.1, 0.0], 0.3),
+    ],
+)
+def test_no_single_measurement_is_the_peak(course: list[float], most: float | None):
+    peak = SteadyPeak()
+    for value in course:
+        peak.add(np.array([0.0, value]), np.array([0.5, 0.1 * value]))
+    assert peak.most() == (None if most is None else (most, pytest.approx(0.1 * most)))
 
 
 def test_a_touch_that_is_over_is_forgotten():

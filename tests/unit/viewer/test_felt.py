@@ -62,3 +62,16 @@ def test_the_page_is_told_how_the_contact_holds(model: ForceModel) -> None:
     shown = layer.shown()
     assert shown["slip"] == "stick"
     assert shown["sticking_share"] > 0.8
+
+
+@pytest.mark.parametrize(("rate_hz", "seen"), [(50.0, True), (20.0, False)])
+def test_rare_estimates_are_shown_too(model: ForceModel, rate_hz: float, seen: bool) -> None:
+    layer = FeltLayer(REFERENCE, rate_hz, model)
+    for k in range(80):
+        shake = 0.5 * np.sin(2.0 * np.pi * 15.0 * k / rate_hz)
+        layer.take(frame(round(k * 1e6 / rate_hz), np.full((36, 2), shake)))
+    shown = layer.shown()
+    assert len(shown["force_n"]) == 3
+    assert (shown["line_hz"] is not None) == seen
+    if seen:
+        assert shown["line_hz"] == pytest.approx(15.0, abs=0.5)

@@ -22,7 +22,9 @@ from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.touch.indentation.disc_areas import (
     INSIDE_PX,
     OUTSIDE_PX,
+    Levels,
     disc_areas_kernel,
+    disc_neighbours,
     return_outlines_kernel,
 )
 from spikingtac.touch.indentation.resting_discs import RestingDiscs
@@ -111,6 +113,7 @@ class DiscGrowthGauge:
         self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._discs = RestingDiscs.of(calibration)
         self._half = self._discs.radius_px + self._discs.offset_px
+        self._near = disc_neighbours(calibration.reference_px)
         on, off = self._discs.steps
         self._step = 0.5 * float(on.mean() + off.mean())
         self.reset()
@@ -183,16 +186,17 @@ class DiscGrowthGauge:
 
     def _areas(self, place: Field) -> Field:
         """Return the sums of the levels ``(m,)``; the rings follow the size of the discs."""
-        middle = self._discs.radius_px * (1.0 + self._growth) + self._discs.offset_px
-        rim = middle + OUTSIDE_PX
-        bounds = np.column_stack([np.maximum(middle - INSIDE_PX, 0.0), rim, rim + WIPED_PX])
         area = np.empty(len(place))
-        disc_areas_kernel(self._map.memory, self._map.values, place, bounds, area)
+        bounds = _bounds(self._discs.radius_px * (1.0 + self._growth) + self._discs.offset_px)
+        disc_areas_kernel(self._maps(), place, bounds, self._near, area)
         return area
 
     def _return_outlines(self, place: Field, share: float) -> None:
-        maps = (self._map.memory, self._map.values)
-        return_outlines_kernel(maps, place, self._half + OUTSIDE_PX, self._discs.profiles, share)
+        profiles, bounds = self._discs.profiles, _bounds(self._half)
+        return_outlines_kernel(self._maps(), place, bounds, self._near, profiles, share)
+
+    def _maps(self) -> tuple[Levels, Levels]:
+        return self._map.memory, self._map.values
 
     def _told(self, t_us: int, grown_px2: Field, drift_px2: float) -> DiscGrowth:
         """Return the growth for areas ``(m,)`` over the zero: pi (r + offset)^2 changes with r."""
@@ -205,3 +209,9 @@ class DiscGrowthGauge:
         variance = variance + (config.drift_share * drift_px2) ** 2
         sigma = np.sqrt(variance) / (2.0 * np.pi * radius * half)
         return DiscGrowth(t_us, growth, np.hypot(sigma, config.growth_share * growth))
+
+
+def _bounds(edge_px: Field) -> Field:
+    """Return ``(m, 3)`` the bounds of disc, ring and wiped ground for edges ``(m,)``, px."""
+    rim = edge_px + OUTSIDE_PX
+    return np.column_stack([np.maximum(edge_px - INSIDE_PX, 0.0), rim, rim + WIPED_PX])

@@ -21,7 +21,7 @@ PERIOD_US = 10_000
 """Time between two measurements, us (ours: more tell nothing more)."""
 STEADY_MEASUREMENTS = 5
 """Measurements whose median is the growth and the indentation of a touch (ours: 50 ms; single ones
-would let noise choose the peak). Of a shorter touch it is the median of what there is."""
+would let noise choose the peak). A touch that has fewer is told by the median of those."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,36 @@ class Peak:
     growth_std: float
     indentation_mm: float | None
     indentation_std_mm: float | None
+
+
+class SteadyPeak:
+    """The most of a course of measurements, each the median of the latest few.
+
+    Example:
+        >>> peak = SteadyPeak()
+        >>> for value in (0.5, 0.1, 0.1, 0.1, 0.2, 0.2):
+        ...     peak.add(np.array([value]), np.array([0.01]))
+        >>> peak.most()
+        (0.1, 0.01)
+    """
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self._recent: list[tuple[float, float]] = []
+        self._most: tuple[float, float] | None = None
+
+    def add(self, values: Field, sigmas: Field) -> None:
+        """Take in a measurement: the largest of the values ``(m,)`` counts, with its sigma."""
+        largest = int(np.argmax(values))
+        self._recent.append((float(values[largest]), float(sigmas[largest])))
+        del self._recent[:-STEADY_MEASUREMENTS]
+        if len(self._recent) == STEADY_MEASUREMENTS:
+            steady = _middle(self._recent)
+            self._most = steady if self._most is None else max(self._most, steady)
+
+    def most(self) -> tuple[float, float] | None:
+        """Return the most and its sigma; of fewer measurements their median, None without any."""
+        return _middle(self._recent) if self._most is None and self._recent else self._most
 
 
 class IndentationMonitor:
@@ -133,18 +163,14 @@ class IndentationMonitor:
 
     def take_peak(self) -> Peak | None:
         """Return the most of the touch that is over, and forget it; None where nothing was seen."""
-        growth = self._growth_peak or _middle(self._grown)
-        depth = self._depth_peak or _middle(self._deep)
+        growth, depth = self._grown.most(), self._deep.most()
         self._forget_touch()
         if growth is None:
             return None
         return Peak(*growth, *(depth or (None, None)))
 
     def _forget_touch(self) -> None:
-        self._grown: list[tuple[float, float]] = []
-        self._deep: list[tuple[float, float]] = []
-        self._growth_peak: tuple[float, float] | None = None
-        self._depth_peak: tuple[float, float] | None = None
+        self._grown, self._deep = SteadyPeak(), SteadyPeak()
 
     def _told(self, grown: DiscGrowth, moved: Field, coasted: NDArray[np.bool_]) -> Indentation:
         if self._pitch_mm is None or self._nearness is None:
@@ -157,17 +183,17 @@ class IndentationMonitor:
         return Indentation(grown.t_us, grown.growth, grown.sigma, depth_mm, sigma_mm)
 
     def _keep(self, state: Indentation, coasted: NDArray[np.bool_]) -> None:
-        self._growth_peak = _higher(
-            self._grown, state.growth, state.growth_sigma, coasted, self._growth_peak
-        )
+        seen = np.flatnonzero(~coasted)
+        if not len(seen):
+            return
+        self._grown.add(state.growth[seen], state.growth_sigma[seen])
         if state.indentation_mm is not None and state.indentation_sigma_mm is not None:
-            self._depth_peak = _higher(
-                self._deep,
-                state.indentation_mm,
-                state.indentation_sigma_mm,
-                coasted,
-                self._depth_peak,
-            )
+            self._deep.add(state.indentation_mm[seen], state.indentation_sigma_mm[seen])
+
+
+def _middle(measured: list[tuple[float, float]]) -> tuple[float, float]:
+    """Return the median, of an even number the lower one, with its sigma."""
+    return sorted(measured)[(len(measured) - 1) // 2]
 
 
 def _scales(
@@ -185,27 +211,3 @@ def _scales(
         )
     pitch_mm = pitch_px / calibration.px_per_mm
     return pitch_mm, pitch_mm / camera_distance_mm
-
-
-def _higher(
-    recent: list[tuple[float, float]],
-    values: Field,
-    sigmas: Field,
-    coasted: NDArray[np.bool_],
-    peak: tuple[float, float] | None,
-) -> tuple[float, float] | None:
-    """Keep the largest of the values, and return the higher of the peak and its steady course."""
-    seen = np.flatnonzero(~coasted)
-    if len(seen):
-        most = int(seen[np.argmax(values[seen])])
-        recent.append((float(values[most]), float(sigmas[most])))
-    del recent[:-STEADY_MEASUREMENTS]
-    middle = _middle(recent)
-    if middle is None or len(recent) < STEADY_MEASUREMENTS:
-        return peak
-    return middle if peak is None or middle[0] > peak[0] else peak
-
-
-def _middle(recent: list[tuple[float, float]]) -> tuple[float, float] | None:
-    """Return the median, the smaller of the middle two; None of nothing."""
-    return sorted(recent)[(len(recent) - 1) // 2] if recent else None

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
+from spikingtac.calibration.pitch import FEWEST_MARKERS, marker_pitch_px
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.touch.indentation.disc_areas import OUTSIDE_PX, PROFILE_STEP_PX
+from spikingtac.touch.indentation.disc_areas import PROFILE_STEP_PX
 
 Field = NDArray[np.float64]
 Levels = NDArray[np.float32]
@@ -21,11 +22,12 @@ PROFILE_REACH_PX = 12.0
 """How far outside of the resting rim the levels are tabulated, px: farther than any disc grows."""
 OFFSET_EDGES, OFFSET_POINTS = 20.0, 2001
 """Half the way across an edge over which its level is summed, in edge scales, and its points."""
+LEAST_GAP_PX = 3.0
+"""Ground between the edges of two neighbours below which growth is not told, px (ours: discs of
+7 px that shift by 4 and grow by 0.1 read 0.092 to 0.098 at 3 px, 0.077 to 0.092 at 2; those that
+grow by 0.2 touch at 2.8)."""
 LARGEST_STEP = 0.5
 """Share of the full swing of an event above which an edge hardly swings (ours)."""
-ROOM_GROWTH = 0.1
-"""Growth for which there must be room between the rims of neighbours (ours: of discs of 7 px, 20 px
-apart, 0.15 to 0.2 is told of a growth of 0.2, and -0.01 of none; 19 px apart 0.06 and -0.06)."""
 
 
 def why_no_growth(calibration: Calibration) -> str | None:
@@ -42,17 +44,22 @@ def why_no_growth(calibration: Calibration) -> str | None:
             f"an event stands for {100 * step:.0f} % of the full swing, fewer than two for "
             "an edge; lower the camera's thresholds or give it more light, and calibrate again"
         )
-    if _room_px(calibration) < 0.0:
-        return "the discs stand so close that the rim of one reaches its neighbour when it grows"
+    gap_px = _gap_px(calibration)
+    if gap_px < LEAST_GAP_PX:
+        return (
+            f"the edges of neighbouring discs are {gap_px:.1f} px apart, fewer than "
+            f"{LEAST_GAP_PX:g}: discs that grow would merge; bring the camera nearer, or take "
+            "smaller discs"
+        )
     return None
 
 
-def _room_px(calibration: Calibration) -> float:
-    """Return the least distance between the counted surroundings of two grown discs, px."""
-    places = calibration.reference_px
-    reach = (1.0 + ROOM_GROWTH) * np.asarray(calibration.radius_px, np.float64) + OUTSIDE_PX
-    room = np.hypot(*(places[:, None] - places).T) - reach[:, None] - reach
-    return float(room[~np.eye(len(places), dtype=bool)].min(initial=np.inf))
+def _gap_px(calibration: Calibration) -> float:
+    """Return the ground between the edges of neighbouring discs, px; infinite for a single one."""
+    if len(calibration.reference_px) < FEWEST_MARKERS:
+        return float("inf")
+    radius_px = float(np.median(calibration.radius_px))
+    return marker_pitch_px(calibration.reference_px) - 2.0 * radius_px
 
 
 @dataclass(frozen=True, slots=True)
