@@ -129,7 +129,9 @@ def test_calibrations_without_a_swing_are_refused_with_a_reason():
     assert "contrast, step_on" in (why_no_growth(by_hand) or "")
     dull = dataclasses.replace(CALIBRATION, step_off=0.8)
     assert "80 % of the full swing" in (why_no_growth(dull) or "")
-    for unfit in (by_hand, dull):
+    recovering = dataclasses.replace(CALIBRATION, recovery_s=0.2)
+    assert "pixels of this sensor forget" in (why_no_growth(recovering) or "")
+    for unfit in (by_hand, dull, recovering):
         with pytest.raises(ConfigError, match="growth of the discs cannot be measured"):
             DiscGrowthGauge(unfit)
 

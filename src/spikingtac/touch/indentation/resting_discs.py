@@ -44,6 +44,11 @@ def why_no_growth(calibration: Calibration) -> str | None:
             f"an event stands for {100 * step:.0f} % of the full swing, fewer than two for "
             "an edge; lower the camera's thresholds or give it more light, and calibrate again"
         )
+    if calibration.recovery_s is not None:
+        return (
+            "the pixels of this sensor forget light that they lose without an event, so the sum of "
+            "their events is not the size of a disc"
+        )
     gap_px = _gap_px(calibration)
     if gap_px < LEAST_GAP_PX:
         return (
