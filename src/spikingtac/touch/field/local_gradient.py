@@ -109,7 +109,12 @@ class GradientOperator:
 
         The squared strength is its value at the displacements along x plus that along y.
         """
-        return 2.0 / self._along.shape[1] * np.einsum("kai,kaj->ij", self._along, self._along)
+        by_x, by_y = self._along
+        return 2.0 / len(by_x) * (by_x.T @ by_x + by_y.T @ by_y)
+
+    def mean_slopes(self) -> Field:
+        """Return ``(2, m)`` weights of the markers in the mean derivatives by x and by y."""
+        return self._along.mean(axis=1)
 
     def noise_gain(self) -> float:
         """Return the strength of the gradients of white noise of one px per axis."""

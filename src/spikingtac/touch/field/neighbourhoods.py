@@ -49,10 +49,13 @@ class Neighbourhoods:
         """
         self.pitch_px = marker_pitch_px(reference_px)
         steps = np.array(list(product(range(-REACH, REACH + 1), repeat=2)), np.float64)[:, ::-1]
-        wanted = reference_px[:, None] + steps * self.pitch_px
-        away = np.hypot(*np.moveaxis(wanted[:, :, None] - reference_px, -1, 0))
-        self._near = away.argmin(axis=2)
-        self._there = away.min(axis=2) < WITHIN_PITCHES * self.pitch_px
+        shape = len(reference_px), NEIGHBOURS
+        self._near, self._there = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
+        # Step by step: all at once would take half a gigabyte for a thousand markers.
+        for k, step in enumerate(steps * self.pitch_px):
+            away = np.hypot(*(reference_px + step - reference_px[:, None]).T)
+            self._near[:, k] = away.argmin(axis=1)
+            self._there[:, k] = away.min(axis=1) < WITHIN_PITCHES * self.pitch_px
         self.place = (reference_px - optical_axis_px) / self.pitch_px
 
     def motion(self, displacement_px: Field) -> Field:

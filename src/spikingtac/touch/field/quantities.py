@@ -73,15 +73,14 @@ class FieldGauge:
             ConfigError: Too few markers.
         """
         self._away = reference_px - reference_px.mean(axis=0)
-        self._gradient = GradientOperator(reference_px)
+        gradient = GradientOperator(reference_px)
         self._noise = noise_px
-        self._form = self._gradient.strength_form()
+        self._form = gradient.strength_form()
         self._noise2 = 2.0 * noise_px**2 * float(np.trace(self._form))
         self._inertia = float((self._away**2).sum())
-        unit = np.eye(2 * len(reference_px)).reshape(-1, len(reference_px), 2)
-        answers = self._gradient.of(unit)
-        self._of_divergence = answers.divergence.mean(axis=1)
-        self._of_curl = answers.curl.mean(axis=1)
+        by_x, by_y = gradient.mean_slopes()
+        self._of_divergence = np.column_stack([by_x, by_y]).ravel()
+        self._of_curl = np.column_stack([-by_y, by_x]).ravel()
 
     def measure(self, displacement: Field) -> FieldQuantities:
         """Measure displacements ``(m, 2)``, px."""
