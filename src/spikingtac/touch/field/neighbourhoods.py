@@ -53,7 +53,8 @@ class Neighbourhoods:
         self._near, self._there = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
         # Step by step: all at once would take half a gigabyte for a thousand markers.
         for k, step in enumerate(steps * self.pitch_px):
-            away = np.hypot(*(reference_px + step - reference_px[:, None]).T)
+            aside = reference_px[:, None] + step - reference_px
+            away = np.hypot(aside[..., 0], aside[..., 1])
             self._near[:, k] = away.argmin(axis=1)
             self._there[:, k] = away.min(axis=1) < WITHIN_PITCHES * self.pitch_px
         self.place = (reference_px - optical_axis_px) / self.pitch_px
@@ -72,7 +73,7 @@ class Neighbourhoods:
         parts = (
             DIFFERENCE_SCALE * differ[..., 0],
             DIFFERENCE_SCALE * differ[..., 1],
-            np.broadcast_to(PRESENT_SCALE * there, (*moved.shape[:-1], NEIGHBOURS)),
+            np.broadcast_to(np.where(there, PRESENT_SCALE, 0.0), (*moved.shape[:-1], NEIGHBOURS)),
             OWN_SCALE * moved,
         )
         return np.concatenate(parts, axis=-1)
