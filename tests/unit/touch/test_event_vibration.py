@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.pipeline.follow import follow
-from spikingtac.pipeline.shared_events import SharedEventsTracker
 from spikingtac.touch.vibration.edge_counts import (
     SPREAD,
     SPREAD_SHARE,
@@ -28,22 +24,8 @@ from spikingtac.touch.vibration.line_search import Band, strongest_line
 from spikingtac.touch.vibration.rim_amplitude import RimCounts, rim_amplitude
 from spikingtac.touch.vibration.rim_cells import RINGS, SECTORS, RimCells, ring_distances_px
 from spikingtac.touch.vibration.rim_memory import BIN_US, RimMemory
-from spikingtac.touch.vibration.window_lines import WindowLines
 from spikingtac.types import EventPacket, MarkerFrame
-
-EDGE = Edge(6.0, 0.35, 0.25, 0.25, 100.0, 60.0)
-SIZE = (90, 90)
-CENTERS = np.array([[25.0, 25.0], [62.0, 25.3], [25.2, 62.0], [62.0, 61.6]])
-CALIBRATION = Calibration(
-    reference_px=CENTERS,
-    radius_px=np.full(4, 6.5),
-    grid=(2, 2),
-    size=SIZE,
-    contrast=EDGE.contrast,
-    edge_px=EDGE.width_px,
-    step_on=0.25 / np.log(6.0),
-    step_off=0.25 / np.log(6.0),
-)
+from stand_ins.shaken_discs import CALIBRATION, CENTERS, EDGE, SIZE, shaken_stream
 
 
 def pixel_events(distance_px: float, amplitude_px: float, hz: float, edge: Edge) -> list[float]:
@@ -169,40 +151,12 @@ def test_a_pixel_between_two_markers_belongs_to_the_nearer_edge() -> None:
     assert divmod(int(cells.cell[40, 39]), SECTORS)[1] in (0, SECTORS - 1)
 
 
-def stream(hz: float, amplitude_px: float, seconds: float, seed: int = 0) -> EventPacket:
-    """White discs that move along x, seen by pixels without lag or dead time, 20,000 times a s."""
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    away = np.min([np.hypot(x - cx, y - cy) for cx, cy in CENTERS], axis=0)
-    rows = np.flatnonzero((np.abs(away - 6.5) < 4.0).ravel())
-    near = np.argmin([np.hypot(x - cx, y - cy) for cx, cy in CENTERS], axis=0).ravel()[rows]
-    px, py = x.ravel()[rows], y.ravel()[rows]
-    rng = np.random.default_rng(seed)
-    last, columns = None, []
-    for k in range(round(seconds * 20_000)):
-        shift = amplitude_px * np.sin(2.0 * np.pi * hz * k / 20_000)
-        q = np.hypot(px - CENTERS[near, 0] - shift, py - CENTERS[near, 1]) - 6.5
-        level = np.log1p(5.0 / (1.0 + np.exp(q / EDGE.width_px)))
-        last = level - rng.uniform(-0.25, 0.25, len(rows)) if last is None else last
-        steps = np.trunc((level - last) / 0.25)
-        last = last + 0.25 * steps
-        fired = np.flatnonzero(steps)
-        for one in np.repeat(fired, np.abs(steps[fired]).astype(int)):
-            columns.append((px[one], py[one], steps[one] > 0, 50 * k))
-    noise = rng.poisson(2_000 * seconds)
-    for t_us in rng.integers(0, round(seconds * 1e6), noise).tolist():
-        columns.append((*rng.integers(0, 90, 2), rng.random() < 0.5, t_us))
-    columns.sort(key=lambda one: one[3])
-    xs, ys, ps, ts = (np.array(column) for column in zip(*columns, strict=True))
-    return EventPacket(xs.astype(np.uint16), ys.astype(np.uint16), ps.astype(np.bool_),
-                       ts.astype(np.int64), 0, round(seconds * 1e6), SIZE)  # fmt: skip
-
-
 SHORT = EventVibrationConfig(window_s=0.4, lowest_hz=20.0)
 
 
 @pytest.fixture(scope="module")
 def shaken() -> EventPacket:
-    return stream(120.0, 0.8, 0.41)
+    return shaken_stream(120.0, 0.8, 0.41)
 
 
 def test_frequency_amplitude_and_direction_of_a_vibration(shaken: EventPacket) -> None:
@@ -233,7 +187,7 @@ def test_the_packing_of_the_events_does_not_matter(shaken: EventPacket) -> None:
 
 def test_rest_has_no_line() -> None:
     monitor = EventVibrationMonitor(CALIBRATION, SHORT)
-    monitor.absorb(stream(120.0, 0.0, 0.41))
+    monitor.absorb(shaken_stream(120.0, 0.0, 0.41))
     assert monitor.line() is None
 
 
@@ -247,14 +201,15 @@ def test_without_the_looks_of_the_edges_only_the_frequency_is_told(shaken: Event
     assert line.amplitude_px is line.sigma_px is None
 
 
-def test_rims_follow_the_markers(shaken: EventPacket) -> None:
+@pytest.mark.parametrize("before_us", [(), (10**9,)], ids=["forward", "time goes back"])
+def test_rims_follow_the_markers(shaken: EventPacket, before_us: tuple[int, ...]) -> None:
     moved = CENTERS + np.array([9.0, 4.0])
     shifted = replace(
         shaken, x=shaken.x + np.uint16(9), y=shaken.y + np.uint16(4), size=SIZE
     ).select((shaken.x < 80) & (shaken.y < 85))
     monitor = EventVibrationMonitor(CALIBRATION, SHORT)
     none, sure = np.zeros(4, np.bool_), np.ones(4)
-    for t_us in (0, 60_000, 120_000):
+    for t_us in (*before_us, 0, 60_000, 120_000):
         monitor.follow(MarkerFrame(t_us, moved, moved, moved - CENTERS, none, sure))
     monitor.absorb(shifted)
     line = monitor.line()
@@ -278,67 +233,6 @@ def test_the_memory_keeps_the_last_bins_only() -> None:
         memory.absorb(EventPacket.empty(0, BIN_US, (9, 8)), cell)
 
 
-class Shifted:
-    """A tracker that sees all markers go 9 px to the right at a time, at once."""
-
-    def __init__(self, at_us: int) -> None:
-        self._at_us = at_us
-
-    def absorb(self, packet: EventPacket) -> None:
-        """Need no events."""
-
-    def estimate(self, t_us: int) -> MarkerFrame:
-        """Return where the markers are."""
-        away = np.tile([9.0 * (t_us >= self._at_us), 0.0], (len(CENTERS), 1))
-        return MarkerFrame(
-            t_us, CENTERS + away, CENTERS + away, away, np.zeros(4, bool), np.ones(4)
-        )
-
-    def reset(self) -> None:
-        """Have nothing to forget."""
-
-
-def packed(whole: EventPacket, length_us: int) -> Iterator[EventPacket]:
-    for start_us in range(0, whole.t_end_us, length_us):
-        end_us = min(start_us + length_us, whole.t_end_us)
-        first, last = np.searchsorted(whole.t, [start_us, end_us])
-        yield whole.part(int(first), int(last), start_us, end_us)
-
-
-def test_every_window_of_a_stream_is_heard_however_it_is_packed(shaken: EventPacket) -> None:
-    x, half_us = np.concatenate([shaken.x, shaken.x, shaken.x + 9]), 2 * shaken.t_end_us
-    t = np.concatenate([shaken.t + k * shaken.t_end_us for k in range(3)])
-    y, p = np.tile(shaken.y, 3), np.tile(shaken.p, 3)
-    inside = x < SIZE[0]
-    columns = (column[inside] for column in (x, y, p, t))
-    whole = EventPacket(*columns, 0, 3 * shaken.t_end_us, SIZE)
-    found = []
-    for length_us in (whole.t_end_us, 1_000, 33_000, 70_000):
-        heard = WindowLines(EventVibrationMonitor(CALIBRATION, SHORT))
-        tracker = SharedEventsTracker(Shifted(half_us), heard.absorb)
-        for frame in follow(packed(whole, length_us), tracker, 1_000.0):
-            heard.monitor.follow(frame)
-        found.append(heard.lines)
-    ends_us = [int(whole.t[0]) + k * round(1e6 * SHORT.window_s) for k in (1, 2, 3)]
-    for lines in found:
-        assert [line.t_us for line in lines] == [end // BIN_US * BIN_US for end in ends_us]
-        assert [round(line.hz) for line in lines] == [120, 120, 120]
-        assert lines[0].amplitude_px == pytest.approx(0.8, rel=0.1)
-        assert lines[2].amplitude_px == pytest.approx(0.8, rel=0.4)  # rims follow within 0.1 s
-        for line, other in zip(lines, found[0], strict=True):
-            assert (line.hz, line.ratio, line.amplitude_px) == pytest.approx(
-                (other.hz, other.ratio, other.amplitude_px), rel=1e-9
-            )
-
-
-def test_a_leap_of_time_begins_the_windows_anew(shaken: EventPacket) -> None:
-    heard = WindowLines(EventVibrationMonitor(CALIBRATION, SHORT))
-    heard.absorb(shaken)
-    heard.absorb(shaken)  # the recording is played again
-    first_us = int(shaken.t[0]) + heard.monitor.window_us
-    assert [line.t_us for line in heard.lines] == 2 * [first_us // BIN_US * BIN_US]
-
-
 def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="lowest_hz"):
         EventVibrationConfig(lowest_hz=2_000.0)
@@ -346,5 +240,7 @@ def test_settings_are_checked() -> None:
         EventVibrationConfig(window_s=0.1)
     with pytest.raises(ValueError, match="there are 0 bins"):
         EventVibrationConfig(lowest_hz=10.2, highest_hz=10.6)
+    with pytest.raises(ValueError, match="a window is finite"):
+        EventVibrationConfig(window_s=np.inf)
     with pytest.raises(ValueError, match="neighbours"):
         EventVibrationConfig(neighbours=1)

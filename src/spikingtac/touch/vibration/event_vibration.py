@@ -59,8 +59,10 @@ class EventVibrationConfig:
     def __post_init__(self) -> None:
         if not 0 < self.lowest_hz < self.highest_hz <= 0.5 * US_PER_S / BIN_US:
             raise ValueError("0 < lowest_hz < highest_hz <= 2,000 must hold")
-        if not self.window_s * self.lowest_hz >= 4 or not self.line_ratio > 1:
-            raise ValueError("a window holds 4 cycles of lowest_hz, line_ratio is above 1")
+        if not 4 <= self.window_s * self.lowest_hz < np.inf or not self.line_ratio > 1:
+            raise ValueError(
+                "a window is finite and holds 4 cycles of lowest_hz, line_ratio is above 1"
+            )
         bins = np.floor(self.highest_hz * self.window_s) - np.ceil(self.lowest_hz * self.window_s)
         if bins < LEAST_BINS:
             raise ValueError(
@@ -130,8 +132,13 @@ class EventVibrationMonitor:
         self._places[:] = 0.0
 
     def follow(self, frame: MarkerFrame) -> None:
-        """Let the rims follow the markers' mean places, as a touch moves them slowly."""
-        self._placed_us = frame.t_us if self._placed_us is None else self._placed_us
+        """Let the rims follow the markers' mean places, as a touch moves them slowly.
+
+        A frame of an earlier time begins a new mean.
+        """
+        if self._placed_us is None or frame.t_us < self._placed_us:
+            self._placed_us, self._frames = frame.t_us, 0
+            self._places[:] = 0.0
         self._places += frame.detected_px
         self._frames += 1
         if frame.t_us - self._placed_us >= self._config.replaced_us:
