@@ -72,6 +72,17 @@ def test_frames_of_another_rate_make_no_line() -> None:
     assert monitor.spectrum() is None
 
 
+@pytest.mark.parametrize("period_us", [850, 1_000, 1_150])
+def test_the_frequency_is_that_of_the_times(period_us: int) -> None:
+    monitor = VibrationMonitor(1_000.0)
+    for k in range(600):
+        shift = 0.1 * np.sin(2e-6 * np.pi * 60.0 * period_us * k)
+        monitor.update(period_us * k, np.full((MARKERS, 2), shift))
+    found = monitor.spectrum()
+    assert found is not None
+    assert found.line_hz == pytest.approx(60.0, abs=0.2)
+
+
 X, Y = np.meshgrid(np.arange(8.0), np.arange(8.0))
 REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()])
 

@@ -24,7 +24,7 @@ LEAST_FRAMES = 64
 """Fewer frames make no spectrum: below 128 frames a second its window is longer."""
 IRREGULAR_SHARE = 0.25
 """Share of a period by which a frame may come earlier or later than expected (ours: times are
-rounded to 1 us; a frame that is missing would make a line of another frequency)."""
+rounded to 1 us; a frame that is missing breaks the wave). Frequencies follow from the times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,9 @@ class VibrationMonitor:
         lines = np.fft.rfft(moved * self._window[:, None], axis=0)
         power = np.asarray((np.abs(lines) ** 2).sum(axis=1), np.float64)
         amplitude = 2.0 * np.sqrt(power) / float(self._window.sum())
-        frequency = np.arange(len(amplitude), dtype=np.float64) * (self._rate / self._frames)
+        span_us = self._times[-1] - self._times[0]  # the frames' own rate, not the declared one
+        rate_hz = (self._frames - 1) * US_PER_S / span_us
+        frequency = np.arange(len(amplitude), dtype=np.float64) * (rate_hz / self._frames)
         line_hz, line_px = self._line(frequency, amplitude)
         return Spectrum(self._times[-1], frequency, amplitude, line_hz, line_px)
 
