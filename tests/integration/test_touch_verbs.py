@@ -239,33 +239,3 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
     assert "needs --shear-modulus-kpa" in capsys.readouterr().err
     assert main([*words, "--overwrite", str(arrays(tmp_path / "a.npz", 1))]) == 2
     assert "--calibration" in capsys.readouterr().err
-
-
-def test_vibration_is_told_from_events(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from spikingtac.touch.vibration.rim_memory import BIN_US
-
-    x, y = np.meshgrid(np.arange(3), np.arange(3))
-    centers = 37.0 * np.column_stack([x.ravel(), y.ravel()]) + 30.0
-    document = {"schema": 1, "size": [140, 140], "grid": [3, 3], "reference_px": centers.tolist(),
-                "radius_px": [7.0] * 9, "px_per_mm": 15.0}  # fmt: skip
-    calibration = tmp_path / "c.json"
-    calibration.write_text(json.dumps(document))
-    t_us = np.arange(0, 2_100_000, BIN_US, dtype=np.int64)
-    forth = np.cos(2e-6 * np.pi * 80.0 * t_us) > 0.0
-    # The right edge of every marker: ON where it moves out, OFF where it comes back.
-    marker = np.arange(len(t_us)) % 9
-    columns = {"x": centers[marker, 0] + 7.0, "y": centers[marker, 1]}
-    path = tmp_path / "buzz.npz"
-    np.savez(path, t=t_us, p=forth, size=np.array([140, 140]),
-             **{name: place.astype(np.uint16) for name, place in columns.items()})  # fmt: skip
-    asked = ["touch", str(path), "--calibration", str(calibration)]
-    assert main([*asked, "--vibration", "--json"]) == 0
-    lines = json.loads(capsys.readouterr().out)["vibration"]
-    assert [line["line_hz"] for line in lines] == pytest.approx([80.0] * 2, abs=0.2)
-    assert lines[0]["amplitude_um"] is None  # a calibration by hand knows no contrast
-    assert main([*asked, "--vibration"]) == 0
-    assert "too few events" in capsys.readouterr().out
-    assert main([*asked, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["vibration"] is None
-    assert main(["touch", str(arrays(tmp_path / "a.npz", 1)), "--vibration"]) == 2
-    assert "measured from events" in capsys.readouterr().err

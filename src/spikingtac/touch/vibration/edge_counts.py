@@ -77,6 +77,9 @@ def _low_passed(level: Field, follows: Field, seen: Field) -> None:
     """Fill ``seen`` with the cycle that the low-pass repeats.
 
     Of a level at the begin of a cycle a share is left at its end, so the steady one is solved for.
+    Two cycles from the light's own level are not enough: at a lag of 272 us they differ by 0.02 at
+    498 Hz and 0.08 at 1 kHz (contrast 6, thresholds are about 0.25), and less than 0.005 takes 3
+    and 6 cycles; at 740 us 7 and 13. This one costs as much as two.
     """
     left, now = 1.0, 0.0
     for step in range(len(level)):
