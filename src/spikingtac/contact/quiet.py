@@ -102,7 +102,8 @@ class WindowCounter:
         """Yield the windows unchanged, and count each."""
         for window in windows:
             first = packets_of(window)[0]
-            self._period_us = first.t_end_us - first.t_start_us
+            # The last window of a stream may be shorter than the others.
+            self._period_us = self._period_us or first.t_end_us - first.t_start_us
             self._counts.append(count_of(window))
             yield window
 

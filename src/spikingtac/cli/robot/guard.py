@@ -125,17 +125,16 @@ def learnt_detector(name: str, calibration: str, quiet: str, budget: float) -> C
         budget: Accepted number of false contacts per hour.
     """
     from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.contact.recording import paired_windows
     from spikingtac.contact.registry import DetectionConfig, make_detector
     from spikingtac.events.open import open_events
-    from spikingtac.events.windows import windows
     from spikingtac.pipeline.checked_source import CheckedSource
 
     config = DetectionConfig(false_alarms_per_hour=budget)
     own = Calibration.load(calibration)
     # The recording tells whose calibration it is; the stream is not asked while it guards an arm.
     checked = CheckedSource(open_events(quiet), own, warn)
-    learning = ((window,) for window in windows(checked, period_us=1000))
-    return make_detector(name, config, [own], learning)
+    return make_detector(name, config, [own], paired_windows([checked]))
 
 
 def _wait(process: ContactProcess) -> dict[str, Any]:

@@ -103,9 +103,21 @@ def quiet_evidence(
         for count, table in zip(counts, tables, strict=True)
     ]
     clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
+    _require_both_polarities(kept)
     sums = EvidenceSums(clean, memory=1)
     evidence = np.array([sums.add(window).copy() for window in kept])
     return QuietEvidence(clean, evidence, period_s, tuple(int(mask.sum()) for mask in hot))
+
+
+def _require_both_polarities(kept: Sequence[Window]) -> None:
+    """Refuse quiet windows without an ON or an OFF event: the first one would be a contact."""
+    for on in (False, True):
+        if not any((packet.p == on).any() for window in kept for packet in packets_of(window)):
+            raise CalibrationError(
+                f"no {'ON' if on else 'OFF'} event lies on the markers' rims in {len(kept)} quiet "
+                "windows, so that the first one would be taken for a contact; record the moving "
+                "arm for longer (--quiet), or take the detector event_count"
+            )
 
 
 def scale_test(quiet: QuietEvidence, config: LearningConfig, alarms_per_hour: float) -> ScaleTest:
@@ -140,7 +152,12 @@ def scale_test(quiet: QuietEvidence, config: LearningConfig, alarms_per_hour: fl
         known = amplitude[int(length) - 1 :, scale]
         found = tail_threshold(known, block, per_window * block)
         threshold.append(max(found**2, floor))
-    return ScaleTest(windows, whiten, mean, _at_least_shorter(np.array(threshold), whiten))
+    raised = _at_least_shorter(np.array(threshold), whiten)
+    if not np.isfinite(raised).all():
+        raise CalibrationError(
+            f"{len(quiet.evidence)} quiet windows give no threshold; record the arm for longer"
+        )
+    return ScaleTest(windows, whiten, mean, raised)
 
 
 def _at_least_shorter(threshold: Vector, whiten: Vector) -> Vector:
@@ -219,7 +236,8 @@ def _on_rims(
     kept, period_us = [], 0
     for window in quiet:
         packets = packets_of(window)
-        period_us = packets[0].t_end_us - packets[0].t_start_us
+        # The last window of a stream may be shorter than the others.
+        period_us = period_us or packets[0].t_end_us - packets[0].t_start_us
         parts = []
         for packet, table, count in zip(packets, tables, counts, strict=True):
             packet.require_map(table.row.shape)
