@@ -7,6 +7,7 @@ from spikingtac.contact.motion.quiet_evidence import LearningConfig, quiet_evide
 from spikingtac.contact.motion.rim_evidence import AFFINE_MODES, OFF_RIM, RimConfig, rim_table
 from spikingtac.contact.motion.scales import ScaleSums
 from spikingtac.contact.motion.tail import tail_threshold
+from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import GRID, calibration, windows
 
@@ -31,6 +32,21 @@ def test_hot_pixels_on_the_rims_lose_their_say() -> None:
     assert TABLE.row[HOT[1], HOT[0]] != OFF_RIM
     assert quiet.tables[0].row[HOT[1], HOT[0]] == OFF_RIM
     assert quiet.period_s == pytest.approx(1e-3)
+
+
+def test_a_stump_at_the_end_is_no_period() -> None:
+    stump = EventPacket.empty(300_000, 300_001, TABLE.row.shape[::-1])
+    whole = quiet_evidence([TABLE], windows(300, seed=1), CONFIG)
+    cut = quiet_evidence([TABLE], [*windows(300, seed=1), stump], CONFIG)
+    assert cut.period_s == whole.period_s
+    assert np.isfinite(scale_test(cut, CONFIG, 1.0).threshold).all()
+
+
+@pytest.mark.parametrize(("on", "name"), [(True, "OFF"), (False, "ON")])
+def test_a_quiet_recording_of_one_polarity_is_refused(on: bool, name: str) -> None:
+    one = (packet.select(packet.p == on) for packet in windows(300, seed=1))
+    with pytest.raises(CalibrationError, match=f"no {name} event lies on the markers' rims"):
+        quiet_evidence([TABLE], one, CONFIG)
 
 
 def test_a_short_recording_allows_for_fewer_scales() -> None:
