@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.checks.time_unit import US_PER_S
+from spikingtac.events.formats.checks.time_unit import US_PER_S, in_seconds
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.types import EventPacket
@@ -29,14 +29,15 @@ _NAMES = {
 _TRUTH: dict[str, Any] = {"true": "1", "false": "0"}
 _VALUES = (*_TRUTH, "nan", "inf")
 _SPLIT = re.compile(r"[,;\t ]+")
-_SECONDS = re.compile(r"[.eE]")
+_BYTE_ORDER_MARK = "\ufeff"
+"""What some programs begin UTF-8 with."""
 
 
 class CsvSource(FileSource):
     """Events of a text table.
 
     A header names the columns in any order; without one the order is t, x, y, p. A ``# size W H``
-    comment gives the size. Times are seconds where some of the first ones have a decimal point.
+    comment gives the size. Times are seconds where some of the first ones are no whole numbers.
     Polarity is 1 and 0, 1 and -1, or true and false. Lines that do not parse, or have another
     number of columns than most, are counted as ``bad_record``.
     """
@@ -57,7 +58,7 @@ class CsvSource(FileSource):
         """Read comments and the header; return the offset of the first line of numbers."""
         with path.open("rb") as file:
             while line := file.readline(CHUNK_BYTES):
-                text = line.decode("utf-8", "replace").strip()
+                text = line.decode("utf-8", "replace").strip().removeprefix(_BYTE_ORDER_MARK)
                 size = re.fullmatch(r"#\s*size[\s:=]+(\d+)[\sx,]+(\d+)", text)
                 if size:
                     self._named_size = (int(size[1]), int(size[2]))
@@ -82,7 +83,8 @@ class CsvSource(FileSource):
         columns = Counter(map(len, rows[: max(len(rows) - 1, 1)])).most_common(1)[0][0]
         self._order += "-" * (columns - len(self._order))
         place = self._order.index("t")
-        if any(len(row) == columns and _SECONDS.search(row[place]) for row in rows):
+        times = [_number(row[place]) for row in rows if len(row) == columns]
+        if in_seconds(np.array(times, np.float64)):
             self._scale = US_PER_S
 
     def _columns(self) -> Iterator[Rows]:
@@ -163,14 +165,21 @@ def _row(line: str, columns: int) -> list[float] | None:
         return None
 
 
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return float("nan")
+
+
 def _finite(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     bounded = np.isfinite(rows).all(axis=1) & (np.abs(rows) < 1e18).all(axis=1)
     return rows[bounded]
 
 
 def _trimmed(line: str) -> str:
-    """Return a line without blanks at its ends and without separators after its last word."""
-    return line.rstrip(" \t\r,;").lstrip()
+    """Return a line without quotes, blanks at its ends and separators after its last word."""
+    return line.replace('"', "").rstrip(" \t\r,;").lstrip(f" \t{_BYTE_ORDER_MARK}")
 
 
 def _regular(text: str, columns: int) -> bool:

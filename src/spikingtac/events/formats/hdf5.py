@@ -17,7 +17,7 @@ from spikingtac.errors import FormatError, MissingExtraError
 from spikingtac.events.formats.checks.hdf5_attributes import read_attributes
 from spikingtac.events.formats.checks.limits import piece_limit_bytes, refuse_piece
 from spikingtac.events.formats.checks.time_course import TIME_LIMIT_US
-from spikingtac.events.formats.checks.time_unit import US_PER_S
+from spikingtac.events.formats.checks.time_unit import US_PER_S, in_seconds
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 CHUNK_ROWS = 1 << 17
@@ -89,6 +89,7 @@ class Hdf5Source(FileSource):
             self.losses.add("truncated", int(total < max(lengths)))
             if offset is None:
                 self.losses.add("bad_record")
+            seconds: bool | None = None
             for first in range(0, total, CHUNK_ROWS):
                 rows = slice(first, min(first + CHUNK_ROWS, total))
                 try:
@@ -98,7 +99,8 @@ class Hdf5Source(FileSource):
                     self.losses.add("bad_record")
                     continue
                 self.progress = rows.stop / total
-                t = _microseconds(t)
+                seconds = in_seconds(t) if seconds is None else seconds
+                t = _microseconds(t, seconds)
                 yield x, y, p, _shifted(t, offset or 0)
 
     def _read(self, file: Any, rows: slice) -> Rows:
@@ -279,6 +281,8 @@ def _shifted(t: NDArray[Any], offset: int) -> NDArray[Any]:
     return (t.astype(np.int64) if t.dtype.kind in "iu" else t) + offset
 
 
-def _microseconds(t: NDArray[Any]) -> NDArray[Any]:
+def _microseconds(t: NDArray[Any], seconds: bool) -> NDArray[Any]:
     """Return whole numbers as they are, and seconds as microseconds."""
-    return np.nan_to_num(t.astype(np.float64)) * US_PER_S if t.dtype.kind == "f" else t
+    if t.dtype.kind != "f":
+        return t
+    return np.nan_to_num(t.astype(np.float64)) * (US_PER_S if seconds else 1)
