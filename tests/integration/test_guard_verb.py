@@ -1,6 +1,7 @@
 """``spikingtac guard``: a contact ends it well, a fault with an error; the arm stops in both."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from spikingtac.events.create import create_events
 from spikingtac.live.factory import Factory
 from spikingtac.live.guard.contact_process import ContactProcess
 from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows
 
@@ -73,6 +75,23 @@ def test_a_recording_is_no_stream(tmp_path: Path, capsys: pytest.CaptureFixture[
     recording = str(tmp_path / "events.raw")
     assert main(["guard", "--arm", "192.0.2.1", "--events", recording, *files]) == 2
     assert "must be a camera's named pipe" in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_learned_from_are_refused_before_the_arm_is_connected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe, finger, quiet = (tmp_path / name for name in ("camera", "finger.json", "quiet.npz"))
+    os.mkfifo(pipe)
+    words = ["guard", "--arm", "192.0.2.1", "--events", str(pipe), "--calibration", str(finger)]
+    assert main([*words, "--quiet", str(quiet)]) == 1
+    assert "cannot read the calibration" in capsys.readouterr().err
+    calibration().save(finger)
+    assert main([*words, "--quiet", str(quiet)]) == 1
+    assert "there is no file" in capsys.readouterr().err
+    with create_events(quiet, (SIZE[0] + 10, SIZE[1])) as writer:
+        writer.write(EventPacket.empty(0, 1_000, (SIZE[0] + 10, SIZE[1])))
+    assert main([*words, "--quiet", str(quiet)]) == 1
+    assert "the calibration is for" in capsys.readouterr().err
 
 
 def test_the_detector_learns_from_the_quiet_recording(tmp_path: Path) -> None:

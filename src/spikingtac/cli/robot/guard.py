@@ -67,6 +67,8 @@ def run(args: Args) -> int:
 
     Raises:
         ConfigError: An argument is not valid; nothing was connected.
+        SpikingTacError: Calibration or quiet recording cannot be read, or do not belong together;
+            nothing was connected.
         DeviceError: The stream or the arm failed; the arm was commanded to stop.
     """
     from spikingtac.events.formats.evt.raw_stream import is_stream
@@ -94,6 +96,16 @@ def run(args: Args) -> int:
     return 0
 
 
+def _require_readable(args: Args) -> None:
+    """Refuse files that the guarding process could not learn from, before an arm is connected."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.events.open import open_events
+    from spikingtac.pipeline.recording_tracks import require_same_size
+
+    calibration = Calibration.load(args.calibration)
+    require_same_size(open_events(args.quiet).size, calibration.size)
+
+
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
     from spikingtac.live.factory import Factory
@@ -101,6 +113,7 @@ def start(args: Args) -> ContactProcess:
     from spikingtac.live.guard.contact_process import ContactProcess
     from spikingtac.robot.ur import URArm
 
+    _require_readable(args)
     learning = {
         "name": args.detector,
         "calibration": str(args.calibration),
