@@ -25,10 +25,10 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.experiments.throughput.stopwatch import PACE_US, in_own_process, paced_run
 from spikingtac.live import real_time
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.registry import make_tracker
+from spikingtac_paper.throughput.stopwatch import PACE_US, in_own_process, paced_run
 
 METHODS = ("default", "fast")
 WINDOWS = 3_000

@@ -24,11 +24,11 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.denoise.registry import make_denoiser
-from spikingtac.denoise.training.degrade import with_background
 from spikingtac.events.windows import windows
-from spikingtac.experiments.denoise.recordings import TrueRecording, render
-from spikingtac.experiments.denoise.scoring import state_maps
 from spikingtac.markers.registry import make_tracker
+from spikingtac_paper.denoise.recordings import TrueRecording, render
+from spikingtac_paper.denoise.scoring import state_maps
+from spikingtac_paper.training.degrade import with_background
 
 SCENE, SEED, DURATION_S = "finger-slides", 1001, 3.0
 NOISE_HZ = 0.2
@@ -81,9 +81,9 @@ def time_published(recording: TrueRecording) -> list[float]:
     import torch
 
     from spikingtac.denoise.infer import NetworkDenoiser
-    from spikingtac.denoise.network.architecture import NetworkConfig, make_network
-    from spikingtac.denoise.network.export import export_network
-    from spikingtac.denoise.training.training_state import save_weights
+    from spikingtac_paper.training.architecture import NetworkConfig, make_network
+    from spikingtac_paper.training.export import export_network
+    from spikingtac_paper.training.training_state import save_weights
 
     config = NetworkConfig(kind="evflownet", fold=1, base=64)
     torch.manual_seed(0)

@@ -18,8 +18,6 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.design.parameters.design import load_design
-from spikingtac.design.twin import scene_with_design
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.recording import Recording
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
@@ -28,6 +26,8 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.render import simulate
 from spikingtac.sim.scene.scene import Scene
+from spikingtac_hardware.parameters.design import load_design
+from spikingtac_hardware.twin import scene_with_design
 
 RATE_HZ = 1_000.0
 CALIBRATION_SEED = 1_000

@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.experiments.touch.twin_wrench import _px_per_mm
 from spikingtac.sim.gel.indenters import IndenterConfig
 from spikingtac.sim.scene.motions import MotionConfig
 from spikingtac.sim.scene.scene import ContactConfig, Scene
@@ -23,6 +22,7 @@ from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac_paper.touch.twin_wrench import _px_per_mm
 
 HOLD_S, NOISE_PX, SEED = 60.0, 0.05, 3
 EARLY_S, LATE_S = (1.5, 3.0), (58.0, 60.0)

@@ -34,9 +34,9 @@ from tracking import DECODE_ROUNDS, PEER, steps_in_turns
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
-from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.throughput import skins
 from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.throughput import skins
 
 DEADLINE_RUNS = (2, 20.0)
 """Paced runs of each method, and seconds of each."""

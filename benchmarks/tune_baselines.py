@@ -22,19 +22,19 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.baselines.ekalibr import EkalibrConfig, EkalibrTracker
-from spikingtac.baselines.evetac import EvetacConfig, EvetacTracker
-from spikingtac.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.denoise.registry import make_denoiser
-from spikingtac.experiments.trials.calibrations import calibration_of
-from spikingtac.experiments.trials.methods import Method
-from spikingtac.experiments.trials.metrics import point_scores
-from spikingtac.experiments.trials.runner import predict
-from spikingtac.experiments.trials.trials import Trial
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
+from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
+from spikingtac_paper.trials.calibrations import calibration_of
+from spikingtac_paper.trials.methods import Method
+from spikingtac_paper.trials.metrics import point_scores
+from spikingtac_paper.trials.runner import predict
+from spikingtac_paper.trials.trials import Trial
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
 SERIAL, SEED = 101, 1_001

@@ -1,6 +1,6 @@
 """Skins under drawn contacts, and how cameras see them: what laws of touch are fitted to.
 
-Contacts are drawn by ``spikingtac.experiments.touch.slides`` and stepped without a camera. No
+Contacts are drawn by ``spikingtac_paper.touch.slides`` and stepped without a camera. No
 contact scene is drawn from.
 """
 
@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.experiments.touch.bodies import Body
-from spikingtac.experiments.touch.slides import KINDS, draw_slide
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.optics.projection import Optics, OpticsConfig
 from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.scene.scene import Scene, SkinConfig
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac_paper.touch.bodies import Body
+from spikingtac_paper.touch.slides import KINDS, draw_slide
 
 Field = NDArray[np.float64]
 

@@ -18,7 +18,6 @@ from fitted_mlp import Schedule, fitted_mlp
 from numpy.typing import NDArray
 from weights_file import write_weights
 
-from spikingtac.experiments.touch.bodies import BOTH_RADII, Body
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import (
     DEPTH_SCALE,
@@ -27,6 +26,7 @@ from spikingtac.touch.indentation.indentation_law import (
     SIGMA_SCALE,
     IndentationLaw,
 )
+from spikingtac_paper.touch.bodies import BOTH_RADII, Body
 
 Field = NDArray[np.float64]
 

@@ -20,11 +20,11 @@ from fitted_mlp import Schedule, fitted_mlp
 from numpy.typing import NDArray
 from weights_file import write_weights
 
-from spikingtac.experiments.touch.bodies import BOTH_RADII, Body
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.touch.contact_patch.patch_features import FEATURES, PatchFeatures
 from spikingtac.touch.contact_patch.patch_model import SIDE, PatchModel
 from spikingtac.touch.field.mlp import Mlp
+from spikingtac_paper.touch.bodies import BOTH_RADII, Body
 
 Field = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """Contacts on the twin that the slip model is fitted to, as camera and tracker see them.
 
-They are drawn by ``spikingtac.experiments.touch.slides``. What the experiment scores is drawn from
+They are drawn by ``spikingtac_paper.touch.slides``. What the experiment scores is drawn from
 other seeds, with a body that is not drawn here.
 """
 
@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.experiments.touch.slides import CARRY, KINDS, VARIED_KINDS, draw_slide
-from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
+from spikingtac_paper.touch.slides import CARRY, KINDS, VARIED_KINDS, draw_slide
+from spikingtac_paper.touch.watched_slides import WatchedSlide, watch_slide
 
 Field = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the workers take over what the controller set
     chosen = os.environ.get("NUMBA_CACHE_DIR", PROJECT / ".numba_cache")
-    os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src" / "spikingtac"))
+    os.environ["NUMBA_CACHE_DIR"] = str(prepare_cache(Path(chosen), PROJECT / "src"))
     os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="spikingtac-tests-")
     atexit.register(shutil.rmtree, os.environ[FOLDER_VARIABLE], ignore_errors=True)
 

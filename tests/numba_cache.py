@@ -30,14 +30,14 @@ DIGESTS_NAME = "digests.json"
 """File of a cache folder that says for which sources it was made."""
 
 
-def prepare_cache(root: Path, package: Path) -> Path:
+def prepare_cache(root: Path, sources: Path) -> Path:
     """Return the cache folder for the sources as they stand; remove those that are out of date.
 
     Args:
         root: Folder of all cache folders; made if it does not exist.
-        package: Folder of the package's sources.
+        sources: Folder of the packages.
     """
-    digests = closure_digests(package)
+    digests = closure_digests(sources)
     name = _digest(f"{path} {digest}" for path, digest in digests.items())[:DIGEST_LENGTH]
     root.mkdir(parents=True, exist_ok=True)
     others = [path for path in root.iterdir() if (path / DIGESTS_NAME).is_file()]
@@ -51,7 +51,7 @@ def prepare_cache(root: Path, package: Path) -> Path:
     return folder
 
 
-def closure_digests(package: Path) -> dict[str, str]:
+def closure_digests(sources: Path) -> dict[str, str]:
     """Return a digest of each file with kernels, and of all files of the package that it imports.
 
     The files that those import count too, and so do imports within functions.
@@ -59,11 +59,11 @@ def closure_digests(package: Path) -> dict[str, str]:
     Returns:
         Path of the file, the package included -> digest, as hexadecimal digits.
     """
-    paths = {_module_name(path, package): path for path in sorted(package.rglob("*.py"))}
+    paths = {_module_name(path, sources): path for path in sorted(sources.rglob("*.py"))}
     texts = {module: path.read_text(encoding="utf-8") for module, path in paths.items()}
     imports: dict[str, set[str]] = {}
     return {
-        path.relative_to(package.parent).as_posix(): _digest(
+        path.relative_to(sources).as_posix(): _digest(
             texts[name] for name in _closure(module, texts, imports)
         )
         for module, path in paths.items()
@@ -104,8 +104,8 @@ def _cache_key(source: Path) -> tuple[str, str]:
     return source.parent.name, source.stem
 
 
-def _module_name(path: Path, package: Path) -> str:
-    parts = (package.name, *path.relative_to(package).with_suffix("").parts)
+def _module_name(path: Path, sources: Path) -> str:
+    parts = path.relative_to(sources).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 

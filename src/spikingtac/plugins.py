@@ -27,6 +27,9 @@ READERS = "spikingtac.readers"
 WRITERS = "spikingtac.writers"
 """Group of event formats to write: the same -> ``(path, size) -> EventWriter``."""
 
+SCENE_DESIGNS = "spikingtac.scene_designs"
+"""Group of sensor designs: ``design`` -> ``(Scene, name) -> Scene``, the scene on that sensor."""
+
 
 class _WithPlugins(Mapping[str, T]):
     """A table of own entries, and behind them what other packages register under a group."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
-from stand_ins.source_trees import FILES, PACKAGE, text_of, tree_of
+from stand_ins.source_trees import FILES, SOURCES, text_of, tree_of
 
 FILE_LINES = 300
 FUNCTION_LINES = 40
@@ -17,7 +17,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def named(path: Path) -> str:
-    return str(path.relative_to(PACKAGE))
+    return str(path.relative_to(SOURCES))
 
 
 @cache
@@ -129,7 +129,7 @@ def test_every_public_name_has_a_docstring() -> None:
 
 
 def test_folders_hold_few_files() -> None:
-    files = Counter(str(path.parent.relative_to(PACKAGE)) for path in FILES)
+    files = Counter(str(path.parent.relative_to(SOURCES)) for path in FILES)
     assert {folder: count for folder, count in files.items() if count > FOLDER_FILES} == {}
 
 

@@ -15,6 +15,7 @@ import pytest
 from stand_ins.source_trees import FILES, tree_of
 
 PROJECT = Path(__file__).resolve().parents[2]
+OWN = ("spikingtac", "spikingtac_paper", "spikingtac_hardware")
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
@@ -50,7 +51,11 @@ def imported() -> set[str]:
                 names |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
                 names.add(node.module.split(".")[0])
-    own = names - set(sys.stdlib_module_names) - {"spikingtac"}
+    own = (
+        names
+        - set(sys.stdlib_module_names)
+        - {"spikingtac", "spikingtac_paper", "spikingtac_hardware"}
+    )
     return {DISTRIBUTIONS.get(name, name) for name in own}
 
 

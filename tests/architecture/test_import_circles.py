@@ -12,8 +12,6 @@ from pathlib import Path
 
 from stand_ins.source_trees import FILES, SOURCES, tree_of
 
-STUDIES = ("bench", "experiment", "run_study")
-"""Modules of ``cli.studies`` that may import experiments."""
 Graph = dict[str, set[str]]
 
 
@@ -82,17 +80,6 @@ def test_no_two_folders_of_a_package_import_each_other() -> None:
     found = {package: circle_in(folder_graph(package, modules)) for package in sorted(PACKAGES)}
     circles = {package for package, circle in found.items() if circle}
     assert not circles, {package: found[package] for package in circles}
-
-
-def test_only_the_verbs_on_studies_import_experiments() -> None:
-    """A user's verb stands on the library; only ``experiment`` and ``bench`` run experiments."""
-    found = {
-        module
-        for module, targets in module_graph().items()
-        if module.startswith("spikingtac.cli.")
-        and any(target.startswith("spikingtac.experiments") for target in targets)
-    }
-    assert found <= {f"spikingtac.cli.studies.{name}" for name in STUDIES}
 
 
 def test_a_circle_is_found() -> None:

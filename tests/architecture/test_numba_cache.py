@@ -20,8 +20,8 @@ BYSTANDER = "from numba import njit\n@njit(cache=True)\ndef none():\n    return 
 
 
 def package(folder: Path) -> Path:
-    made = folder / PACKAGE
-    made.mkdir()
+    made = folder / "src" / PACKAGE
+    made.mkdir(parents=True)
     (made / "__init__.py").touch()
     (made / "callee.py").write_text(CALLEE.format(value=1), encoding="utf-8")
     (made / "caller.py").write_text(CALLER, encoding="utf-8")
@@ -41,11 +41,11 @@ def twice(sources: Path, cache: Path) -> int:
 
 def test_a_changed_kernel_reaches_the_callers_of_other_files(tmp_path: Path) -> None:
     sources, root = package(tmp_path), tmp_path / "cache"
-    before = prepare_cache(root, sources)
+    before = prepare_cache(root, sources.parent)
     assert twice(sources, before) == 2
     assert len(list(before.glob("*/*.nbc"))) == 3
     (sources / "callee.py").write_text(CALLEE.format(value=21), encoding="utf-8")
-    after = prepare_cache(root, sources)
+    after = prepare_cache(root, sources.parent)
     kept = [entry.name.split(".")[0] for entry in after.glob("*/*.nbc")]
     assert kept == ["bystander"]
     assert twice(sources, after) == 42
@@ -53,9 +53,9 @@ def test_a_changed_kernel_reaches_the_callers_of_other_files(tmp_path: Path) -> 
 
 def test_what_defines_no_kernel_and_is_not_asked_by_one_changes_nothing(tmp_path: Path) -> None:
     sources, root = package(tmp_path), tmp_path / "cache"
-    before = prepare_cache(root, sources)
+    before = prepare_cache(root, sources.parent)
     (sources / "command.py").write_text(f"import {PACKAGE}.caller\n", encoding="utf-8")
-    assert prepare_cache(root, sources) == before
+    assert prepare_cache(root, sources.parent) == before
 
 
 def test_folders_of_former_sources_go(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_folders_of_former_sources_go(tmp_path: Path) -> None:
     (root / "not-a-cache").mkdir(parents=True)
     for value in range(KEPT_FOLDERS + 2):
         (sources / "callee.py").write_text(CALLEE.format(value=value), encoding="utf-8")
-        folder = prepare_cache(root, sources)
+        folder = prepare_cache(root, sources.parent)
         os.utime(folder, (value, value))
     left = [path for path in root.iterdir() if (path / DIGESTS_NAME).is_file()]
     assert folder in left
@@ -78,8 +78,8 @@ def test_imports_within_functions_and_for_annotations_count(tmp_path: Path) -> N
     typed = f"if TYPE_CHECKING:\n    from {PACKAGE}.callee import one\n"
     (sources / "late.py").write_text(head + late, encoding="utf-8")
     (sources / "typed.py").write_text(head + typed, encoding="utf-8")
-    before = closure_digests(sources)
+    before = closure_digests(sources.parent)
     (sources / "callee.py").write_text(CALLEE.format(value=5), encoding="utf-8")
-    after = closure_digests(sources)
+    after = closure_digests(sources.parent)
     changed = {name for name in before if before[name] != after[name]}
     assert changed == {f"{PACKAGE}/{name}.py" for name in ("callee", "caller", "late", "typed")}

@@ -10,8 +10,8 @@ import pytest
 import spikingtac as st
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError
-from spikingtac.experiments.trials.methods import main_methods
 from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac_paper.trials.methods import main_methods
 from stand_ins.plugin_package import install
 
 CALIBRATION = st.Calibration(

@@ -12,11 +12,11 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.experiments.trials.methods import main_methods
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import PlacedTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac_paper.trials.methods import main_methods
 from stand_ins.ideal_events import ideal_events
 
 SIZE = (130, 130)

@@ -24,8 +24,8 @@ from spikingtac.batch.processes import ATTEMPTS, run_in_processes
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events import create_events, open_events
-from spikingtac.experiments.denoise import experiment
 from spikingtac.types import EventPacket
+from spikingtac_paper.denoise import experiment
 from stand_ins.dask_cluster import DaskCluster
 
 pytestmark = pytest.mark.waits

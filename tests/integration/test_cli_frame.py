@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac.cli import main as frame
-from spikingtac.cli.registry import VERBS
+from spikingtac.cli.registry import verbs
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 
 COMMAND = Path(sys.executable).with_name("spikingtac")
@@ -28,7 +28,7 @@ def spikingtac(*arguments: str, **environment: str) -> subprocess.CompletedProce
 def test_help_lists_every_verb() -> None:
     done = spikingtac("--help")
     assert done.returncode == 0
-    assert all(f"\n  {verb} " in done.stdout for verb in VERBS)
+    assert all(f"\n  {verb} " in done.stdout for verb in verbs())
 
 
 def test_no_verb_is_a_wrong_argument() -> None:

@@ -9,8 +9,9 @@ import pytest
 
 from spikingtac.config import digest
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.experiments.collision import jobs as collision_jobs
-from spikingtac.experiments.collision.approach_run import (
+from spikingtac.robot.approach import ApproachConfig, Approacher
+from spikingtac_paper.collision import jobs as collision_jobs
+from spikingtac_paper.collision.approach_run import (
     BEYOND_MM,
     ApproachRun,
     Observers,
@@ -18,15 +19,14 @@ from spikingtac.experiments.collision.approach_run import (
     prepare,
     stop_at,
 )
-from spikingtac.experiments.collision.experiment import make_report
-from spikingtac.experiments.collision.jobs import CollisionJob, run_job
-from spikingtac.experiments.collision.methods import collision_methods
-from spikingtac.experiments.collision.plan import CollisionConfig, plan
-from spikingtac.experiments.collision.scene import SETTLE_WINDOWS, CollisionScene
-from spikingtac.experiments.harness.records import load_record
-from spikingtac.experiments.harness.report import find_row
-from spikingtac.experiments.harness.report_files import write_report
-from spikingtac.robot.approach import ApproachConfig, Approacher
+from spikingtac_paper.collision.experiment import make_report
+from spikingtac_paper.collision.jobs import CollisionJob, run_job
+from spikingtac_paper.collision.methods import collision_methods
+from spikingtac_paper.collision.plan import CollisionConfig, plan
+from spikingtac_paper.collision.scene import SETTLE_WINDOWS, CollisionScene
+from spikingtac_paper.harness.records import load_record
+from spikingtac_paper.harness.report import find_row
+from spikingtac_paper.harness.report_files import write_report
 
 SCENE = CollisionScene()
 SPEED_MM_S = 180.0

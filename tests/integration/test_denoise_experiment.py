@@ -1,17 +1,17 @@
 import pytest
 
-from spikingtac.experiments.denoise.cases import (
+from spikingtac.sim.scene import catalog
+from spikingtac_paper.denoise.cases import (
     METHODS,
     UNITS,
     DenoiseConfig,
     report_rows,
     score_all,
 )
-from spikingtac.experiments.denoise.experiment import findings
-from spikingtac.experiments.denoise.figures import before_and_after
-from spikingtac.experiments.denoise.recordings import noise_free, render
-from spikingtac.experiments.denoise.scoring import ACTIVITY
-from spikingtac.sim.scene import catalog
+from spikingtac_paper.denoise.experiment import findings
+from spikingtac_paper.denoise.figures import before_and_after
+from spikingtac_paper.denoise.recordings import noise_free, render
+from spikingtac_paper.denoise.scoring import ACTIVITY
 
 SEED, DURATION_S = 1001, 1.2
 

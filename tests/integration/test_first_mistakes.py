@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.cli.registry import VERBS
+from spikingtac.cli.registry import verbs
 from spikingtac.cli.twin.demo import Args
 from spikingtac.errors import RecordingError
 from spikingtac.events.open import open_events
-from spikingtac.experiments.registry import EXPERIMENTS
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.session.opening import open_view_source
+from spikingtac_paper.registry import EXPERIMENTS
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -45,7 +45,7 @@ def test_a_wrong_option_is_named_even_where_an_argument_is_missing(
     assert said(capsys, "info", "--stricd", "x")[1].count("did you mean '--strict'") == 1
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", verbs())
 def test_help_shows_no_none(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, text = said(capsys, verb, "--help")
     assert code == 0

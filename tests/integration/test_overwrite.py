@@ -14,7 +14,7 @@ import pytest
 from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.registry import VERBS, module_of
+from spikingtac.cli.registry import module_of, verbs
 from spikingtac.errors import ConfigError
 
 
@@ -83,7 +83,7 @@ def arguments_of(kind: object) -> list[type]:
 
 def test_every_verb_that_writes_has_the_flag() -> None:
     writing, without = 0, []
-    for verb in VERBS:
+    for verb in verbs():
         for kind in arguments_of(importlib.import_module(module_of(verb)).Args):
             names = {field.name for field in fields(kind)}
             writing += bool(names & WRITTEN)

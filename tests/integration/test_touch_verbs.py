@@ -11,9 +11,9 @@ import spikingtac as st
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.events.recording import RecordingWriter
-from spikingtac.experiments.touch.slides import draw_slide
-from spikingtac.experiments.touch.slip_scores import GROSS_SHARE, LATE_US
-from spikingtac.experiments.touch.watched_slides import watch_slide
+from spikingtac_paper.touch.slides import draw_slide
+from spikingtac_paper.touch.slip_scores import GROSS_SHARE, LATE_US
+from spikingtac_paper.touch.watched_slides import watch_slide
 from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))

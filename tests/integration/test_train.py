@@ -81,9 +81,9 @@ def test_the_command_writes_networks_that_run(trained):
 
 def test_the_same_seed_gives_the_same_weights_and_an_interrupted_run_goes_on_to_them(trained):
     torch = pytest.importorskip("torch")
-    from spikingtac.denoise.training import train as training
-    from spikingtac.denoise.training.dataset import load_clip, map_after
-    from spikingtac.denoise.training.session import load_training_config
+    from spikingtac_paper.training import train as training
+    from spikingtac_paper.training.dataset import load_clip, map_after
+    from spikingtac_paper.training.session import load_training_config
 
     folder, recordings, _ = trained
     config = load_training_config(str(folder / "tiny.toml"))

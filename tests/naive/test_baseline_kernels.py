@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from spikingtac.baselines.arc_kernels import (
+from spikingtac.types import EventPacket
+from spikingtac_paper.baselines.arc_kernels import (
     NEVER,
     moving_circle_kernel,
     normal_flow_kernel,
     solve_kernel,
 )
-from spikingtac.baselines.arcs import Arc, find_arcs, pair_arcs
-from spikingtac.baselines.attraction import attraction_kernel, regularizer_kernel
-from spikingtac.baselines.evetac import neighbours
-from spikingtac.baselines.slices import SliceBuffer
-from spikingtac.baselines.time_surface import TimeSurface
-from spikingtac.types import EventPacket
+from spikingtac_paper.baselines.arcs import Arc, find_arcs, pair_arcs
+from spikingtac_paper.baselines.attraction import attraction_kernel, regularizer_kernel
+from spikingtac_paper.baselines.evetac import neighbours
+from spikingtac_paper.baselines.slices import SliceBuffer
+from spikingtac_paper.baselines.time_surface import TimeSurface
 
 
 def plain_attraction(events, center, inner, outer, turn):

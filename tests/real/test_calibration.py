@@ -11,14 +11,14 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
-from spikingtac.experiments.real_gels.scoring import truth_scores
-from spikingtac.experiments.trials.ground_truth import GroundTruth
-from spikingtac.experiments.trials.prediction import Prediction
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.calibration.trial_tracking import step_scale
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
+from spikingtac_paper.real_gels.scoring import truth_scores
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.prediction import Prediction
 from stand_ins.calibrated import calibrated, corner
 
 DEFAULT = load_config("default").tracking

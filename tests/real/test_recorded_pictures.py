@@ -11,9 +11,9 @@ from PIL import Image
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.experiments.real_gels.scoring import Plateaus, plateau_scores
-from spikingtac.experiments.trials.prediction import Prediction
 from spikingtac.tracks import Tracks
+from spikingtac_paper.real_gels.scoring import Plateaus, plateau_scores
+from spikingtac_paper.trials.prediction import Prediction
 from stand_ins.calibrated import calibrated
 from stand_ins.pictures import MOST_DIFFERENT_CELLS, different_cells
 

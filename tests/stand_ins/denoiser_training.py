@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.denoise.training.dataset import Clip
 from spikingtac.state_map.paint import paint_binary_discs
 from spikingtac.types import EventPacket
+from spikingtac_paper.training.dataset import Clip
 
 SIZE = (64, 48)
 RADIUS_PX = 7.0

@@ -1,4 +1,4 @@
-"""The package's files, read and parsed once in a process for all tests that look into them."""
+"""The packages' files, read and parsed once in a process for all tests that look into them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[2] / "src"
 PACKAGE = SOURCES / "spikingtac"
-FILES = tuple(sorted(PACKAGE.rglob("*.py")))
+FILES = tuple(sorted(SOURCES.rglob("*.py")))
 
 
 @cache

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Sequence
 from typing import Any
 
-from spikingtac.cli.registry import VERBS, module_of, overview
+from spikingtac.cli.registry import VERBS, module_of, overview, verbs
 from spikingtac.errors import ConfigError, SpikingTacError, nearest
 
 EXIT_INPUT, EXIT_ARGUMENTS, EXIT_MACHINE = 1, 2, 3
@@ -86,9 +86,9 @@ def _dispatch(arguments: list[str]) -> int:
         sys.stdout.write(f"spikingtac {package_version()}\n")
         return 0
     verb, rest = arguments[0], arguments[1:]
-    if verb not in VERBS:
+    if verb not in VERBS and verb not in (every := verbs()):
         raise ConfigError(
-            f"unknown verb {verb!r}{nearest(verb, VERBS)} (valid: {', '.join(VERBS)})"
+            f"unknown verb {verb!r}{nearest(verb, every)} (valid: {', '.join(every)})"
         )
     module = importlib.import_module(module_of(verb))
     return module.run(_parsed(module.Args, verb, rest))

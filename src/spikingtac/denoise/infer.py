@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.network.blocks import (
+from spikingtac.denoise.blocks import (
     SMOOTH_REACH,
     WORDS,
     combine_logits_kernel,
@@ -24,7 +24,7 @@ from spikingtac.denoise.network.blocks import (
     smooth_kernel,
     to_blocks_kernel,
 )
-from spikingtac.denoise.network.fold import (
+from spikingtac.denoise.fold import (
     evidence_kernel,
     fold_kernel,
     folded_shape,
@@ -37,7 +37,7 @@ FORMAT = "spikingtac-denoiser-1"
 INPUT, EVIDENCE, OUTPUT = "folded", "evidence", "cleaned"
 """Names of a float graph's inputs and output. Not every network has the second input."""
 BLOCKS, ANSWER = "blocks", "answer"
-"""Names of an int8 graph's input and output (:mod:`spikingtac.denoise.network.block_graph`)."""
+"""Names of an int8 graph's input and output (:mod:`spikingtac_paper.training.block_graph`)."""
 LOGIT_STEP, LOGIT_ZERO = "logit_step", "logit_zero"
 """Its metadata: the logit of one step of the output, and the byte of logit 0."""
 MANIFEST = "weights.json"
@@ -59,7 +59,7 @@ class NetworkDenoiser:
 
     Args:
         path: An ``.onnx`` file of ``spikingtac train`` or of
-            :mod:`spikingtac.denoise.network.export`.
+            :mod:`spikingtac_paper.training.export`.
 
     Raises:
         ConfigError: The file is missing, is damaged (its SHA-256 differs from that in

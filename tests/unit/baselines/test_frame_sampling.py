@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.baselines.frame_sampling import (
+from spikingtac_paper.baselines.frame_sampling import (
     FrameSampler,
     FrameSamplingConfig,
     displacement_sum_px,

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.baselines.ekalibr import EkalibrConfig
-from spikingtac.baselines.evetac import EvetacConfig
-from spikingtac.baselines.neutac import NeutacConfig
 from spikingtac.config import load_config
-from spikingtac.experiments.point_tracking.cases import main_trials
+from spikingtac_paper.baselines.ekalibr import EkalibrConfig
+from spikingtac_paper.baselines.evetac import EvetacConfig
+from spikingtac_paper.baselines.neutac import NeutacConfig
+from spikingtac_paper.point_tracking.cases import main_trials
 
 RECORD = Path(__file__).resolve().parents[3] / "benchmarks" / "records" / "tune_baselines.json"
 CONFIGS = {

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from spikingtac.denoise.classical import CLASSICAL_DENOISERS
-from spikingtac.experiments.denoise.cases import (
+from spikingtac_paper.denoise.cases import (
     FILTER_PRODUCT,
     METHODS,
     DenoiseConfig,
     Sample,
     report_rows,
 )
-from spikingtac.experiments.denoise.scoring import (
+from spikingtac_paper.denoise.scoring import (
     ACTIVITY,
     CleanRecording,
     Degradation,
     clean_centroids,
     score_recording,
 )
-from spikingtac.experiments.harness.rows import Row
+from spikingtac_paper.harness.rows import Row
 from stand_ins.denoiser_training import RADIUS_PX, moving_disc
 
 FIRST_US, EVERY_US = 50_000, 50_000

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from spikingtac.design.checks.check import check_design, require_sound
-from spikingtac.design.checks.finding import least, most
-from spikingtac.design.layout import Layout
-from spikingtac.design.parameters.design import Design, load_design, names
 from spikingtac.errors import ConfigError
+from spikingtac_hardware.checks.check import check_design, require_sound
+from spikingtac_hardware.checks.finding import least, most
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.parameters.design import Design, load_design, names
 
 
 def changed(part: str, **values: Any) -> Design:

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import pytest
 
-from spikingtac.design.bill import as_csv, bill_of_materials, totals
-from spikingtac.design.figures import figures_of
-from spikingtac.design.guide import build_guide
-from spikingtac.design.layout import Layout
-from spikingtac.design.parameters.design import load_design, names
-from spikingtac.design.published import TABLE
+from spikingtac_hardware.bill import as_csv, bill_of_materials, totals
+from spikingtac_hardware.figures import figures_of
+from spikingtac_hardware.guide import build_guide
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.parameters.design import load_design, names
+from spikingtac_hardware.published import TABLE
 
 PARTS = (
     "screws", "base", "connector", "camera-board", "event-sensor", "lens-holder", "lens",

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.design.layout import Layout
-from spikingtac.design.light import illuminance_lux, light_figures
-from spikingtac.design.optics import Imaging
-from spikingtac.design.parameters.design import Design, load_design
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.light import illuminance_lux, light_figures
+from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.parameters.design import Design, load_design
 
 
 def lit(design: Design, places_mm: list[list[float]]) -> np.ndarray:

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.design.layout import Layout
-from spikingtac.design.optics import Imaging
-from spikingtac.design.parameters.design import Design, load_design, names
-from spikingtac.design.twin import scene_with_design
 from spikingtac.sim.optics.projection import Optics
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.scene import Scene
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.parameters.design import Design, load_design, names
+from spikingtac_hardware.twin import scene_with_design
 
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.design.parameters.design import DEFAULT, descriptions, load_design, names
 from spikingtac.errors import ConfigError
 from spikingtac.schema import merged, to_mapping, to_toml
+from spikingtac_hardware.parameters.design import DEFAULT, descriptions, load_design, names
 
 
 def written(folder: Path, text: str, name: str = "mine.toml") -> Path:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.design.parameters.design import load_design, names
-from spikingtac.design.twin import scene_with_design
 from spikingtac.events.recording import Recording
 from spikingtac.sim.scene import catalog
+from spikingtac_hardware.parameters.design import load_design, names
+from spikingtac_hardware.twin import scene_with_design
 
 
 @pytest.mark.parametrize("name", names())

@@ -11,26 +11,26 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.design.layout import Layout
-from spikingtac.design.parameters.design import DEFAULT, load_design, names
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.parameters.design import DEFAULT, load_design, names
 
 REASON = "build123d is not installed; pip install 'spikingtac[design]' runs these tests"
 cad = pytest.importorskip("build123d", reason=REASON)
 checker = pytest.importorskip("trimesh", reason=REASON)
 
-from spikingtac.design.drawings.mesh import mesh_of  # noqa: E402
-from spikingtac.design.drawings.shading import Canvas, Shown, View  # noqa: E402
-from spikingtac.design.solids import assembly  # noqa: E402
-from spikingtac.design.solids.assembly import (  # noqa: E402
+from spikingtac.errors import ConfigError  # noqa: E402
+from spikingtac_hardware.drawings.mesh import mesh_of  # noqa: E402
+from spikingtac_hardware.drawings.shading import Canvas, Shown, View  # noqa: E402
+from spikingtac_hardware.solids import assembly  # noqa: E402
+from spikingtac_hardware.solids.assembly import (  # noqa: E402
     Part,
     interferences,
     sensor_parts,
     tool_parts,
 )
-from spikingtac.design.solids.cut import cut_faces  # noqa: E402
-from spikingtac.design.solids.shapes import box, common_volume_mm3  # noqa: E402
-from spikingtac.design.write import write_design  # noqa: E402
-from spikingtac.errors import ConfigError  # noqa: E402
+from spikingtac_hardware.solids.cut import cut_faces  # noqa: E402
+from spikingtac_hardware.solids.shapes import box, common_volume_mm3  # noqa: E402
+from spikingtac_hardware.write import write_design  # noqa: E402
 
 
 @cache

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.design.parameters.design import names
+from spikingtac_hardware.parameters.design import names
 
 
 def test_it_lists_the_designs(capsys: pytest.CaptureFixture[str]) -> None:

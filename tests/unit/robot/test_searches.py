@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, SearchError
-from spikingtac.experiments.holes.scoring import REGION
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import SECTOR_RAD, AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac.robot.prober import ProbingConfig
+from spikingtac_paper.holes.scoring import REGION
 from stand_ins.touching import IdealProber
 
 CENTER_MM = (0.3, -0.2)

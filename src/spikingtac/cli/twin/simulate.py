@@ -10,6 +10,7 @@ import tyro
 
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import ConfigError
+from spikingtac.plugins import SCENE_DESIGNS, with_plugins
 from spikingtac.sim.camera.config import CAMERA_NAMES
 
 if TYPE_CHECKING:
@@ -86,13 +87,8 @@ def run(args: Args) -> int:
 
 
 def _with_design(scene: Scene, name: str) -> Scene:
-    from spikingtac.design.checks.check import require_sound
-    from spikingtac.design.parameters.design import load_design
-    from spikingtac.design.twin import scene_with_design
-
-    design = load_design(name)
-    require_sound(design)
-    return scene_with_design(scene, design)
+    """Put a scene on a sensor, through the package that registers the designs."""
+    return with_plugins({}, SCENE_DESIGNS)["design"](scene, name)
 
 
 def _list(as_json: bool) -> int:

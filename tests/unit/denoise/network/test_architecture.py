@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 
 from spikingtac.denoise.infer import NetworkDenoiser
-from spikingtac.denoise.network.export import export_network
 from spikingtac.errors import ConfigError
+from spikingtac_paper.training.export import export_network
 from stand_ins.denoiser_training import noisy_maps
 
 torch = pytest.importorskip("torch")
 
-from spikingtac.denoise.network.architecture import (  # noqa: E402
+from spikingtac_paper.training.architecture import (  # noqa: E402
     NetworkConfig,
     apply_network,
     make_network,
 )
-from spikingtac.denoise.training.losses import prediction_error  # noqa: E402
-from spikingtac.denoise.training.training_state import (  # noqa: E402
+from spikingtac_paper.training.losses import prediction_error  # noqa: E402
+from spikingtac_paper.training.training_state import (  # noqa: E402
     TrainingState,
     load_state,
     save_state,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.denoise.network.blocks import (
+from spikingtac.denoise.blocks import (
     WORDS,
     combine_logits_kernel,
     from_blocks_kernel,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.denoise.network.fold import (
+from spikingtac.denoise.fold import (
     evidence_kernel,
     fold_kernel,
     folded_shape,

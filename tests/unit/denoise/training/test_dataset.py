@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.denoise.training.dataset import PairConfig, load_clip, make_pairs, map_after
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.recording import RecordingWriter
 from spikingtac.types import EventPacket
+from spikingtac_paper.training.dataset import PairConfig, load_clip, make_pairs, map_after
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
 
 NO_DEGRADATION = PairConfig(

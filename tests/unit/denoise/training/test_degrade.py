@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.denoise.training.degrade import with_background, with_drops
 from spikingtac.state_map.binary import first_unfit_event
 from spikingtac.types import EventPacket
+from spikingtac_paper.training.degrade import with_background, with_drops
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
 
 

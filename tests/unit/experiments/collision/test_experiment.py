@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.experiments.collision.experiment import fast_detectors
-from spikingtac.experiments.collision.findings import findings
-from spikingtac.experiments.collision.methods import collision_methods
-from spikingtac.experiments.collision.plan import (
+from spikingtac_paper.collision.experiment import fast_detectors
+from spikingtac_paper.collision.findings import findings
+from spikingtac_paper.collision.methods import collision_methods
+from spikingtac_paper.collision.plan import (
     QUIET_SEED,
     SPEEDS,
     STRETCH_SEED,
@@ -17,10 +17,10 @@ from spikingtac.experiments.collision.plan import (
     plan,
     series,
 )
-from spikingtac.experiments.collision.scene import CollisionScene, run_up_mm, travel_time_s
-from spikingtac.experiments.collision.scoring import DEFINITIONS, collision_rows, garwood
-from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_options import select_methods
+from spikingtac_paper.collision.scene import CollisionScene, run_up_mm, travel_time_s
+from spikingtac_paper.collision.scoring import DEFINITIONS, collision_rows, garwood
+from spikingtac_paper.harness.rows import Row
+from spikingtac_paper.harness.run_options import select_methods
 
 
 def outcome(deviation: float, overshoot: float, delay_us: float = 1_000.0) -> dict[str, float]:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.experiments.harness.quiet_windows import load_windows, save_windows
 from spikingtac.types import EventPacket
+from spikingtac_paper.harness.quiet_windows import load_windows, save_windows
 
 SIZE = (320, 320)
 

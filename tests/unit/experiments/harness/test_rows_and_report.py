@@ -6,15 +6,15 @@ import pytest
 
 from spikingtac.batch.run_folder import begin_run
 from spikingtac.errors import ConfigError
-from spikingtac.experiments.harness.metric import Metric
-from spikingtac.experiments.harness.published import POINT_TRACKING
-from spikingtac.experiments.harness.report import Report, Table
-from spikingtac.experiments.harness.report_files import latex, write_report
-from spikingtac.experiments.harness.rows import Row, interval, rows_of
-from spikingtac.experiments.point_tracking.findings import findings
-from spikingtac.experiments.point_tracking.tables import report_tables
-from spikingtac.experiments.trials.laws import LAW
-from spikingtac.experiments.trials.metrics import POINT_METRICS
+from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.published import POINT_TRACKING
+from spikingtac_paper.harness.report import Report, Table
+from spikingtac_paper.harness.report_files import latex, write_report
+from spikingtac_paper.harness.rows import Row, interval, rows_of
+from spikingtac_paper.point_tracking.findings import findings
+from spikingtac_paper.point_tracking.tables import report_tables
+from spikingtac_paper.trials.laws import LAW
+from spikingtac_paper.trials.metrics import POINT_METRICS
 
 METRICS = (
     Metric("return_mean_px", "px", "how far"),

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.experiments.holes.figures import plate_figure
-from spikingtac.experiments.holes.jobs import RADII_MM
 from spikingtac.sim.probing.wall_calibration import ANGLES_DEG, DEFAULT, WALL_MM
+from spikingtac_paper.holes.figures import plate_figure
+from spikingtac_paper.holes.jobs import RADII_MM
 
 SEED = 3
 

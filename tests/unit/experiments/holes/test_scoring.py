@@ -5,12 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.experiments.harness.published import HOLE_ERRORS_MM, HOLES
-from spikingtac.experiments.harness.report import find_row
-from spikingtac.experiments.holes.experiment import findings
-from spikingtac.experiments.holes.figures import error_figure, plate_figure
-from spikingtac.experiments.holes.jobs import RADII_MM, trial_of
-from spikingtac.experiments.holes.scoring import DEFINITIONS, METHODS, hole_rows, score
 from spikingtac.geometry.hole import hexagon_reach_mm
 from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import cross_search
@@ -23,6 +17,12 @@ from spikingtac.sim.probing.wall_calibration import (
     WALL_MM,
     travel_of,
 )
+from spikingtac_paper.harness.published import HOLE_ERRORS_MM, HOLES
+from spikingtac_paper.harness.report import find_row
+from spikingtac_paper.holes.experiment import findings
+from spikingtac_paper.holes.figures import error_figure, plate_figure
+from spikingtac_paper.holes.jobs import RADII_MM, trial_of
+from spikingtac_paper.holes.scoring import DEFINITIONS, METHODS, hole_rows, score
 from stand_ins.touching import IdealProber
 
 HEADING_RAD, TRAVEL_MM = 0.3, 0.12

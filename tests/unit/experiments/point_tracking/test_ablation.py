@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.experiments.point_tracking.ablation import (
+from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
     ablation_methods,
     ablation_trials,
     methods_on,
 )
-from spikingtac.experiments.point_tracking.no_hold import NoHold
-from spikingtac.experiments.trials.methods import Method
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac_paper.point_tracking.no_hold import NoHold
+from spikingtac_paper.trials.methods import Method
 
 SIZE = (130, 130)
 METHODS = ablation_methods()

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from spikingtac.experiments.harness.rows import Row
-from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.throughput import bench as module
-from spikingtac.experiments.throughput.bench import CAMERAS, run
+from spikingtac_paper.harness.rows import Row
+from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.throughput import bench as module
+from spikingtac_paper.throughput.bench import CAMERAS, run
 
 VALUES = {
     "default": {"step_p50_us": 200.0, "step_p99_us": 400.0, "error_mean_px": 0.1},

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.experiments.throughput import bench_stream as module
-from spikingtac.experiments.throughput.bench_stream import TARGET_HZ, kept_stream
+from spikingtac_paper.throughput import bench_stream as module
+from spikingtac_paper.throughput.bench_stream import TARGET_HZ, kept_stream
 
 
 def test_a_kept_stream_is_the_one_that_was_made(

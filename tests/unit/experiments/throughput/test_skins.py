@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.throughput import skins
-from spikingtac.experiments.throughput.skin_stream import (
+from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.throughput import skins
+from spikingtac_paper.throughput.skin_stream import (
     SKINS,
     Skin,
     calibration_at_rest,

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.experiments.touch.baselines import region_above
-from spikingtac.experiments.touch.twin_patches import (
+from spikingtac.touch.contact_patch.patch import SQUARE, Patch
+from spikingtac_paper.touch.baselines import region_above
+from spikingtac_paper.touch.twin_patches import (
     REGIONS,
     WatchedPress,
     draw_press,
     patch_scores,
     watch_press,
 )
-from spikingtac.touch.contact_patch.patch import SQUARE, Patch
 
 CELLS = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
 TOUCHED = (np.abs(CELLS - 9.5) < 4.0).all(axis=1)

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.touch import experiment
-from spikingtac.experiments.touch.twin_slip import (
+from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.touch import experiment
+from spikingtac_paper.touch.twin_slip import (
     CONTACTS,
     HELD_CONTACTS,
     HELD_SEED,

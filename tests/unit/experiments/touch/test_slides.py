@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.experiments.touch.slides import (
+from spikingtac_paper.touch.slides import (
     CARRY,
     CARRY_MM,
     CARRY_MOVES,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.experiments.touch.bodies import ROUND, TAUGHT, TESTED
-from spikingtac.experiments.touch.slides import KINDS, Slide, draw_slide
-from spikingtac.experiments.touch.slip_scores import Truth, slip_scores
-from spikingtac.experiments.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
-from spikingtac.experiments.touch.watched_slides import WatchedSlide, watch_slide
 from spikingtac.sim.scene.timeline import Timeline
+from spikingtac_paper.touch.bodies import ROUND, TAUGHT, TESTED
+from spikingtac_paper.touch.slides import KINDS, Slide, draw_slide
+from spikingtac_paper.touch.slip_scores import Truth, slip_scores
+from spikingtac_paper.touch.twin_slip import alarms_of, held_truth_of, shift_stops, truth_of
+from spikingtac_paper.touch.watched_slides import WatchedSlide, watch_slide
 
 
 def truth(slow: bool = True) -> Truth:

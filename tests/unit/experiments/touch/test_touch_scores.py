@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.experiments.harness.rows import rows_of
-from spikingtac.experiments.touch.baselines import MeanDisplacement, event_touches
-from spikingtac.experiments.touch.experiment import METRICS, findings
-from spikingtac.experiments.touch.recorded_forces import force_records
-from spikingtac.experiments.touch.twin_touches import touch_scores
 from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac_paper.harness.rows import rows_of
+from spikingtac_paper.touch.baselines import MeanDisplacement, event_touches
+from spikingtac_paper.touch.experiment import METRICS, findings
+from spikingtac_paper.touch.recorded_forces import force_records
+from spikingtac_paper.touch.twin_touches import touch_scores
 
 TRUTH = [(1_000_000, 2_000_000), (3_000_000, 4_000_000)]
 

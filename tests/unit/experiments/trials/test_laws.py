@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from spikingtac.experiments.trials.ground_truth import GroundTruth
-from spikingtac.experiments.trials.laws import (
+from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
+from spikingtac.markers.hysteresis import NoLaw, PaperLaw
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.laws import (
     apply_law,
     compared_laws,
     law_rows,
     loop_drift_px,
     swept_laws,
 )
-from spikingtac.experiments.trials.prediction import Prediction
-from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
-from spikingtac.markers.hysteresis import NoLaw, PaperLaw
+from spikingtac_paper.trials.prediction import Prediction
 
 REST = np.array([[50.0, 50.0], [90.0, 50.0]])
 T_US = np.arange(0, 10_000_000, 2_000)

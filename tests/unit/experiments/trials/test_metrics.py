@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.experiments.trials.ground_truth import GroundTruth
-from spikingtac.experiments.trials.metrics import (
+from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.metrics import (
     POINT_METRICS,
     longest_duration_us,
     nearest_another,
@@ -11,8 +12,7 @@ from spikingtac.experiments.trials.metrics import (
     point_scores,
     return_growth_px,
 )
-from spikingtac.experiments.trials.prediction import Prediction
-from spikingtac.markers.anchored_law import AnchoredLawConfig
+from spikingtac_paper.trials.prediction import Prediction
 
 REST = np.array([[50.0, 50.0], [90.0, 50.0], [50.0, 90.0], [90.0, 90.0]])
 TIMES_US = np.arange(0, 1_000_000, 2_000)

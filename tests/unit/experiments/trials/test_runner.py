@@ -14,25 +14,25 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.open import open_events
-from spikingtac.experiments.harness.run_options import RunOptions
-from spikingtac.experiments.point_tracking.cases import (
+from spikingtac.markers.anchored_law import AnchoredLaw
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.motions import IndenterMotion
+from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.point_tracking.cases import (
     DAMAGES,
     LOOPS,
     QUICK_MOTION_S,
     main_trials,
 )
-from spikingtac.experiments.registry import EXPERIMENTS, runner_of
-from spikingtac.experiments.trials import runner as runner_module
-from spikingtac.experiments.trials.ground_truth import GroundTruth
-from spikingtac.experiments.trials.laws import LawMethod
-from spikingtac.experiments.trials.methods import Method, main_methods
-from spikingtac.experiments.trials.runner import TrialJob, predict, run_all, run_job
-from spikingtac.experiments.trials.shortened_scenes import shortened
-from spikingtac.experiments.trials.trials import Trial
-from spikingtac.markers.anchored_law import AnchoredLaw
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import IndenterMotion
-from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac_paper.registry import EXPERIMENTS, runner_of
+from spikingtac_paper.trials import runner as runner_module
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.laws import LawMethod
+from spikingtac_paper.trials.methods import Method, main_methods
+from spikingtac_paper.trials.runner import TrialJob, predict, run_all, run_job
+from spikingtac_paper.trials.shortened_scenes import shortened
+from spikingtac_paper.trials.trials import Trial
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
 BUILT: list[str] = []

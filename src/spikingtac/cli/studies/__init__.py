@@ -1,1 +1,0 @@
-"""Verbs that repeat experiments and train networks."""

@@ -1,1 +1,0 @@
-"""The network: architecture, ONNX export, integer graph."""

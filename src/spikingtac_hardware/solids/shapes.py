@@ -1,0 +1,85 @@
+"""Prisms, cylinders and boxes between two heights, mm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from spikingtac_hardware.layout import SMALL_RADIUS_MM, Outline
+from spikingtac_hardware.solids.cad import Solid, modeller
+
+TOUCHING_MM = 1e-5
+"""Overlap of bounding boxes that only touch, mm (rounding of the modeller)."""
+
+Places = Iterable[tuple[float, float]]
+
+
+def prism(outline: Outline, low_mm: float, high_mm: float) -> Solid:
+    """Return an outline, extruded from one height to another."""
+    cad = modeller()
+    lifted = cad.Pos(0, 0, low_mm) * face(outline)
+    return cad.extrude(lifted, high_mm - low_mm, dir=(0, 0, 1))
+
+
+def face(outline: Outline) -> Solid:
+    """Return an outline as a flat face at height 0."""
+    cad = modeller()
+    if outline.kind == "round":
+        return cad.Circle(outline.half_mm[0])
+    return cad.RectangleRounded(*outline.size_mm, min(outline.radius_mm, *outline.half_mm) * 0.999)
+
+
+def funnel(low: Outline, low_mm: float, high: Outline, high_mm: float) -> Solid:
+    """Return the solid between an outline at one height and another one above it."""
+    cad = modeller()
+    return cad.loft([cad.Pos(0, 0, low_mm) * face(low), cad.Pos(0, 0, high_mm) * face(high)])
+
+
+def cylinder(radius_mm: float, place: tuple[float, float], low_mm: float, high_mm: float) -> Solid:
+    """Return an upright cylinder about a place, mm."""
+    cad = modeller()
+    middle = cad.Pos(*place, (low_mm + high_mm) / 2)
+    return middle * cad.Cylinder(radius_mm, high_mm - low_mm)
+
+
+def cylinders(radius_mm: float, places: Places, low_mm: float, high_mm: float) -> Solid:
+    """Return equal cylinders at several places, as one compound."""
+    cad = modeller()
+    return cad.Compound([cylinder(radius_mm, place, low_mm, high_mm) for place in places])
+
+
+def box(
+    size: tuple[float, float], place: tuple[float, float], low_mm: float, high_mm: float
+) -> Solid:
+    """Return an upright box about a place, mm."""
+    cad = modeller()
+    middle = cad.Pos(*place, (low_mm + high_mm) / 2)
+    return middle * cad.Box(*size, high_mm - low_mm)
+
+
+def octagon(size: tuple[float, float], chamfer_mm: float, low_mm: float, high_mm: float) -> Solid:
+    """Return a box about the axis whose upright edges are cut, mm."""
+    cad = modeller()
+    solid = box(size, (0.0, 0.0), low_mm, high_mm)
+    return cad.chamfer(solid.edges().filter_by(cad.Axis.Z), chamfer_mm)
+
+
+def square(half_mm: float) -> Outline:
+    """Return a square outline of a half-width, mm."""
+    return Outline("rectangle", (2 * half_mm, 2 * half_mm), SMALL_RADIUS_MM)
+
+
+def common_volume_mm3(one: Solid, other: Solid) -> float:
+    """Return the volume that two solids share, mm³."""
+    if _apart(one.bounding_box(), other.bounding_box()):
+        return 0.0
+    common = one.intersect(other)
+    return 0.0 if common is None else float(sum(part.volume for part in common.solids()))
+
+
+def _apart(one: Solid, other: Solid) -> bool:
+    """Tell whether two bounding boxes have no common inside; one may hold the other."""
+    return any(
+        getattr(one.max, axis) <= getattr(other.min, axis) + TOUCHING_MM
+        or getattr(other.max, axis) <= getattr(one.min, axis) + TOUCHING_MM
+        for axis in "XYZ"
+    )

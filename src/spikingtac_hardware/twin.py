@@ -1,0 +1,75 @@
+"""Scenes of the twin on the sensor of a design."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from spikingtac.schema import merged
+from spikingtac.sim.optics.projection import OpticsConfig
+from spikingtac.sim.scene.scene import Scene
+from spikingtac_hardware.checks.check import require_sound
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.light import light_figures
+from spikingtac_hardware.optics import Imaging
+from spikingtac_hardware.parameters.design import Design, load_design
+
+
+def scene_on_design(scene: Scene, name: str) -> Scene:
+    """Return a scene on the sensor of a design.
+
+    Args:
+        scene: A scene of the twin.
+        name: Name of a design, or the path of a TOML file.
+
+    Raises:
+        ConfigError: There is no such design, or it fails its checks.
+    """
+    design = load_design(name)
+    require_sound(design)
+    return scene_with_design(scene, design)
+
+
+def scene_with_design(scene: Scene, design: Design) -> Scene:
+    """Return a scene whose sensor is that of a design: grid, gel, lens, sensor size, light.
+
+    Bodies, motions, camera preset, specimen, tolerances of the discs and the gel's stiffness stay
+    those of the scene. Broken and missing discs stay where the grid is the same.
+
+    Args:
+        scene: A scene of the twin.
+        design: The design; it must pass its checks.
+
+    Example:
+        >>> from spikingtac_hardware.parameters.design import load_design
+        >>> from spikingtac.sim.scene import catalog
+        >>> scene_with_design(catalog.load("quiet"), load_design()).skin.pitch_mm
+        2.4
+    """
+    layout = Layout(design)
+    imaging = Imaging(layout)
+    skin = design.skin
+    contrast = skin.contrast if skin.paint == "white" else 1 / skin.contrast
+    light = {"contrast": contrast, "vignetting": light_figures(layout, imaging).vignetting}
+    settings = merged(scene.camera.settings, {"light": light})
+    return replace(
+        scene,
+        skin=replace(scene.skin, grid=skin.grid, pitch_mm=skin.pitch_mm),
+        gel=replace(scene.gel, thickness_mm=skin.gel_mm + skin.cover_mm),
+        optics=_optics(scene, design, imaging),
+        camera=replace(scene.camera, settings=settings),
+    )
+
+
+def _optics(scene: Scene, design: Design, imaging: Imaging) -> OpticsConfig:
+    lens = imaging.twin_lens()
+    discs = replace(scene.optics.discs, radius_mm=design.skin.disc_diameter_mm / 2)
+    if scene.skin.grid != design.skin.grid:
+        discs = replace(discs, broken=(), missing=())
+    return OpticsConfig(
+        size=design.sensor.pixels,
+        px_per_mm=lens.px_per_mm,
+        distance_mm=lens.distance_mm,
+        k1=lens.k1,
+        k2=lens.k2,
+        discs=discs,
+    )

@@ -1,0 +1,89 @@
+"""Compute a sensor from its parameters, check it, and write its parts and drawings."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Compute a sensor from its parameters, check it, and write its parts and drawings.
+
+    Without -o the figures and checks are printed, which needs nothing beyond the plain install.
+    With -o the parts (STEP, STL, DXF), drawings, pictures, bill of materials and build guide are
+    written, which needs: pip install 'spikingtac[design]'. No sensor was built from them yet.
+    """
+
+    design: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="DESIGN")] = "paper-size"
+    """Name of a design (see --list), or the path of a TOML file."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = None
+    """Folder to write."""
+    overwrite: bool = False
+    """Replace a design that the folder holds."""
+    list: bool = False
+    """Print the designs, one per line: name, two spaces, description."""
+    json: bool = False
+    """Print one JSON object."""
+
+
+def run(args: Args) -> int:
+    """Print the figures and checks of a design, and write its files."""
+    from spikingtac_hardware.checks.check import require_sound
+    from spikingtac_hardware.figures import figures_of
+    from spikingtac_hardware.parameters.design import descriptions, load_design
+
+    if args.list:
+        return _list(descriptions(), args.json)
+    design = load_design(args.design)
+    if args.output is None:
+        findings = require_sound(design)
+        figures = figures_of(design)
+        if not args.json:
+            _show(args.design, figures)
+            rows = [(finding.name, finding.reason) for finding in findings]
+            emit_table(f"{len(rows)} checks passed", ("check", "what was found"), rows, words=2)
+            return 0
+        checks = [{**asdict(one), "passed": one.passed} for one in findings]
+        emit_json({"design": args.design, "figures": figures, "checks": checks})
+        return 0
+    from spikingtac_hardware.write import write_design
+
+    with progress(f"designing {args.design}") as advance:
+        figures = write_design(design, args.output, args.overwrite, advance)
+    if args.json:
+        emit_json({"design": args.design, "folder": str(args.output), "figures": figures})
+        return 0
+    _show(args.design, figures)
+    remark(f"{args.output}: {figures['files']} files; begin with build-guide.md")
+    return 0
+
+
+def _list(descriptions: dict[str, str], as_json: bool) -> int:
+    if as_json:
+        emit_json({"designs": descriptions})
+        return 0
+    sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions.items())
+    return 0
+
+
+def _show(name: str, figures: dict[str, Any]) -> None:
+    emit_table(f"{name}, computed", ("figure", "value"), _rows(figures))
+
+
+def _rows(figures: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            for inner, number in value.items():
+                yield f"{name}.{inner}", f"{number:.4g}"
+        elif isinstance(value, list):
+            yield name, " x ".join(f"{number:.4g}" for number in value)
+        else:
+            yield name, f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,219 @@
+"""One approach through the whole twin that does not stop at contact; every method observes it.
+
+The arm is position-controlled. The outcome of a method therefore follows from the time of its
+decision: a copy of the arm is stopped at that time. A test compares this with the closed loop
+(:class:`~spikingtac.robot.approach.Approacher`): decision and overshoot are the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.robot.approach import ApproachConfig
+from spikingtac.robot.arm import ArmState
+from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig
+from spikingtac.sim.rig.ur3 import UR3Twin
+from spikingtac_paper.baselines.frame_sampling import FrameSampler
+from spikingtac_paper.collision.scene import (
+    NEAR_MM,
+    RELEASED_S,
+    SETTLE_WINDOWS,
+    CollisionScene,
+    run_up_mm,
+    travel_time_s,
+)
+
+Vector = NDArray[np.float64]
+
+RETREAT_MM_S = 180.0
+"""Speed of the motion back to the start, mm/s: it ends within the second after a release."""
+BEYOND_MM = 60.0
+"""Distance of the commanded target behind the wall, mm: no method stops that late."""
+FRAMES = "frames"
+"""Name of the frame sampler's decision in :attr:`ApproachRun.decided_us`."""
+WINDOW_US = 1000
+"""Length of a window of the detectors, us (Section V-B)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observers:
+    """The methods that observe an approach.
+
+    Attributes:
+        detectors: Event detectors by name, reset.
+        frames: The frame sampler, or None.
+        required: Detectors whose decisions end the run; it does not wait for the others.
+        patience_mm: Travel of the arm after the touch at which the run ends in any case, mm.
+    """
+
+    detectors: Mapping[str, ContactDetector]
+    frames: FrameSampler | None
+    required: frozenset[str]
+    patience_mm: float
+
+
+@dataclass
+class ApproachRun:
+    """The record of one approach.
+
+    Attributes:
+        touch: The true first touch.
+        arm: A copy of the arm at the beginning of its motion; copies of it are stopped later.
+        decided_us: Method -> time of its first decision, us.
+        costs_us: Detector -> histogram of its computing time per window, us.
+        counts: Number of events of each window that the detectors received.
+        first_us: Beginning of the first of these windows, us.
+    """
+
+    touch: FirstContact
+    arm: UR3Twin
+    decided_us: dict[str, float] = field(default_factory=dict)
+    costs_us: dict[str, Counter[int]] = field(default_factory=dict)
+    counts: list[int] = field(default_factory=list)
+    first_us: int = 0
+
+
+def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.Generator) -> None:
+    """Touch the wall and release it, move to the start, and wait there until the approach is due.
+
+    The arm begins each motion with a cycle of its controller. The start is therefore moved back at
+    random by up to the travel of one cycle; from a fixed place, every touch would fall into the
+    same phase of a cycle.
+
+    Args:
+        rig: A new rig of the scene.
+        scene: The scene.
+        speed_mm_s: Speed of the approach, mm/s.
+        rng: Draws the starting place.
+    """
+    released_us = float(rig.t_us)
+    if scene.past == "released":
+        rig.arm.move_linear(PriorContact().press_mm * scene.direction, PriorContact().speed_mm_s)
+        _until_at_rest(rig)
+        rig.wait(PriorContact().hold_s)
+        rig.arm.move_linear(-NEAR_MM * scene.direction, PriorContact().speed_mm_s)
+        while rig.state.in_contact:
+            rig.wait(WAIT_S)
+        released_us = float(rig.t_us)
+        _until_at_rest(rig)
+    way_mm = run_up_mm(scene, speed_mm_s) + rng.uniform() * speed_mm_s * scene.rig.arm.cycle_s
+    rig.arm.move_linear(-way_mm * scene.direction, RETREAT_MM_S)
+    _until_at_rest(rig)
+    due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(scene, speed_mm_s, way_mm))
+    rig.wait(max((due_us - rig.t_us) * 1e-6, WAIT_S))
+    rig.reset_first_contact()
+
+
+def approach(
+    rig: Rig, scene: CollisionScene, speed_mm_s: float, observers: Observers
+) -> ApproachRun:
+    """Move the arm past the wall's place while all methods observe.
+
+    Args:
+        rig: The rig after :func:`prepare`.
+        scene: The scene of the rig.
+        speed_mm_s: Speed of the arm, mm/s.
+        observers: The methods that observe.
+    """
+    rig.arm.move_linear(BEYOND_MM * scene.direction, speed_mm_s)
+    arm = rig.arm.copy()
+    config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
+    before = _cruise(rig, scene, config)
+    run = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
+    run.costs_us = {name: Counter() for name in observers.detectors}
+    if observers.frames is not None:
+        observers.frames.start(np.mean(before, axis=0))
+    known = float(rig.t_us), rig.markers_px[0]
+    while not _has_ended(rig, observers, run):
+        window = next(rig.windows())
+        run.counts.append(len(window))
+        for name, detector in observers.detectors.items():
+            if name not in run.decided_us:
+                begun = time.perf_counter()
+                contact = detector.update(window)
+                run.costs_us[name][round((time.perf_counter() - begun) * 1e6)] += 1
+                if contact is not None:
+                    run.decided_us[name] = float(rig.t_us)
+        before_us, centers = known
+        known = float(rig.t_us), rig.markers_px[0]
+        _show_to_frames(
+            observers, run, (np.array([before_us, known[0]]), np.array([centers, known[1]]))
+        )
+    if rig.first_contact is not None:
+        run.touch = rig.first_contact
+    return run
+
+
+def _show_to_frames(observers: Observers, run: ApproachRun, truth: tuple[Vector, Vector]) -> None:
+    """Give the frame sampler the true markers since the last window."""
+    if observers.frames is not None and FRAMES not in run.decided_us:
+        found = observers.frames.look(truth)
+        if found is not None:
+            run.decided_us[FRAMES] = found
+
+
+def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vector]:
+    """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
+
+    The rule is that of :class:`~spikingtac.robot.approach.Approacher`.
+    """
+    cruising, seen = 0, []
+    while cruising < config.settle_windows:
+        next(rig.windows(WINDOW_US))
+        speed = float(rig.arm.speed_mm_s() @ scene.direction)
+        steady = abs(speed / config.speed_mm_s - 1.0) <= config.cruise_tolerance
+        cruising = cruising + 1 if steady else 0
+        seen.append(rig.markers_px[0])
+    return seen[-config.settle_windows :]
+
+
+def _has_ended(rig: Rig, observers: Observers, run: ApproachRun) -> bool:
+    if rig.first_contact is None:
+        return rig.arm.state() is not ArmState.MOVING
+    required = observers.required | ({FRAMES} if observers.frames is not None else set())
+    if required <= set(run.decided_us):
+        return True
+    travel = rig.arm.true_position_mm() - rig.first_contact.arm_mm
+    return float(np.linalg.norm(travel)) > observers.patience_mm
+
+
+def _until_at_rest(rig: Rig) -> None:
+    while rig.arm.state() is ArmState.MOVING:
+        rig.wait(WAIT_S)
+
+
+@dataclass(frozen=True, slots=True)
+class StopOutcome:
+    """Positions of the arm along the approach, mm from the true first touch.
+
+    Attributes:
+        deviation_mm: The true position at the decision.
+        read_mm: The position that the controller reported at the decision.
+        overshoot_mm: The true position at rest.
+    """
+
+    deviation_mm: float
+    read_mm: float
+    overshoot_mm: float
+
+
+def stop_at(run: ApproachRun, decided_us: float, direction: Vector) -> StopOutcome:
+    """Return the outcome of a decision at some time, by stopping a copy of the run's arm."""
+    arm, real = run.arm.copy(), run.touch.arm_mm
+    now_us = round(decided_us)
+    arm.advance_to(now_us)
+    deviation = float((arm.true_position_mm() - real) @ direction)
+    read = float((arm.pose().position_mm - real) @ direction)
+    arm.stop()
+    while arm.state() is ArmState.MOVING:
+        now_us += WINDOW_US
+        arm.advance_to(now_us)
+    overshoot = float((arm.true_position_mm() - real) @ direction)
+    return StopOutcome(deviation, read, overshoot)

@@ -1,0 +1,201 @@
+"""The cases of the ``denoise`` experiment: noise, event loss and state map; and their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.infer import NetworkDenoiser
+from spikingtac.denoise.registry import make_denoiser
+from spikingtac.sim.scene.catalog import TRAJECTORIES
+from spikingtac_paper.denoise.recordings import TrueRecording
+from spikingtac_paper.denoise.scoring import (
+    Centroids,
+    CleanRecording,
+    Degradation,
+    MapKind,
+    Score,
+    clean_centroids,
+    score_recording,
+)
+from spikingtac_paper.harness.rows import Row
+from spikingtac_paper.training.degrade import US_PER_S
+
+SUPERVISED = Path(__file__).resolve().parents[4] / "results" / "denoise" / "supervised.onnx"
+"""Network that was trained with noise-free maps: an upper bound. Only the source tree has it."""
+METHODS = (
+    *("none", "median3", "box7", "network", "network-int8"),
+    *(("supervised",) if SUPERVISED.is_file() else ()),
+)
+"""Methods of the report. An installed package has no ``supervised``."""
+HELD_OUT = "finger-torsion"
+"""Test recording with a kind of motion that is not in the training recordings."""
+FILTER_PRODUCT = 0.03
+"""Background rate times window of the activity filter (ours); about an eighth of the fraction of
+noise events that pass. The filter is the same for all methods."""
+FAST_PX_S = 20.0
+"""Markers that move faster count as fast, others as slow, px/s (ours)."""
+DEFINITIONS = {
+    "centroid_mean_px": "distance of a found blob's centroid to the marker's true centre, mean",
+    "excess_mean_px": "distance of a found blob's centroid to that which the same map gives without"
+    " noise, drops and activity filter, mean over markers and moments",
+    "recall": "fraction of the markers and moments of the clean map that have a blob within half"
+    " a pitch of the clean centroid",
+    "step_p50_us": "time from map to blobs, median over the moments",
+}
+UNITS = {"centroid_mean_px": "px", "excess_mean_px": "px", "recall": "1", "step_p50_us": "us"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DenoiseConfig:
+    """The settings of the experiment; all values are ours.
+
+    Attributes:
+        scenes: Scenes of the twin.
+        seeds: Seeds of each scene; training uses others.
+        duration_s: Length of each recording, s.
+        noise_hz: Background rates, per pixel and second.
+        drop: Fractions of the signal events that are dropped.
+        maps: Kinds of state map.
+        longest_us: Longest window of the activity filter, us.
+        every_us: Time between two scored moments, us.
+        first_us: Time from the start of a recording to its first moment, us.
+    """
+
+    scenes: tuple[str, ...] = TRAJECTORIES
+    seeds: tuple[int, ...] = (1001,)
+    duration_s: float = 6.0
+    noise_hz: tuple[float, ...] = (0.05, 0.2, 1.0, 5.0)
+    drop: tuple[float, ...] = (0.0, 0.1, 0.3, 0.5)
+    maps: tuple[MapKind, ...] = field(default_factory=lambda: get_args(MapKind))
+    longest_us: int = 80_000
+    every_us: int = 100_000
+    first_us: int = 500_000
+
+    def window_us(self, noise_hz: float) -> int:
+        """Return the window of the activity filter for a background rate, us.
+
+        A shorter window passes less noise, but it also removes events of slow motions, which have
+        no neighbour within the window. The rate is measured on an untouched sensor.
+        """
+        return round(min(US_PER_S * FILTER_PRODUCT / noise_hz, self.longest_us))
+
+
+Samples = dict[tuple[str, str], list["Sample"]]
+"""(case, method) -> samples of all recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The scores of one method on one recording.
+
+    Attributes:
+        excess_px: Distances to the clean centroid, NaN where the marker was not found.
+        centroid_px: Distances to the true centre, NaN where the marker was not found.
+        step_us: Computing times of the steps, us.
+        source: ``twin`` or ``v2e``.
+    """
+
+    excess_px: NDArray[np.float64]
+    centroid_px: NDArray[np.float64]
+    step_us: NDArray[np.float64]
+    source: str
+
+
+def denoiser_of(method: str) -> Denoiser:
+    """Return the denoiser behind a method of the report."""
+    return NetworkDenoiser(SUPERVISED) if method == "supervised" else make_denoiser(method)
+
+
+def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
+    """Score every method in every case on one recording."""
+    denoisers = {name: denoiser_of(name) for name in METHODS}
+    samples: Samples = {}
+    for kind in config.maps:
+        reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)
+        _warm_up(denoisers, recording.clean)
+        for noise_hz in config.noise_hz:
+            for drop in config.drop:
+                case = f"{kind}@{float(noise_hz)}-{float(drop)}"
+                degradation = Degradation(
+                    noise_hz=noise_hz, drop=drop, window_us=config.window_us(noise_hz), seed=seed
+                )
+                scores = score_recording(recording.clean, kind, degradation, reference, denoisers)
+                for method, score in scores.items():
+                    for prefix, sample in _samples(recording, reference, score, config):
+                        samples.setdefault((prefix + case, method), []).append(sample)
+    return samples
+
+
+def report_rows(parts: Sequence[Samples]) -> list[Row]:
+    """Return the rows of the report from the samples of all recordings."""
+    merged: Samples = {}
+    for part in parts:
+        for key, samples in part.items():
+            merged.setdefault(key, []).extend(samples)
+    rows = []
+    for (case, method), samples in merged.items():
+        if sum(sample.excess_px.size for sample in samples) == 0:
+            continue
+        for metric, (value, count) in _metrics(samples).items():
+            rows.append(
+                Row(
+                    method=method,
+                    case=case,
+                    metric=metric,
+                    value=value,
+                    unit=UNITS[metric],
+                    n=count,
+                    source=samples[0].source,
+                    paper=None,
+                    definition=DEFINITIONS[metric],
+                )
+            )
+    return rows
+
+
+def _warm_up(denoisers: Mapping[str, Denoiser], recording: CleanRecording) -> None:
+    width, height = recording.events.size
+    for denoiser in denoisers.values():
+        denoiser.clean(np.zeros((height, width), np.float32))
+
+
+def _samples(
+    recording: TrueRecording, reference: Centroids, score: Score, config: DenoiseConfig
+) -> list[tuple[str, Sample]]:
+    """Return (prefix of the case, sample) for every case to which a score contributes."""
+    source = recording.clean.source
+    centroid_px = np.hypot(*np.moveaxis(score.center_px - recording.at(reference.at_us), -1, 0))
+
+    def sample_of(where: NDArray[np.bool_]) -> Sample:
+        scored = where & reference.found
+        return Sample(score.error_px[scored], centroid_px[scored], score.step_us, source)
+
+    every = np.ones_like(reference.found)
+    if source != "twin":
+        return [(f"{source}/", sample_of(every))]
+    fast = reference.speed_px_s > FAST_PX_S
+    out = [("", sample_of(every)), ("fast/", sample_of(fast)), ("slow/", sample_of(~fast))]
+    if recording.clean.name == HELD_OUT:
+        out.append(("heldout/", sample_of(every)))
+    return out
+
+
+def _metrics(samples: Sequence[Sample]) -> dict[str, tuple[float | None, int]]:
+    excess_px = np.concatenate([sample.excess_px for sample in samples])
+    centroid_px = np.concatenate([sample.centroid_px for sample in samples])
+    step_us = np.concatenate([sample.step_us for sample in samples])
+    found = ~np.isnan(excess_px)
+    count = int(found.sum())
+    return {
+        "centroid_mean_px": (float(centroid_px[found].mean()) if count else None, count),
+        "excess_mean_px": (float(excess_px[found].mean()) if count else None, count),
+        "recall": (float(found.mean()), len(found)),
+        "step_p50_us": (float(np.median(step_us)), len(step_us)),
+    }

@@ -1,0 +1,237 @@
+"""Score denoisers on one recording: excess centroid error, recall, time per step.
+
+The reference is the centroid in the same map without noise, event loss and activity filter. Errors
+of the state map itself therefore do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
+from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.state_map.paint import paint_binary_discs, paint_discs
+from spikingtac.state_map.state_map import StateMap
+from spikingtac.types import EventPacket
+from spikingtac_paper.training.degrade import with_background, with_drops
+
+MapKind = Literal["binary", "graded"]
+ACTIVITY = "activity+"
+"""Prefix of the names of methods with the event-activity filter before the map."""
+
+
+@dataclass(frozen=True, slots=True)
+class CleanRecording:
+    """A recording with as little noise as possible.
+
+    Attributes:
+        name: Name of the scene or file.
+        events: All its events.
+        reference_px: ``(m, 2)`` rest positions, from which the first map is painted, px.
+        radius_px: ``(m,)`` radii of the markers, px.
+        source: ``twin`` or ``v2e``.
+    """
+
+    name: str
+    events: EventPacket
+    reference_px: NDArray[np.float64]
+    radius_px: NDArray[np.float64]
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Degradation:
+    """A degradation of the events.
+
+    Attributes:
+        noise_hz: Background noise that is added, per pixel and second.
+        drop: Fraction of the signal events that is dropped.
+        window_us: Window of the activity filter, us.
+        seed: Seed of noise and drops.
+    """
+
+    noise_hz: float
+    drop: float
+    window_us: int
+    seed: int = 0
+
+    def filtered(self, events: EventPacket) -> EventPacket:
+        """Return the events that pass the activity filter."""
+        config = BackgroundActivityConfig(window_us=self.window_us)
+        return BackgroundActivityFilter(config, events.size)(events)
+
+    def apply(self, events: EventPacket) -> EventPacket:
+        """Return the degraded events, unfiltered."""
+        random = np.random.default_rng(self.seed)
+        return with_background(with_drops(events, self.drop, random), self.noise_hz, random)
+
+
+@dataclass(frozen=True, slots=True)
+class Centroids:
+    """The reference positions.
+
+    Attributes:
+        at_us: ``(n,)`` moments, us.
+        center_px: ``(n, m, 2)`` centroids in the clean map, px. Where it does not show a marker as
+            one blob (two markers touch, or one lies at the border), the last centroid.
+        found: ``(n, m)`` False there; such moments are not scored.
+        speed_px_s: ``(n, m)`` speed of each centroid, px/s.
+    """
+
+    at_us: NDArray[np.int64]
+    center_px: NDArray[np.float64]
+    found: NDArray[np.bool_]
+    speed_px_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """The result of one method on one recording.
+
+    Attributes:
+        center_px: ``(n, m, 2)`` centroids of the blobs, px; NaN where a marker was not found.
+        error_px: ``(n, m)`` distances to the reference, px; NaN likewise.
+        step_us: ``(n,)`` time from map to blobs, us.
+    """
+
+    center_px: NDArray[np.float64]
+    error_px: NDArray[np.float64]
+    step_us: NDArray[np.float64]
+
+
+class _Finder:
+    """Blobs near the places where the markers should be."""
+
+    def __init__(self, recording: CleanRecording) -> None:
+        tracker = BlobTrackerConfig()
+        disc_px = np.pi * recording.radius_px**2
+        config = BlobConfig(
+            threshold=tracker.threshold,
+            min_area_px=tracker.min_area_share * float(disc_px.min()),
+            max_area_px=tracker.max_area_share * float(disc_px.max()),
+        )
+        self._detector = BlobDetector(recording.events.size, config)
+        self._near_px = tracker.proximity_share * smallest_spacing_px(recording.reference_px)
+
+    def find(self, state_map: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the blobs' centroids ``(k, 2)``, px."""
+        return self._detector.detect(state_map).center_px
+
+    def nearest(
+        self, blobs_px: NDArray[np.float64], to_px: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return for each place its nearest blob ``(m, 2)``, or NaN where none is near."""
+        if len(blobs_px) == 0:
+            return np.full(to_px.shape, np.nan)
+        offset = blobs_px[np.newaxis] - to_px[:, np.newaxis]
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        nearest = blobs_px[distance.argmin(axis=1)]
+        return np.where(distance.min(axis=1, keepdims=True) < self._near_px, nearest, np.nan)
+
+
+def clean_centroids(
+    recording: CleanRecording, kind: MapKind, every_us: int, first_us: int
+) -> Centroids:
+    """Return the centroids of the map without noise and drops.
+
+    Args:
+        recording: The clean recording.
+        kind: Kind of the state map.
+        every_us: Time between two moments, us.
+        first_us: Time from the start to the first moment, us.
+    """
+    events = recording.events
+    at_us = np.arange(events.t_start_us + first_us, events.t_end_us + 1, every_us)
+    finder, center_px = _Finder(recording), recording.reference_px.astype(np.float64)
+    rows, seen = [], []
+    for state_map in state_maps(recording, events, kind, at_us):
+        found = finder.nearest(finder.find(state_map), center_px)
+        center_px = np.where(np.isnan(found), center_px, found)
+        rows.append(center_px)
+        seen.append(~np.isnan(found[:, 0]))
+    centers = np.array(rows)
+    moved = np.gradient(centers, at_us / 1e6, axis=0)
+    return Centroids(at_us, centers, np.array(seen), np.hypot(moved[..., 0], moved[..., 1]))
+
+
+def score_recording(
+    recording: CleanRecording,
+    kind: MapKind,
+    degradation: Degradation,
+    reference: Centroids,
+    denoisers: Mapping[str, Denoiser],
+) -> dict[str, Score]:
+    """Score each denoiser, with and without the activity filter before the map.
+
+    Args:
+        recording: The clean recording.
+        kind: Kind of the state map.
+        degradation: The degradation of its events.
+        reference: The reference positions.
+        denoisers: Name -> denoiser.
+
+    Returns:
+        Method -> score; the names with the filter begin with ``activity+``.
+    """
+    noisy = degradation.apply(recording.events)
+    plain = _score(recording, noisy, kind, reference, denoisers)
+    behind = _score(recording, degradation.filtered(noisy), kind, reference, denoisers)
+    return plain | {ACTIVITY + name: score for name, score in behind.items()}
+
+
+def _score(
+    recording: CleanRecording,
+    events: EventPacket,
+    kind: MapKind,
+    reference: Centroids,
+    denoisers: Mapping[str, Denoiser],
+) -> dict[str, Score]:
+    finder = _Finder(recording)
+    centers: dict[str, list[NDArray[np.float64]]] = {name: [] for name in denoisers}
+    times_us: dict[str, list[float]] = {name: [] for name in denoisers}
+    maps = state_maps(recording, events, kind, reference.at_us)
+    for state_map, true_px in zip(maps, reference.center_px, strict=True):
+        for name, denoiser in denoisers.items():
+            begin = perf_counter()
+            blobs_px = finder.find(denoiser.clean(state_map))
+            times_us[name].append(1e6 * (perf_counter() - begin))
+            centers[name].append(finder.nearest(blobs_px, true_px))
+    return {
+        name: _scored(np.array(centers[name]), reference, np.array(times_us[name]))
+        for name in denoisers
+    }
+
+
+def _scored(
+    center_px: NDArray[np.float64], reference: Centroids, step_us: NDArray[np.float64]
+) -> Score:
+    offset = center_px - reference.center_px
+    return Score(center_px, np.hypot(offset[..., 0], offset[..., 1]), step_us)
+
+
+def state_maps(
+    recording: CleanRecording, events: EventPacket, kind: MapKind, at_us: NDArray[np.int64]
+) -> Iterator[NDArray[np.float32]]:
+    """Yield the map at each moment, contiguous; the next one overwrites it."""
+    shape = (events.size, recording.reference_px, recording.radius_px)
+    state_map: StateMap = (
+        BinaryStateMap(events.size, paint_binary_discs(*shape))
+        if kind == "binary"
+        else GradedStateMap(paint_discs(*shape))
+    )
+    first, start_us = 0, events.t_start_us
+    for end_us, last in zip(at_us, np.searchsorted(events.t, at_us), strict=True):
+        state_map.absorb(events.part(first, int(last), start_us, int(end_us)))
+        first, start_us = int(last), int(end_us)
+        yield np.ascontiguousarray(state_map.values, np.float32)

@@ -1,0 +1,180 @@
+"""The jobs of the hole experiment: a calibration per seed, then two searches per hole.
+
+In a search each touch depends on all touches before. Both searches of a hole are therefore made
+once, and every method and both repeatabilities of the arm are evaluated on their touches.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.atomic_files import write_json
+from spikingtac.contact.detector import ContactDetector
+from spikingtac.errors import SearchError
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.arm import ArmState
+from spikingtac.robot.cross_search import cross_search
+from spikingtac.robot.prober import Prober, Touched
+from spikingtac.sim.probing.readings import PLANNING_MM, RecordingProber
+from spikingtac.sim.probing.wall_calibration import (
+    CORNER_MM,
+    CROSS,
+    DEFAULT,
+    STYLES,
+    WALL_MM,
+    detector_for,
+    prober_for,
+    quiet_windows,
+    touch_flat_walls,
+    travel_of,
+)
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, flat_wall, hole_trial
+from spikingtac.types import FloatArray
+from spikingtac_paper.harness.fingerprint import code_digest
+from spikingtac_paper.harness.quiet_windows import load_windows, save_windows
+from spikingtac_paper.harness.records import Record, load_record
+
+RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
+"""Ten radii from 0.7 to 5.0 mm, the range of section V-C."""
+PITCH_MM = 15.0
+"""Distance of neighbouring holes, mm (ours: the holes do not touch each other)."""
+COLUMNS = 5
+"""Holes in a row of the plate; it has two rows."""
+MOST_CONTACTS = 12
+"""Contacts of the adaptive search."""
+CYCLES = {CROSS: 4, DEFAULT: 10}
+"""Touches in each direction of a calibration, at most 10 (contract.md). The calibration's error is
+common to all contacts of a seed: with five touches in each of twelve directions it was a seventh
+of the variance of a centre from twelve contacts (ours: measured)."""
+QUICK_CYCLES = {CROSS: 2, DEFAULT: 3}
+"""The same in a quick run, which has one seed and hence one calibration."""
+DETECTOR = "default"
+"""Contact detector of all searches."""
+HOLE_SEEDS, CALIBRATION_SEEDS = 1000, 500
+"""Noise seeds of a hole and of a calibration, per experiment seed."""
+CALIBRATION_STREAM, SEARCH_STREAM, PAST_STREAM = 4, 5, 6
+"""Numbers of the random streams of the readings and of the contacts before."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoleJob:
+    """One hole of one seed; ``hole`` None means the seed's calibration.
+
+    Attributes:
+        folder: Folder of the run.
+        seed: Seed of grasp, plate and noise.
+        hole: Index into :data:`RADII_MM`.
+        quick: Whether the calibration uses :data:`QUICK_CYCLES`.
+    """
+
+    folder: Path
+    seed: int
+    hole: int | None = None
+    quick: bool = False
+
+    @property
+    def cycles(self) -> dict[str, int]:
+        """Touches in each direction of the calibration, by style."""
+        return QUICK_CYCLES if self.quick else CYCLES
+
+    @property
+    def path(self) -> Path:
+        """File of the touches."""
+        name = "calibration" if self.hole is None else f"hole-{self.hole + 1}"
+        return self.folder / "touches" / f"seed-{self.seed}" / f"{name}.json"
+
+    @property
+    def quiet_path(self) -> Path:
+        """File of the quiet windows of the seed."""
+        return self.path.with_name("quiet.npz")
+
+    def key(self) -> str:
+        """Return the digest of the code and the settings that the touches depend on."""
+        return f"{code_digest()}-{DETECTOR}-{'quick' if self.quick else 'full'}"
+
+
+def trial_of(seed: int, hole: int) -> HoleTrial:
+    """Return a hole of a seed's plate, with the start of its search."""
+    center = PITCH_MM * np.array([hole % COLUMNS, hole // COLUMNS], np.float64)
+    return hole_trial(RADII_MM[hole], center, CORNER_MM, seed)
+
+
+def run_calibration(job: HoleJob) -> Record:
+    """Touch a flat wall in every direction of the searches, or read these touches from disk."""
+    record = load_record(job.path, job.key())
+    if record is not None and job.quiet_path.is_file():
+        return record
+    site = HoleSite(Grasp.of(job.seed), CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
+    quiet = quiet_windows(site)
+    save_windows(job.quiet_path, quiet)
+    detector = detector_for(site, DETECTOR, quiet)
+    record = {"key": job.key(), "seed": job.seed}
+    rng = np.random.default_rng([job.seed, PAST_STREAM])
+    before_cross = functools.partial(_make_past_contact, site, detector, rng)
+    for style in STYLES:
+        prober = RecordingProber(prober_for(site, detector, style), [job.seed, CALIBRATION_STREAM])
+        touch_flat_walls(site, prober, style, job.cycles[style], before_cross)
+        record[style] = prober.stored
+    write_json(job.path, record)
+    return record
+
+
+def run_searches(job: HoleJob) -> Record:
+    """Search one hole in both styles, or read the touches from disk."""
+    assert job.hole is not None
+    record = load_record(job.path, job.key())
+    if record is not None:
+        return record
+    calibration = run_calibration(replace(job, hole=None))
+    trial = trial_of(job.seed, job.hole)
+    site = HoleSite(Grasp.of(job.seed), HOLE_SEEDS * job.seed + job.hole)
+    detector = detector_for(site, DETECTOR, load_windows(job.quiet_path))
+    _make_past_contact(site, detector, np.random.default_rng([job.seed, PAST_STREAM, job.hole]))
+    record = {"key": job.key(), "seed": job.seed, "hole": job.hole}
+    for style in STYLES:
+        site.set_wall(trial.wall, trial.start_mm)
+        travel = travel_of(calibration[style], PLANNING_MM)
+        seed = [job.seed, SEARCH_STREAM, job.hole]
+        prober = RecordingProber(prober_for(site, detector, style), seed)
+        found: dict[str, Any] = {"used": [], "error": None}
+        try:
+            used = _search(style, prober, trial.start_mm, travel)
+            found["used"] = prober.numbers(used)
+        except SearchError as failure:
+            found["error"] = str(failure)
+        record[style] = {"touches": prober.stored, **found}
+        _wait_until_at_rest(site)
+    write_json(job.path, record)
+    return record
+
+
+def _search(
+    style: str, prober: Prober, start_mm: FloatArray, travel: TravelModel
+) -> Sequence[Touched]:
+    if style == CROSS:
+        return cross_search(prober, start_mm, travel)
+    config = AdaptiveSearchConfig(contacts=MOST_CONTACTS)
+    return AdaptiveSearch(prober, travel, config).run(start_mm).touches
+
+
+def _make_past_contact(site: HoleSite, detector: ContactDetector, rng: np.random.Generator) -> None:
+    """Touch another wall and wait a second: the pixels' references keep traces of this contact."""
+    angle = 2.0 * np.pi * rng.uniform()
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    site.set_wall(flat_wall(direction, WALL_MM), np.zeros(2))
+    with contextlib.suppress(SearchError):
+        prober_for(site, detector, DEFAULT).touch(np.zeros(2), direction)
+    site.rig.wait(1.0)
+
+
+def _wait_until_at_rest(site: HoleSite) -> None:
+    while site.rig.arm.state() is ArmState.MOVING:
+        site.rig.wait(0.01)

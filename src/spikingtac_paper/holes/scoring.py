@@ -1,0 +1,265 @@
+"""From the touches of the hole experiment to estimates, errors and rows of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spikingtac.geometry.align import align
+from spikingtac.geometry.hole import Circle
+from spikingtac.geometry.touch_fit import TouchFitConfig
+from spikingtac.geometry.travel import TravelModel
+from spikingtac.robot.adaptive_search import hole_around
+from spikingtac.robot.cross_search import calibrated_circle, published_circle
+from spikingtac.robot.prober import Touched
+from spikingtac.sim.probing.readings import SIGMAS_MM, touched_of
+from spikingtac.sim.probing.wall_calibration import CROSS, DEFAULT, travel_of
+from spikingtac.types import FloatArray
+from spikingtac_paper.harness.published import HOLES
+from spikingtac_paper.harness.rows import Row, interval
+from spikingtac_paper.holes.jobs import MOST_CONTACTS, trial_of
+
+CROSS_CONTACTS = 4
+REGION = 7.8147
+"""95 % quantile of chi-squared with three degrees of freedom: centre and radius together."""
+DIVERGED_MM = 0.5
+"""Error beyond which an estimate counts as diverged, mm: five times the paper's RMSE."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HoleMethod:
+    """A way to estimate a hole from stored touches.
+
+    Attributes:
+        style: The search that made the touches: ``cross`` or ``default``.
+        contacts: Number of contacts that are used.
+        about: One line for the report.
+    """
+
+    style: str
+    contacts: int
+    about: str
+
+
+METHODS: dict[str, HoleMethod] = {
+    "cross4-published": HoleMethod(
+        style=CROSS,
+        contacts=CROSS_CONTACTS,
+        about="the paper's search at 0.8 mm/s with its constants, R_offset 0.375 mm and delta_crit "
+        "0.4 mm; it states no uncertainty, coverage95 uses that of four even contacts",
+    ),
+    "cross4": HoleMethod(
+        style=CROSS,
+        contacts=CROSS_CONTACTS,
+        about="the same touches and formulas with delta_crit calibrated by direction and the "
+        "hexagon's mean reach",
+    ),
+    "default-4": HoleMethod(
+        style=DEFAULT, contacts=4, about="the adaptive search, its first 4 contacts"
+    ),
+    "default-12": HoleMethod(
+        style=DEFAULT, contacts=MOST_CONTACTS, about="the adaptive search with 12 contacts"
+    ),
+}
+"""Name -> method."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoleScore:
+    """One estimate against the truth.
+
+    Attributes:
+        seed: Seed of the plate.
+        hole: Index of the hole.
+        circle: The estimate, or None where the search ended with an error.
+        center_mm: ``(2,)`` true centre, mm.
+        radius_mm: True radius, mm.
+        sigma_mm: Standard deviation of a contact according to the calibration, mm.
+        presses: Number of touches of the wall, conditioning included.
+        contacts: Number of readings that the estimate uses.
+    """
+
+    seed: int
+    hole: int
+    circle: Circle | None
+    center_mm: FloatArray
+    radius_mm: float
+    sigma_mm: float
+    presses: int
+    contacts: int
+
+    @property
+    def error_mm(self) -> FloatArray:
+        """Errors ``(3,)`` of centre x, centre y and radius, mm; infinite without an estimate."""
+        if self.circle is None:
+            return np.full(3, np.inf)
+        away = self.circle.center_mm - self.center_mm
+        return np.append(away, self.circle.radius_mm - self.radius_mm)
+
+    @property
+    def diverged(self) -> bool:
+        """Whether there is no estimate, or one with an error above :data:`DIVERGED_MM`."""
+        return bool(np.abs(self.error_mm).max() > DIVERGED_MM)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the stated 95 % region contains the truth."""
+        if self.circle is None:
+            return False
+        error = self.error_mm
+        return bool(error @ np.linalg.solve(self.circle.covariance_mm2, error) < REGION)
+
+
+def score(
+    method: str, record: Mapping[str, Any], calibration: Mapping[str, Any], sigma_mm: float
+) -> HoleScore:
+    """Estimate one hole by one method, for an arm of some repeatability.
+
+    Args:
+        method: Name in :data:`METHODS`.
+        record: From :func:`~spikingtac_paper.holes.jobs.run_searches`.
+        calibration: From :func:`~spikingtac_paper.holes.jobs.run_calibration`.
+        sigma_mm: Repeatability per axis and reading, mm.
+    """
+    rule = METHODS[method]
+    trial = trial_of(record["seed"], record["hole"])
+    travel = travel_of(calibration[rule.style], sigma_mm)
+    stored, used = record[rule.style]["touches"], record[rule.style]["used"][: rule.contacts]
+    made = stored[: used[-1] + 1] if used else stored
+    touches = [touched_of(stored[number], sigma_mm) for number in used]
+    found = len(touches) == rule.contacts
+    return HoleScore(
+        seed=record["seed"],
+        hole=record["hole"],
+        circle=_estimate(method, touches, travel) if found else None,
+        center_mm=trial.center_mm,
+        radius_mm=trial.wall.radius_mm,
+        sigma_mm=travel.sigma_mm,
+        presses=sum(one["presses"] for one in made),
+        contacts=rule.contacts,
+    )
+
+
+def _estimate(method: str, touches: list[Touched], travel: TravelModel) -> Circle:
+    if method == "cross4-published":
+        return published_circle(touches, travel.sigma_mm)
+    if method == "cross4":
+        return calibrated_circle(touches, travel)
+    return hole_around(touches, travel, TouchFitConfig())
+
+
+def hole_rows(
+    records: Sequence[Mapping[str, Any]],
+    calibrations: Mapping[int, Mapping[str, Any]],
+    methods: Sequence[str],
+) -> list[Row]:
+    """Return all rows: every method, repeatability and hole, and all holes together."""
+    rows: list[Row] = []
+    for prefix, sigma_mm in SIGMAS_MM.items():
+        for method in methods:
+            scores = [score(method, one, calibrations[one["seed"]], sigma_mm) for one in records]
+            holes = sorted({one.hole for one in scores})
+            for hole in holes:
+                part = [one for one in scores if one.hole == hole]
+                rows += _rows(method, f"{prefix}/hole-{hole + 1}", part)
+            rows += _rows(method, f"{prefix}/all", scores)
+    return rows
+
+
+DEFINITIONS = {
+    "position_rmse_mm": "root mean square distance of estimated and true centre, robot frame",
+    "position_rmse_kabsch_mm": "the same after each plate's estimated centres were laid onto the "
+    "true ones by rotation and translation (Kabsch), as in the paper",
+    "radius_rmse_mm": "root mean square error of the radius",
+    "radius_mean_signed_mm": "signed mean error of the radius (the paper's 0.0452 mm, which its "
+    "abstract calls RMSE)",
+    "coverage95": "fraction of trials whose stated 95 % region of centre and radius contains the "
+    "truth",
+    "bound_ratio": "position RMSE over 2 sigma_c / sqrt(contacts), sigma_c being the standard "
+    "deviation of a contact on the calibration's flat wall",
+    "contacts": "number of readings that an estimate uses",
+    "touches": "number of presses against the wall for them, finding and conditioning included",
+    "diverged": "trials without an estimate, or off by more than 0.5 mm in any coordinate; they "
+    "are left out of the other figures",
+}
+"""Metric -> definition."""
+
+UNITS = {
+    "coverage95": "1",
+    "bound_ratio": "times",
+    **dict.fromkeys(("contacts", "touches", "diverged"), "count"),
+}
+"""Metric -> unit; all others are lengths in mm."""
+
+
+def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
+    good = [one for one in scores if not one.diverged]
+    values: dict[str, float | None] = dict.fromkeys(DEFINITIONS)
+    values["diverged"] = float(len(scores) - len(good))
+    values["contacts"] = float(METHODS[method].contacts)
+    spans: dict[str, tuple[float, float] | None] = {}
+    if good:
+        values |= _figures(good)
+        seeds = sorted({one.seed for one in good})
+        each = [_figures([one for one in good if one.seed == seed]) for seed in seeds]
+        spans = {name: interval(np.array([one[name] for one in each])) for name in each[0]}
+        if (ends := spans["coverage95"]) is not None:
+            spans["coverage95"] = max(ends[0], 0.0), min(ends[1], 1.0)
+    if not case.endswith("/all"):
+        del values["position_rmse_kabsch_mm"]
+    return [
+        Row(
+            method=method,
+            case=case,
+            metric=name,
+            value=value,
+            unit=UNITS.get(name, "mm"),
+            n=len(scores) if name == "diverged" else len(good),
+            source="twin",
+            paper=_printed(method, case, name),
+            definition=DEFINITIONS[name],
+            ci95=spans.get(name),
+            seeds=len({one.seed for one in scores}),
+        )
+        for name, value in values.items()
+    ]
+
+
+def _figures(scores: Sequence[HoleScore]) -> dict[str, float]:
+    error = np.array([one.error_mm for one in scores])
+    position = _rms(np.linalg.norm(error[:, :2], axis=1))
+    sigma = _rms(np.array([one.sigma_mm for one in scores]))
+    bound = 2.0 * sigma / math.sqrt(scores[0].contacts)
+    return {
+        "position_rmse_mm": position,
+        "position_rmse_kabsch_mm": _rms(_aligned(scores)),
+        "radius_rmse_mm": _rms(error[:, 2]),
+        "radius_mean_signed_mm": float(error[:, 2].mean()),
+        "coverage95": float(np.mean([one.covered for one in scores])),
+        "bound_ratio": position / bound,
+        "touches": float(np.mean([one.presses for one in scores])),
+    }
+
+
+def _aligned(scores: Sequence[HoleScore]) -> FloatArray:
+    """Return the distances ``(n,)`` after the alignment of each plate, mm."""
+    left = []
+    for seed in {one.seed for one in scores}:
+        plate = [(one.circle, one.center_mm) for one in scores if one.seed == seed]
+        found = np.array([circle.center_mm for circle, _ in plate if circle is not None])
+        true = np.array([center for _, center in plate])
+        left.append(np.linalg.norm(align(found, true).apply(found) - true, axis=1))
+    return np.concatenate(left)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _printed(method: str, case: str, metric: str) -> float | None:
+    printed = HOLES.get((method, metric)) if case == "rep028/all" else None
+    return printed.value if printed else None

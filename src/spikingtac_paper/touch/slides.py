@@ -1,0 +1,279 @@
+"""Contacts that stick, slip in part and slip: random bodies, loads, motions and frictions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from spikingtac.sim.gel.contact import FrictionConfig
+from spikingtac.sim.gel.gel import GelConfig
+from spikingtac.sim.gel.indenters import IndenterConfig
+from spikingtac.sim.scene.motions import MotionConfig
+from spikingtac.sim.scene.scene import ContactConfig, Scene
+from spikingtac.sim.scene.segments import SegmentConfig
+from spikingtac_paper.touch.bodies import TAUGHT, Body
+
+SPEEDS_MM_S = (2.0, 80.0)
+"""Range of the drags' speeds, mm/s; their logarithms are uniform."""
+FAST_MM_S = 20.0
+"""Speed above which the gel is stepped every 2 ms instead of 4."""
+SLIDE_MM = (2.5, 4.5)
+"""Range of the slides' lengths, mm; longer than any contact sticks."""
+SHORT_MM = (0.2, 1.2)
+"""Range of the drags that are to stick, mm per unit of friction."""
+TURN_DEG = (15.0, 60.0)
+TWIST_MM_S, SLOW_TWIST_MM_S = (1.0, 8.0), (1.0, 3.0)
+"""Ranges of the twists' speeds at their rim, mm/s."""
+TWIST_ARM_MM = 3.0
+"""Where that rim is, mm."""
+LEAST_SPEED_MM_S = 4.0
+"""Slowest motion there and back, mm/s: slower ones take too long."""
+PLACE_MM = 2.5
+"""Contacts begin within this distance of the middle, per axis, mm."""
+LIFT_S = 0.2
+"""Duration of the release, s."""
+RELEASE = (
+    SegmentConfig(kind="hold", duration_s=0.2),
+    SegmentConfig(kind="lift", height_mm=0.3, duration_s=LIFT_S),
+)
+"""How every contact ends."""
+SLOW_MM_S = (1.5, 6.0)
+"""Range of the speeds of motions that are slow by their kind, mm/s."""
+ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)
+"""Radius of a rolling body, and range where it is drawn, mm."""
+KINDS = (
+    "slide",
+    "slide",
+    "stick",
+    "twist",
+    "rub",
+    "short-rub",
+    "circle",
+    "roll",
+    "deepen",
+    "twice",
+)
+"""What is drawn from: slides count twice."""
+VARIED_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
+"""What half of the slip model is fitted to: more slow motions, and rolls of any radius."""
+CARRY = "carry"
+"""A body that is held and disturbed, as when it is carried; drawn only where it is asked for."""
+HOLD = "hold"
+"""A body that is pressed and held still for long; drawn only where it is asked for."""
+HOLD_S = 20.0
+"""How long, s."""
+IN_PLACE = ("twist", "circle", "slow-twist", "slow-circle", CARRY, HOLD)
+"""Kinds in which a body stays about where it was pressed."""
+CARRY_MOVES = 10
+"""Disturbances of one carried body, a second each."""
+CARRY_MM = 0.3
+"""Largest distance of a carried body from where it was taken, mm per unit of friction."""
+CARRY_DEPTH = (0.9, 1.15)
+"""Range of its depths, as a share of the first."""
+CARRY_REST_S = (0.1, 1.0)
+"""Range of the rests between its moves, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slide:
+    """One drawn contact.
+
+    Attributes:
+        kind: What the body does, of :data:`KINDS`.
+        body: Its name.
+        friction: Coefficient of friction.
+        speed_mm_s: Peak speed of the drag, mm/s (of a twist: at the rim of 3 mm).
+        scene: The scene.
+    """
+
+    kind: str
+    body: str
+    friction: float
+    speed_mm_s: float
+    scene: Scene
+
+
+def draw_slide(
+    rng: np.random.Generator,
+    bodies: Sequence[Body] = TAUGHT,
+    frictions: Sequence[float] = (),
+    kinds: Sequence[str] = KINDS,
+    gels: Sequence[GelConfig] = (GelConfig(),),
+) -> Slide:
+    """Return a random contact.
+
+    Args:
+        rng: Where it is drawn from.
+        bodies: Bodies to choose from.
+        frictions: Coefficients to choose from; uniform between 0.25 and 0.95 unless given.
+        kinds: Motions to choose from.
+        gels: Gels to choose from; the contract's unless given. Friction is the contact's own.
+    """
+    gel = gels[int(rng.integers(len(gels)))] if len(gels) > 1 else gels[0]
+    body = bodies[int(rng.integers(len(bodies)))]
+    friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(0.25, 0.95))
+    kind = str(rng.choice(kinds))
+    speed = float(np.exp(rng.uniform(*np.log(SPEEDS_MM_S))))
+    depth = float(rng.uniform(*body.depth_mm))
+    motion = _Motion(rng, friction, speed, depth)
+    press = SegmentConfig(kind="press", depth_mm=depth, duration_s=float(rng.uniform(0.15, 0.5)))
+    wait = SegmentConfig(kind="hold", duration_s=float(rng.uniform(0.05, 0.4)))
+    middle = _DRAWN[kind](motion)
+    x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
+    settings = body.sizes(rng)
+    yaw_deg = float(rng.uniform(0.0, 180.0)) if body.turned else 0.0
+    contact = ContactConfig(
+        indenter=IndenterConfig(kind=body.kind, settings=settings),
+        motion=MotionConfig(
+            x_mm=float(x),
+            y_mm=float(y),
+            yaw_deg=yaw_deg,
+            height_mm=0.2,
+            segments=(press, wait, *middle, *RELEASE),
+        ),
+    )
+    scene = Scene(
+        about=f"{kind} of a {body.name}",
+        lead_in_s=0.15,
+        lead_out_s=0.1,
+        mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind.endswith("twist") else 250.0,
+        gel=replace(gel, friction=FrictionConfig(static=friction)),
+        contacts=(contact,),
+    )
+    return Slide(kind, body.name, friction, motion.speed, scene)
+
+
+class _Motion:
+    """What is drawn for one motion; a kind may change its speed and its way."""
+
+    def __init__(
+        self, rng: np.random.Generator, friction: float, speed: float, depth_mm: float
+    ) -> None:
+        self.rng, self.friction, self.speed, self.depth_mm = rng, friction, speed, depth_mm
+        heading = rng.uniform(0.0, 2.0 * np.pi)
+        self.along = np.array([np.cos(heading), np.sin(heading)])
+        self.heading_deg = float(np.degrees(heading))
+        self.profile = str(rng.choice(["trapezoid", "minimum_jerk"]))
+        self.way = rng.uniform(*SLIDE_MM) * self.along
+
+    def segment(self, kind: str, share: float = 1.0, **settings: float | int) -> SegmentConfig:
+        """Return a segment along the way."""
+        dx, dy = (share * self.way).tolist()
+        return SegmentConfig(
+            kind=kind,  # type: ignore[arg-type]
+            dx_mm=dx,
+            dy_mm=dy,
+            speed_mm_s=self.speed,
+            profile=self.profile,  # type: ignore[arg-type]
+            **settings,  # type: ignore[arg-type]
+        )
+
+    def shorten(self) -> None:
+        """Let the way be one on which most contacts stick."""
+        self.way = self.rng.uniform(*SHORT_MM) * self.friction * self.along
+
+
+_Drawn = Callable[[_Motion], list[SegmentConfig]]
+
+
+def _slide(motion: _Motion) -> list[SegmentConfig]:
+    return [motion.segment("slide")]
+
+
+def _stick(motion: _Motion) -> list[SegmentConfig]:
+    motion.shorten()
+    return [motion.segment("slide")]
+
+
+def _twist(motion: _Motion, speeds_mm_s: tuple[float, float] = TWIST_MM_S) -> list[SegmentConfig]:
+    angle = float(motion.rng.choice([-1.0, 1.0]) * motion.rng.uniform(*TURN_DEG))
+    motion.speed = float(motion.rng.uniform(*speeds_mm_s))
+    rate_deg_s = float(np.degrees(motion.speed / TWIST_ARM_MM))
+    return [SegmentConfig(kind="twist", angle_deg=angle, speed_deg_s=rate_deg_s)]
+
+
+def _rub(motion: _Motion) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [motion.segment("rub", 0.6, repeats=2)]
+
+
+def _short_rub(motion: _Motion) -> list[SegmentConfig]:
+    motion.shorten()
+    return _rub(motion)
+
+
+def _circle(motion: _Motion) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [
+        SegmentConfig(
+            kind="circle",
+            radius_mm=float(motion.rng.uniform(0.3, 1.0)),
+            turns=1.0,
+            heading_deg=motion.heading_deg,
+            speed_mm_s=motion.speed,
+        )
+    ]
+
+
+def _roll(motion: _Motion, radius_mm: float = ROLL_MM) -> list[SegmentConfig]:
+    motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    return [motion.segment("roll", 0.7, radius_mm=radius_mm)]
+
+
+def _any_roll(motion: _Motion) -> list[SegmentConfig]:
+    return _roll(motion, float(motion.rng.uniform(*ROLLS_MM)))
+
+
+def _slowly(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
+    motion.speed = float(motion.rng.uniform(*SLOW_MM_S))
+    return drawn(motion)
+
+
+def _deepen(motion: _Motion) -> list[SegmentConfig]:
+    deeper = motion.depth_mm * float(motion.rng.uniform(0.6, 1.3))
+    return [motion.segment("slide", depth_mm=deeper)]
+
+
+def _twice(motion: _Motion) -> list[SegmentConfig]:
+    half = motion.segment("slide", 0.5)
+    return [half, SegmentConfig(kind="hold", duration_s=0.3), half]
+
+
+def _carry(motion: _Motion) -> list[SegmentConfig]:
+    """Return small moves about the first place, each with its own depth, and rests."""
+    segments, here = [], np.zeros(2)
+    for _ in range(CARRY_MOVES):
+        angle, far = motion.rng.uniform(0.0, 2.0 * np.pi), np.sqrt(motion.rng.uniform())
+        there = CARRY_MM * motion.friction * far * np.array([np.cos(angle), np.sin(angle)])
+        motion.way, here = there - here, there
+        depth = motion.depth_mm * float(motion.rng.uniform(*CARRY_DEPTH))
+        motion.speed = float(np.exp(motion.rng.uniform(*np.log(SPEEDS_MM_S))))
+        rest = SegmentConfig(kind="hold", duration_s=float(motion.rng.uniform(*CARRY_REST_S)))
+        segments += [motion.segment("slide", depth_mm=depth), rest]
+    return segments
+
+
+def _hold(motion: _Motion) -> list[SegmentConfig]:
+    return [SegmentConfig(kind="hold", duration_s=HOLD_S)]
+
+
+_DRAWN: dict[str, _Drawn] = {
+    "slide": _slide,
+    "stick": _stick,
+    "twist": _twist,
+    "rub": _rub,
+    "short-rub": _short_rub,
+    "circle": _circle,
+    "roll": _roll,
+    "deepen": _deepen,
+    "twice": _twice,
+    "slow-slide": partial(_slowly, drawn=_slide),
+    "slow-circle": partial(_slowly, drawn=_circle),
+    "slow-twist": partial(_twist, speeds_mm_s=SLOW_TWIST_MM_S),
+    "any-roll": _any_roll,
+    CARRY: _carry,
+    HOLD: _hold,
+}

@@ -1,0 +1,97 @@
+"""A training run, from its configuration to exported networks; it needs the extra ``[train]``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.schema import build, read_toml
+from spikingtac_paper.training.dataset import LEVELS, make_pairs
+from spikingtac_paper.training.export import export_network
+from spikingtac_paper.training.train import LOG_FILE, TrainConfig, train
+from spikingtac_paper.training.training_set import (
+    Advance,
+    SceneChoice,
+    SceneRecorder,
+    TrainingSet,
+    from_scenes,
+)
+
+CONFIGS = ("lean", "evflownet")
+"""Configurations of the package, under ``configs``."""
+CALIBRATION_SEED = 1 << 21
+"""Seed, besides the run's, of the maps on which the int8 ranges are measured."""
+CALIBRATION_MAPS = 128
+"""Number of these maps: few of a hundred are noisy enough to set the ranges."""
+
+
+def load_training_config(name: str, **changes: Any) -> TrainConfig:
+    """Load a configuration by name, or from a TOML file.
+
+    Args:
+        name: One of :data:`CONFIGS`, or the path of a TOML file.
+        changes: Fields to change; a value of None changes nothing.
+
+    Raises:
+        ConfigError: It does not exist, or it has an unknown key or an invalid value.
+    """
+    if name in CONFIGS:
+        stored = resources.files("spikingtac_paper") / "configs" / f"{name}.toml"
+        with resources.as_file(stored) as path:
+            config = build(TrainConfig, read_toml(path), f"training configuration {name}")
+    elif name.endswith(".toml"):
+        config = build(TrainConfig, read_toml(name), Path(name).name)
+    else:
+        raise ConfigError(
+            f"unknown training configuration {name!r}{nearest(name, CONFIGS)} "
+            f"(valid: {', '.join(CONFIGS)}, or the path of a .toml file)"
+        )
+    given = {key: value for key, value in changes.items() if value is not None}
+    try:
+        return dataclasses.replace(config, **given)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def training_set_of(config: TrainConfig, record: SceneRecorder, advance: Advance) -> TrainingSet:
+    """Read the recordings of the configuration's scenes; see :func:`from_scenes`."""
+    choice = SceneChoice(
+        scenes=config.scenes,
+        seeds=config.seeds,
+        held_out=config.held_out,
+        bootstrap=config.bootstrap,
+    )
+    return from_scenes(choice, record, advance)
+
+
+def train_and_export(
+    config: TrainConfig, recordings: TrainingSet, folder: Path, advance: Advance
+) -> dict[str, Any]:
+    """Train, or continue a training; write the networks, and return a summary.
+
+    Args:
+        config: The training configuration.
+        recordings: What to train on.
+        folder: Folder of the run.
+        advance: Is called with the fraction that is done, 0 to 1.
+    """
+    weights = train(recordings.clips, recordings.held_out, config, folder, advance)
+    random = np.random.default_rng([config.seed, CALIBRATION_SEED])
+    inputs = make_pairs(recordings.clips, config.pairs, random).inputs
+    indices = random.choice(len(inputs), min(CALIBRATION_MAPS, len(inputs)), replace=False)
+    maps = [inputs[index].astype(np.float32) / np.float32(LEVELS) for index in indices]
+    plain, int8 = export_network(weights, folder, maps, config.network.kind)
+    lines = (folder / LOG_FILE).read_text(encoding="utf-8").splitlines()
+    return {
+        "rounds": config.rounds,
+        **{key: value for key, value in json.loads(lines[-1]).items() if key != "round"},
+        "weights": str(weights),
+        "onnx": str(plain),
+        "int8": str(int8),
+    }

@@ -1,0 +1,210 @@
+"""The metrics of point tracking.
+
+The three metrics of the paper compare the end of a recording with its beginning (section V-A). A
+method that never moves its markers scores well in them. The metrics against ground truth do not
+have this defect; the report shows both.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import RecordingError
+from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
+from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.prediction import Prediction
+
+SUCCESS_PX = 5.0
+"""Largest return distance of a success and smallest error of a lost marker, px (section V-A)."""
+
+LOST_US = 50_000
+"""Shortest time with a large error after which a marker counts as lost, us (ours)."""
+
+
+MOVING_PX_S = 5.0
+"""Smallest true speed at which a marker counts as moving, px/s (ours)."""
+
+SETTLED_US = 200_000
+"""Time span before the next touch in which the gel's creep has mostly ended, us (ours)."""
+
+
+POINT_METRICS: tuple[Metric, ...] = (
+    Metric("success_rate", "1", "fraction of trials whose markers all end within 5 px of rest"),
+    Metric("return_mean_px", "px", "last estimate: mean distance of position_px to the reference"),
+    Metric("return_std_px", "px", "standard deviation over the markers of the same distances"),
+    Metric("error_mean_px", "px", "mean distance of detected_px to the truth, all markers, times"),
+    Metric("error_p95_px", "px", "95th percentile of the same distances, mean over the trials"),
+    Metric("error_final_px", "px", "last estimate: mean distance of detected_px to the truth"),
+    Metric(
+        "return_error_mean_px", "px", "mean distance of detected_px to the truth after the release"
+    ),
+    Metric(
+        "lead_px",
+        "px",
+        f"mean error along the true motion, where it is faster than {MOVING_PX_S:g} px/s; positive "
+        "is ahead of the marker",
+    ),
+    Metric("zeroed_return_mean_px", "px", "return_mean_px under the anchored law"),
+    Metric("zeroed_return_std_px", "px", "return_std_px under the anchored law"),
+    Metric(
+        "return_growth_px",
+        "px",
+        "mean error against the truth in the last 0.2 s before the next touch: last return minus "
+        "first",
+    ),
+    Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
+    Metric(
+        "lost_boundary_markers",
+        "markers",
+        "those of lost_markers that are on the rim of the grid",
+        "sum",
+    ),
+    Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
+)
+"""All metrics, in the order of the tables."""
+
+
+def point_scores(
+    prediction: Prediction,
+    truth: GroundTruth,
+    damaged: tuple[int, ...] = (),
+    law: AnchoredLawConfig | None = None,
+) -> dict[str, float]:
+    """Return every metric of one trial.
+
+    Args:
+        prediction: The estimates of the method.
+        truth: The true positions.
+        damaged: Broken and missing markers; they are not scored.
+        law: Law of the zeroed output; None takes the default.
+
+    Returns:
+        Values by the names of :data:`POINT_METRICS`, without those that the trial does not define.
+
+    Raises:
+        RecordingError: The recording holds no events, so that nothing was estimated.
+    """
+    if not len(prediction.t_us):
+        raise RecordingError("the recording holds no events, so there are no estimates to score")
+    whole = np.setdiff1d(np.arange(len(prediction.reference_px)), damaged)
+    reference_px = prediction.reference_px[whole]
+    detected_px = prediction.detected_px[:, whole].astype(np.float64)
+    true_px = truth.at(prediction.t_us)
+    error_px = np.linalg.norm(detected_px - true_px[:, whole], axis=2)
+    given_px = _distance_px(prediction.position_px[-1, whole], reference_px)
+    zeroed = AnchoredLaw(law).update(detected_px[-1], reference_px)
+    zeroed_px = _distance_px(zeroed, reference_px)
+    released = error_px[prediction.t_us > truth.released_us]
+    away = longest_duration_us(error_px > SUCCESS_PX, prediction.t_us)
+    elsewhere = longest_duration_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
+    scores = {
+        "success_rate": float(given_px.max() <= SUCCESS_PX),
+        "return_mean_px": float(given_px.mean()),
+        "return_std_px": float(given_px.std()),
+        "error_mean_px": float(error_px.mean()),
+        "error_p95_px": float(np.percentile(error_px, 95)),
+        "error_final_px": float(error_px[-1].mean()),
+        "return_error_mean_px": float((released if len(released) else error_px[-1:]).mean()),
+        "zeroed_return_mean_px": float(zeroed_px.mean()),
+        "zeroed_return_std_px": float(zeroed_px.std()),
+        "lost_markers": float((away > LOST_US).sum()),
+        "lost_boundary_markers": float(
+            (away > LOST_US)[on_rim(prediction.reference_px)[whole]].sum()
+        ),
+        "id_swaps": float((elsewhere > LOST_US).sum()),
+    }
+    growth_px = return_growth_px(error_px, prediction.t_us, truth.free_us)
+    ahead_px = lead_px(detected_px, true_px[:, whole], prediction.t_us)
+    optional = {"return_growth_px": growth_px, "lead_px": ahead_px}
+    return scores | {name: value for name, value in optional.items() if value is not None}
+
+
+def lead_px(
+    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], t_us: NDArray[np.int64]
+) -> float | None:
+    """Return the mean error along the true motion, px; None if no marker moves.
+
+    Args:
+        detected_px: ``(n, m, 2)`` estimates, px.
+        true_px: ``(n, m, 2)`` true positions, px.
+        t_us: ``(n,)`` their times, us.
+    """
+    if len(t_us) < 2:
+        return None
+    velocity_px_s = np.gradient(true_px, 1e-6 * t_us, axis=0)
+    speed_px_s = np.hypot(velocity_px_s[..., 0], velocity_px_s[..., 1])
+    moving = speed_px_s > MOVING_PX_S
+    if not moving.any():
+        return None
+    error_px, along = (detected_px - true_px)[moving], velocity_px_s[moving]
+    return float(((error_px * along).sum(axis=1) / speed_px_s[moving]).mean())
+
+
+def on_rim(reference_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return a mask ``(m,)`` of the markers in an outermost row or column of the grid."""
+    half_px = 0.5 * smallest_spacing_px(reference_px) if len(reference_px) > 1 else 0.0
+    low, high = reference_px.min(axis=0) + half_px, reference_px.max(axis=0) - half_px
+    return np.logical_or(reference_px < low, reference_px > high).any(axis=1)
+
+
+def return_growth_px(
+    error_px: NDArray[np.float64], t_us: NDArray[np.int64], free_us: NDArray[np.int64]
+) -> float | None:
+    """Return the error at the last return minus that at the first one, px.
+
+    Args:
+        error_px: ``(n, m)`` errors, px.
+        t_us: ``(n,)`` their times, us.
+        free_us: ``(k, 2)`` time spans between two contacts, us.
+
+    Returns:
+        None where there are fewer than two returns.
+    """
+    ends = [(max(start, end - SETTLED_US), end) for start, end in free_us.tolist()]
+    errors = [error_px[(t_us >= start) & (t_us < end)] for start, end in ends]
+    means = [float(error.mean()) for error in errors if len(error)]
+    return means[-1] - means[0] if len(means) > 1 else None
+
+
+def longest_duration_us(state: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each marker the longest uninterrupted time in a state, us.
+
+    Args:
+        state: ``(n, m)`` True where the marker is in the state.
+        t_us: ``(n,)`` times, us; a state lasts until the next one.
+    """
+    ends_us = np.append(t_us[1:], t_us[-1:])
+    longest = np.zeros(state.shape[1], np.int64)
+    for marker in np.flatnonzero(state.any(axis=0)):
+        change = np.diff(state[:, marker].astype(np.int8), prepend=0, append=0)
+        first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+        longest[marker] = (ends_us[last] - t_us[first]).max()
+    return longest
+
+
+def nearest_another(
+    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], own: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return a mask ``(n, k)`` of estimates that are nearer to another marker than to their own.
+
+    Args:
+        detected_px: ``(n, k, 2)`` estimates, px.
+        true_px: ``(n, m, 2)`` true positions of all markers, px.
+        own: ``(k,)`` index of the marker of each estimate.
+    """
+    error_px = np.linalg.norm(detected_px - true_px[:, own], axis=2)
+    out = np.zeros(error_px.shape, np.bool_)
+    # An estimate nearer to another marker is off by half a spacing at least: few are searched.
+    for time, column in zip(*np.nonzero(error_px > SUCCESS_PX), strict=True):
+        distance_px = np.linalg.norm(true_px[time] - detected_px[time, column], axis=1)
+        out[time, column] = distance_px.argmin() != own[column]
+    return out
+
+
+def _distance_px(
+    position_px: NDArray[np.float32] | NDArray[np.float64], reference_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.linalg.norm(position_px.astype(np.float64) - reference_px, axis=1)

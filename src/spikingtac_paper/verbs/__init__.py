@@ -1,0 +1,1 @@
+"""The verbs ``experiment``, ``bench`` and ``train`` of the command line."""

@@ -1,0 +1,73 @@
+"""Run one of the paper's experiments again: every method, every case, one report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from spikingtac.cli.many import check_workers
+from spikingtac.errors import ConfigError
+from spikingtac_paper.registry import EXPERIMENTS, choices_text, runner_of
+from spikingtac_paper.verbs.run_study import run_study
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Run one of the paper's experiments again; write report.json, report.html and tables."""
+
+    name: Annotated[
+        tyro.conf.Positional[str],
+        tyro.conf.arg(metavar="NAME", help=f"Name of the experiment: {choices_text(EXPERIMENTS)}"),
+    ]
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
+    """Folder to write: new or empty, or one that was begun with the same settings (--resume)."""
+    quick: bool = False
+    """Run fewer seeds and shorter sequences: minutes instead of hours."""
+    ablations: bool = False
+    """Run variants of the default tracker instead of the main tables (point-tracking only)."""
+    seed: int = 0
+    """First seed."""
+    seeds: int | None = None
+    """Number of seeds; the experiment's own number unless given."""
+    methods: tuple[str, ...] = ()
+    """Names of the methods to run; all unless given."""
+    resume: bool = False
+    """Continue a run that was interrupted."""
+    overwrite: bool = False
+    """Remove the run that is in the folder, and begin anew."""
+    workers: int | None = None
+    """Number of processes; one for each CPU unless given."""
+    scheduler: str | None = None
+    """A Dask scheduler instead, tcp://127.0.0.1:8786, or tls://HOST:8786 with --tls."""
+    tls: Path | None = None
+    """With tls://: folder with ca.pem, cert.pem and key.pem."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Run the experiment and print its findings."""
+    study = runner_of(EXPERIMENTS, args.name, "experiment")
+    scheduler = check_workers(args.workers, args.scheduler, args.tls)
+    if scheduler is not None:
+        _require_cluster(args.name, scheduler, args.tls)
+        # The workers have folders of their own in which they run.
+        args = replace(args, scheduler=scheduler, output=args.output.absolute())
+    return run_study(study, args)
+
+
+def _require_cluster(name: str, scheduler: str, tls: Path | None) -> None:
+    """Refuse a cluster that does not answer, before anything is written.
+
+    Raises:
+        ConfigError: The experiment is done in one process.
+        DeviceError: Nobody answers.
+    """
+    from spikingtac.batch.cluster import CONNECT_S, connect
+
+    if not EXPERIMENTS[name].divided:
+        raise ConfigError(f"{name!r} is done one by one in this process; leave --scheduler out")
+    connect(scheduler, tls, CONNECT_S).close()

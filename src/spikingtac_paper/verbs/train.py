@@ -1,0 +1,96 @@
+"""Train the denoising network on recordings, without labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.errors import MissingExtraError
+
+RECORDINGS = "recordings"
+"""Folder of a run that holds the rendered scenes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Train the denoising network on recordings, or on scenes of the digital twin.
+
+    Training needs no labels: it never opens a recording's truth.npz. The same command continues a
+    run that was interrupted.
+    """
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Recording folders or event files of one sensor; the configuration's scenes unless given."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")] = Path("training")
+    """Folder of the run: log.jsonl, weights.safetensors, lean.onnx, lean-int8.onnx."""
+    config: str = "lean"
+    """lean (the shipped network) or evflownet (as the paper names it), or a TOML file."""
+    bootstrap: Path | None = None
+    """Recording of slides that shows every marker: its last map is the first map of the others."""
+    seed: int | None = None
+    """Seed of weights, degradations and crops; the configuration's unless given."""
+    rounds: int | None = None
+    """Number of times each recording is degraded anew; the configuration's unless given."""
+    device: str | None = None
+    """cpu or cuda; the configuration's unless given."""
+    overwrite: bool = False
+    """Remove the run that is in the folder, and begin anew; rendered scenes stay."""
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+def run(args: Args) -> int:
+    """Train, export, and print where the weights are."""
+    session = _torch_session()
+    config = session.load_training_config(
+        args.config, seed=args.seed, rounds=args.rounds, device=args.device
+    )
+    if args.overwrite:
+        from spikingtac_paper.training.train import forget_run
+
+        forget_run(args.output)
+    with progress("preparing recordings") as advance:
+        if args.recordings:
+            from spikingtac_paper.training.training_set import from_recordings
+
+            recordings = from_recordings(args.recordings, args.bootstrap)
+        else:
+            recordings = session.training_set_of(config, _recorder(args.output), advance)
+    with progress("training") as advance:
+        summary: dict[str, Any] = session.train_and_export(config, recordings, args.output, advance)
+    if args.json:
+        emit_json(summary)
+    else:
+        remark(f"loss {summary['loss']:.4f} after {summary['rounds']} rounds: {summary['int8']}")
+    return 0
+
+
+def _recorder(folder: Path) -> Any:
+    """Return a function that renders a scene into the run's folder, if it is not there yet."""
+    from spikingtac.events.manifest import MANIFEST
+    from spikingtac.sim.scene import catalog
+    from spikingtac.sim.scene.render import simulate
+
+    def record(name: str, seed: int) -> Path:
+        target = folder / RECORDINGS / f"{name}-{seed}"
+        if not (target / MANIFEST).is_file():
+            simulate(catalog.load(name), target, seed=seed, overwrite=True)
+        return target
+
+    return record
+
+
+def _torch_session() -> Any:
+    try:
+        from spikingtac_paper.training import session
+    except ImportError as error:
+        if error.name not in ("torch", "safetensors"):
+            raise
+        raise MissingExtraError(
+            f"training needs {error.name}; install it with: pip install 'spikingtac[train]'"
+        ) from error
+    return session
