@@ -13,6 +13,7 @@ stand or a mutation does not apply.
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import shutil
 import subprocess
@@ -39,14 +40,12 @@ class Mutation:
 
     Attributes:
         name: What becomes wrong.
-        file: Source file, below ``src/spikingtac``.
-        old: Text that stands in the file exactly once.
+        old: Text that stands in the sources of ``src/spikingtac`` exactly once, in whichever file.
         new: What replaces it.
         tests: Files or folders of tests that should fail.
     """
 
     name: str
-    file: str
     old: str
     new: str
     tests: tuple[str, ...]
@@ -55,133 +54,114 @@ class Mutation:
 MUTATIONS = (
     Mutation(
         name="evt3-vector-advance",
-        file="events/formats/evt/evt3.py",
         old="state[VECTOR_X] = column + length",
         new="state[VECTOR_X] = column + 12",
         tests=("tests/unit/events/formats/evt/test_raw.py",),
     ),
     Mutation(
         name="evt-clock-wrap",
-        file="events/formats/evt/clock.py",
         old="state[EPOCH] += np.int64(1) << (low_bits + high_bits)",
         new="state[EPOCH] += np.int64(0)",
         tests=("tests/unit/events/formats/evt/test_raw.py",),
     ),
     Mutation(
         name="evt3-joined-vectors",
-        file="events/formats/evt/encode/evt3.py",
         old="joined = state[3] == x[i] and state[4] == p[i]",
         new="joined = False",
         tests=("tests/unit/events/formats/evt/test_evt3_encoder.py",),
     ),
     Mutation(
         name="salvage-skip-cost",
-        file="events/formats/evt/salvage.py",
         old="SKIP_COST = 4",
         new="SKIP_COST = 40",
         tests=("tests/unit/events/formats/evt/test_salvage.py",),
     ),
     Mutation(
         name="lag-sign",
-        file="markers/graded/tracker.py",
         old="velocity_px_s, self._lag_s, known",
         new="velocity_px_s, -self._lag_s, known",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="lag-removed",
-        file="markers/graded/tracker.py",
         old="velocity_px_s, self._lag_s, known",
         new="velocity_px_s, 0.0, known",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="no-estimates-in-between",
-        file="markers/maintenance_config.py",
         old="longest_period_us: int = 2_000",
         new="longest_period_us: int = 0",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="turn-not-made-good",
-        file="markers/maintenance_config.py",
         old="turn_backlash: float = field(default=0.3,",
         new="turn_backlash: float = field(default=0.0,",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="turn-told-alone",
-        file="markers/graded/backlash.py",
         old="if alike > 0.0:",
         new="if alike > 2.0:",
         tests=("tests/unit/markers/graded/test_backlash.py",),
     ),
     Mutation(
         name="neighbours-ignored",
-        file="markers/graded/tracker.py",
         old="self._manager.neighbours.shrunk_px(detected_px, self._noise_px)",
         new="detected_px",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="growth-ignored",
-        file="markers/graded/bands/band_locator.py",
         old="(config.growth_share if recovers else 0.0)",
         new="0.0",
         tests=("tests/naive/test_bands.py",),
     ),
     Mutation(
         name="silent-pixels-expected",
-        file="markers/graded/event_loss.py",
         old="expected += asked * dt_s * (1.0 - silent)",
         new="expected += asked * dt_s",
         tests=("tests/unit/markers/graded/test_event_loss.py",),
     ),
     Mutation(
         name="process-noise",
-        file="markers/motion_filter.py",
         old="ACCELERATION_NOISE_PX2_S3 = 5.0e5",
         new="ACCELERATION_NOISE_PX2_S3 = 5.0e3",
         tests=(ACCURACY,),
     ),
     Mutation(
         name="step-limit",
-        file="markers/graded/disc_fit.py",
         old="LARGEST_STEP_PX = 2.0",
         new="LARGEST_STEP_PX = 20.0",
         tests=("tests/unit/markers/graded/test_disc_locator.py",),
     ),
     Mutation(
         name="lag-misfit-scale",
-        file="markers/lag/estimate.py",
         old="scale = max(1.0, float(misfit.min()) / freedom)",
         new="scale = 1.0",
         tests=("tests/unit/markers/lag/test_estimate.py",),
     ),
     Mutation(
         name="coasting-speed",
-        file="markers/motion_filter.py",
         old="velocity_px_s[m, axis] = 0.0",
         new="pass",
         tests=("tests/unit/markers/test_motion_filter.py",),
     ),
     Mutation(
         name="capture-radius",
-        file="markers/graded/track_management.py",
         old="capture_share: float = 0.3",
         new="capture_share: float = 3.0",
         tests=("tests/unit/markers/graded/test_track_management.py",),
     ),
     Mutation(
         name="contact-tail",
-        file="contact/motion/tail.py",
         old="STANDARD_ERRORS = 2.0",
         new="STANDARD_ERRORS = 0.0",
         tests=("tests/unit/contact/motion/test_tail.py",),
     ),
     Mutation(
         name="one-sided-holes",
-        file="geometry/hole.py",
         old="one_sided = largest_gap_rad(points, start) > math.pi",
         new="one_sided = False",
         tests=("tests/unit/geometry/test_hole.py",),
@@ -189,9 +169,19 @@ MUTATIONS = (
 )
 
 
-def places(mutation: Mutation, project: Path = PROJECT) -> int:
-    """Return how often a mutation's old text stands in its file: once, if it applies."""
-    return _source(mutation, project).read_text(encoding="utf-8").count(mutation.old)
+def places(mutation: Mutation, project: Path = PROJECT) -> list[Path]:
+    """Return the source file of each place with a mutation's old text: one if it applies.
+
+    The text is searched in the whole package, so that a module may move.
+    """
+    texts = sources(project / "src" / "spikingtac")
+    return [path for path, text in texts.items() for _ in range(text.count(mutation.old))]
+
+
+@functools.cache
+def sources(package: Path) -> dict[Path, str]:
+    """Return the text of every source file of a package."""
+    return {path: path.read_text(encoding="utf-8") for path in sorted(package.rglob("*.py"))}
 
 
 def main() -> int:
@@ -204,7 +194,7 @@ def main() -> int:
     if unknown := set(given.names) - set(names):
         parser.error(f"no mutation {', '.join(sorted(unknown))} (valid: {', '.join(names)})")
     chosen = [mutation for mutation in MUTATIONS if mutation.name in (given.names or names)]
-    if stale := [mutation.name for mutation in chosen if places(mutation) != 1]:
+    if stale := [mutation.name for mutation in chosen if len(places(mutation)) != 1]:
         print(f"the sources have changed; mend the table of mutations: {', '.join(stale)}")
         return 2
     with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
@@ -232,7 +222,7 @@ def _run(chosen: Sequence[Mutation], folder: Path, whole_suite: bool) -> int:
 
 
 def _mutated(project: Path, mutation: Mutation, tests: Sequence[str]) -> tuple[int, float]:
-    source = _source(mutation, project)
+    (source,) = places(mutation, project)
     text, stamp = source.read_text(encoding="utf-8"), source.stat()
     source.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
     try:
@@ -270,10 +260,6 @@ def _copied(project: Path) -> Path:
         else:
             shutil.copy2(PROJECT / name, project / name)
     return project
-
-
-def _source(mutation: Mutation, project: Path) -> Path:
-    return project / "src" / "spikingtac" / mutation.file
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ PATIENCE_S = 60.0
 """A loaded machine takes long for everything; a page that gets nothing takes for ever."""
 WATCHED_FRAMES = 200
 LEAST_PACE = 0.5
-"""Slowed to a crawl, or not; benchmarks/viewer_load.py measures the few percent."""
+"""Slowed to a crawl, or not."""
 
 
 def socket(port: int, **options: Any) -> ClientConnection:

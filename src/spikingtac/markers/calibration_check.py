@@ -59,7 +59,7 @@ STANDARD_ERRORS = 1.64
 LEAST_LIMIT = 0.06
 """Share of contradictions that is never suspicious. (Ours: 200 simulated recordings with their own
 calibration stay below 0.032, the recorded sensor below 0.027; with that of another specimen 199
-exceed 0.06. Repeat it with ``benchmarks/foreign_calibrations.py``.)"""
+exceed 0.06.)"""
 
 OWN_FACTOR = 1.5
 """The limit is this multiple of the share in the recording of the calibration, where that is more:

@@ -1,4 +1,4 @@
-"""The image of the LeRobot plug-in; the camera itself is tested by benchmarks/lerobot_plugin.py."""
+"""The image of the LeRobot plug-in."""
 
 from __future__ import annotations
 
