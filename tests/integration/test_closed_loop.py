@@ -10,7 +10,7 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
+from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
 from spikingtac.sim.rig.rig import PriorContact, Rig
 from spikingtac.sim.rig.walls import PlaneWall

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.config import digest
 from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.robot.approach import ApproachConfig, Approacher
+from spikingtac.robot.approacher import ApproachConfig, Approacher
 from spikingtac_paper.collision import jobs as collision_jobs
 from spikingtac_paper.collision.approach_run import (
     BEYOND_MM,

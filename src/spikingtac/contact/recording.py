@@ -10,7 +10,7 @@ import numpy as np
 
 from spikingtac.contact.details import ContactDetails
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.live_windows import live_windows
+from spikingtac.contact.live import live_windows
 from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource

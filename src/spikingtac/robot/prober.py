@@ -14,7 +14,7 @@ import numpy as np
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import ConfigError, DeviceError, SearchError
-from spikingtac.robot.approach import ApproachConfig, Approacher
+from spikingtac.robot.approacher import ApproachConfig, Approacher
 from spikingtac.robot.arm import Arm
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray

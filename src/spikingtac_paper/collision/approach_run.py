@@ -2,7 +2,7 @@
 
 The arm is position-controlled. The outcome of a method therefore follows from the time of its
 decision: a copy of the arm is stopped at that time. A test compares this with the closed loop
-(:class:`~spikingtac.robot.approach.Approacher`): decision and overshoot are the same.
+(:class:`~spikingtac.robot.approacher.Approacher`): decision and overshoot are the same.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.robot.approach import ApproachConfig
+from spikingtac.robot.approacher import ApproachConfig
 from spikingtac.robot.arm import ArmState
 from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig
 from spikingtac.sim.rig.ur3 import UR3Twin
@@ -162,7 +162,7 @@ def _show_to_frames(observers: Observers, run: ApproachRun, truth: tuple[Vector,
 def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vector]:
     """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
 
-    The rule is that of :class:`~spikingtac.robot.approach.Approacher`.
+    The rule is that of :class:`~spikingtac.robot.approacher.Approacher`.
     """
     cruising, seen = 0, []
     while cruising < config.settle_windows:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spikingtac.contact.detector import DetectorSummary
-from spikingtac.contact.live_windows import live_windows
+from spikingtac.contact.live import live_windows
 from spikingtac.contact.recording import find_contacts, paired_windows
 from spikingtac.contact.window import WINDOW_US, Window, packets_of
 from spikingtac.errors import CameraLostError, RecordingError
@@ -146,7 +146,7 @@ def test_a_camera_whose_time_leaps_does_not_silence_the_other_one() -> None:
 
 
 def test_a_leap_beyond_the_limit_of_silence_is_not_filled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spikingtac.contact.live_windows.SILENCE_LIMIT_US", 20_000)
+    monkeypatch.setattr("spikingtac.contact.live.SILENCE_LIMIT_US", 20_000)
     hours_us = 7_200_001_000
     pair = [PacketSource([packet(1_000, 1_500), packet(hours_us, hours_us + 5_000)], SIZE)] * 2
     starts = [window[0].t_start_us for window in live_windows(pair, silent_s=LONG_S)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from spikingtac.geometry.align import align
+from spikingtac.geometry.alignment import align
 
 
 def random_rotation(rng: np.random.Generator, dimension: int) -> np.ndarray:

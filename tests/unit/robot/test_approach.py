@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.approach import Approach, ApproachConfig, Approacher
+from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin

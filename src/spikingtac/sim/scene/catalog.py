@@ -30,43 +30,43 @@ TRAJECTORIES = (
 localised circular finger motions, as in the paper."""
 
 
-def names() -> tuple[str, ...]:
+def scene_names() -> tuple[str, ...]:
     """Return the names of all scenes: the ten trajectories first, then the others sorted."""
     stored = sorted(path.name for path in _folder().iterdir() if path.name.endswith(".toml"))
     rest = (name.removesuffix(".toml") for name in stored)
     return (*TRAJECTORIES, *(name for name in rest if name not in TRAJECTORIES))
 
 
-def descriptions() -> dict[str, str]:
+def scene_descriptions() -> dict[str, str]:
     """Return the description of each scene by name, without building any scene."""
-    return {name: str(read_toml(_path(name)).get("about", "")) for name in names()}
+    return {name: str(read_toml(_path(name)).get("about", "")) for name in scene_names()}
 
 
-def load(name: str | Path) -> Scene:
+def load_scene(name: str | Path) -> Scene:
     """Return a scene by name, or from a TOML file.
 
     Args:
         name: Name of a scene, or path of a TOML file.
 
     Example:
-        >>> load("quiet").duration_s
+        >>> load_scene("quiet").duration_s
         3.0
 
     Raises:
         ConfigError: No such name or file exists, or the file does not fit. The message names the
             nearest scene, or the key and its valid values.
     """
-    from spikingtac.sim.scene.scene import load_scene  # with the gel's kernels behind it
+    from spikingtac.sim.scene.scene import read_scene  # with the gel's kernels behind it
 
     text = str(name)
-    if text in names():
-        return load_scene(_path(text))
+    if text in scene_names():
+        return read_scene(_path(text))
     if not text.endswith(".toml") and os.sep not in text:
         raise ConfigError(
-            f"no scene {text!r}{nearest(text, names())} "
-            f"(valid: {', '.join(names())}, or the path of a TOML file)"
+            f"no scene {text!r}{nearest(text, scene_names())} "
+            f"(valid: {', '.join(scene_names())}, or the path of a TOML file)"
         )
-    return load_scene(name)
+    return read_scene(name)
 
 
 def _path(name: str) -> Path:
@@ -75,3 +75,6 @@ def _path(name: str) -> Path:
 
 def _folder() -> Traversable:
     return importlib.resources.files("spikingtac") / "configs" / "scenes"
+
+
+load, names, descriptions = load_scene, scene_names, scene_descriptions

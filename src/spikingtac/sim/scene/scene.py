@@ -222,7 +222,7 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def load_scene(path: str | Path) -> Scene:
+def read_scene(path: str | Path) -> Scene:
     """Read a scene from a TOML file.
 
     Raises:

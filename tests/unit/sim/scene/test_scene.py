@@ -6,7 +6,7 @@ import pytest
 
 from spikingtac.errors import ConfigError
 from spikingtac.schema import build
-from spikingtac.sim.scene.scene import Scene, SkinConfig, load_scene
+from spikingtac.sim.scene.scene import Scene, SkinConfig, read_scene
 
 CONTACT = """
 [[contacts]]
@@ -58,7 +58,7 @@ def test_a_wrong_file_names_the_key_and_what_is_valid(text: str, expected: str):
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
-        load_scene(tmp_path / "none.toml")
+        read_scene(tmp_path / "none.toml")
 
 
 def test_settings_lie_over_the_preset_and_survive_another_one():

@@ -1,0 +1,29 @@
+"""Public names of contact detection."""
+
+# Windows of events
+from .window import WINDOW_US as WINDOW_US
+from .window import Window as Window
+from .window import count_of as count_of
+from .window import packets_of as packets_of
+from .recording import FoundContact as FoundContact
+from .recording import find_contacts as find_contacts
+from .recording import leading_quiet as leading_quiet
+from .recording import paired_windows as paired_windows
+from .live import live_windows as live_windows
+
+# Detectors
+from .detector import ContactDetector as ContactDetector
+from .detector import DetectorSummary as DetectorSummary
+from .details import ContactDetails as ContactDetails
+from .details import GelTouch as GelTouch
+from .registry import DETECTORS as DETECTORS
+from .registry import DetectionConfig as DetectionConfig
+from .registry import detectors as detectors
+from .registry import make_detector as make_detector
+from .event_count import EventCountConfig as EventCountConfig
+from .event_count import EventCountDetector as EventCountDetector
+from .quiet import QuietStatistics as QuietStatistics
+from .motion.sequential_detector import SequentialMotionConfig as SequentialMotionConfig
+from .motion.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
+from .self_calibrating import SelfCalibratingConfig as SelfCalibratingConfig
+from .self_calibrating import SelfCalibratingDetector as SelfCalibratingDetector

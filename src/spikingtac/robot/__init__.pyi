@@ -1,0 +1,34 @@
+"""Public names of arms and closed loops."""
+
+# Arms
+from .arm import Arm as Arm
+from .arm import ArmState as ArmState
+from .arm import TruthfulArm as TruthfulArm
+from .ur import URArm as URArm
+from .ur import URConfig as URConfig
+from .verified_stop import StopConfig as StopConfig
+from .robotiq import Grip as Grip
+from .robotiq import RobotiqConfig as RobotiqConfig
+from .robotiq import RobotiqGripper as RobotiqGripper
+
+# Watchdog
+from .watchdog import Health as Health
+from .watchdog import Watchdog as Watchdog
+from .watchdog import WatchdogConfig as WatchdogConfig
+from .watchdog import WatchdogThread as WatchdogThread
+
+# Closed loops: move until contact, search a hole
+from .approacher import Approach as Approach
+from .approacher import ApproachConfig as ApproachConfig
+from .approacher import Approacher as Approacher
+from .prober import ArmProber as ArmProber
+from .prober import Prober as Prober
+from .prober import ProbingConfig as ProbingConfig
+from .prober import Touched as Touched
+from .adaptive_search import AdaptiveSearch as AdaptiveSearch
+from .adaptive_search import AdaptiveSearchConfig as AdaptiveSearchConfig
+from .adaptive_search import FoundHole as FoundHole
+from .adaptive_search import hole_around as hole_around
+from .cross_search import calibrated_circle as calibrated_circle
+from .cross_search import cross_search as cross_search
+from .cross_search import published_circle as published_circle

@@ -1,0 +1,100 @@
+"""Public names of the digital twin."""
+
+# Scenes: what touches the skin and how, as a stream or as a recording folder
+from .scene.catalog import TRAJECTORIES as TRAJECTORIES
+from .scene.catalog import load_scene as load_scene
+from .scene.catalog import scene_descriptions as scene_descriptions
+from .scene.catalog import scene_names as scene_names
+from .scene.motions import IndenterMotion as IndenterMotion
+from .scene.motions import MotionConfig as MotionConfig
+from .scene.render import simulate as simulate
+from .scene.scene import CameraChoice as CameraChoice
+from .scene.scene import ContactConfig as ContactConfig
+from .scene.scene import HistoryConfig as HistoryConfig
+from .scene.scene import Scene as Scene
+from .scene.scene import SkinConfig as SkinConfig
+from .scene.segments import SegmentConfig as SegmentConfig
+from .scene.source import SceneSource as SceneSource
+from .scene.source import SceneStep as SceneStep
+from .scene.timeline import Timeline as Timeline
+from .scene.truth import TruthChunk as TruthChunk
+from .scene.truth import image_radius_px as image_radius_px
+from .scene.variation import VariationConfig as VariationConfig
+from .twin_camera import TwinCamera as TwinCamera
+
+# Gel: contact, friction, elastic layer and creep
+from .gel.contact import FrictionConfig as FrictionConfig
+from .gel.creep import SpectrumConfig as SpectrumConfig
+from .gel.gel import Gel as Gel
+from .gel.gel import GelConfig as GelConfig
+from .gel.indenters import Indenter as Indenter
+from .gel.indenters import IndenterConfig as IndenterConfig
+from .gel.indenters import make_indenter as make_indenter
+
+# Optics: from the skin to the sensor
+from .optics.discs import DiscConfig as DiscConfig
+from .optics.projection import Optics as Optics
+from .optics.projection import OpticsConfig as OpticsConfig
+from .optics.states import MarkerImage as MarkerImage
+from .optics.states import SkinState as SkinState
+
+# Event camera: pixels, light, noise and readout
+from .camera.camera import EventCamera as EventCamera
+from .camera.camera import ReferenceHistory as ReferenceHistory
+from .camera.config import CAMERA_NAMES as CAMERA_NAMES
+from .camera.config import BackgroundConfig as BackgroundConfig
+from .camera.config import CameraConfig as CameraConfig
+from .camera.config import LightConfig as LightConfig
+from .camera.config import PixelConfig as PixelConfig
+from .camera.config import ReadoutConfig as ReadoutConfig
+from .camera.config import StepConfig as StepConfig
+from .camera.config import load_camera as load_camera
+
+# Robot rig: arm, grasped probe, gel pads and walls
+from .rig.fingers import EDGE_SETTINGS as EDGE_SETTINGS
+from .rig.fingers import STEP_SETTINGS as STEP_SETTINGS
+from .rig.fingers import VIBRATION_MM as VIBRATION_MM
+from .rig.fingers import FingerConfig as FingerConfig
+from .rig.fingers import SensingFinger as SensingFinger
+from .rig.hole_site import Grasp as Grasp
+from .rig.hole_site import HoleSite as HoleSite
+from .rig.hole_site import HoleTrial as HoleTrial
+from .rig.hole_site import flat_wall as flat_wall
+from .rig.hole_site import hole_trial as hole_trial
+from .rig.pad import Pad as Pad
+from .rig.pad import PadConfig as PadConfig
+from .rig.probe import Probe as Probe
+from .rig.probe import ProbeConfig as ProbeConfig
+from .rig.probe import ProbeState as ProbeState
+from .rig.rig import WAIT_S as WAIT_S
+from .rig.rig import FirstContact as FirstContact
+from .rig.rig import PriorContact as PriorContact
+from .rig.rig import Rig as Rig
+from .rig.rig import RigConfig as RigConfig
+from .rig.ur3 import UR3Config as UR3Config
+from .rig.ur3 import UR3Twin as UR3Twin
+from .rig.vibration import Vibration as Vibration
+from .rig.vibration import VibrationConfig as VibrationConfig
+from .rig.walls import Bit as Bit
+from .rig.walls import HexBit as HexBit
+from .rig.walls import HoleWall as HoleWall
+from .rig.walls import NoWall as NoWall
+from .rig.walls import PlaneWall as PlaneWall
+from .rig.walls import RoundBit as RoundBit
+from .rig.walls import Wall as Wall
+
+# Probing on the twin: calibration on a flat wall, readings of arms of different repeatability
+from .probing.readings import PLANNING_MM as PLANNING_MM
+from .probing.readings import SIGMAS_MM as SIGMAS_MM
+from .probing.readings import RecordingProber as RecordingProber
+from .probing.readings import touched_of as touched_of
+from .probing.wall_calibration import CORNER_MM as CORNER_MM
+from .probing.wall_calibration import CROSS as CROSS
+from .probing.wall_calibration import DEFAULT as DEFAULT
+from .probing.wall_calibration import STYLES as STYLES
+from .probing.wall_calibration import WALL_MM as WALL_MM
+from .probing.wall_calibration import detector_for as detector_for
+from .probing.wall_calibration import prober_for as prober_for
+from .probing.wall_calibration import quiet_windows as quiet_windows
+from .probing.wall_calibration import touch_flat_walls as touch_flat_walls
+from .probing.wall_calibration import travel_of as travel_of
