@@ -15,8 +15,9 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.events.filters import RandomDrop, time_slice
+from spikingtac.events.filters import RandomDrop
 from spikingtac.events.open import open_events
+from spikingtac.events.transform import time_slice
 from spikingtac.events.windows import windows
 from spikingtac.markers.calibration.calibrate import calibrate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector

@@ -8,7 +8,7 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.formats.codec import Trigger
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.evt.header import ENCODINGS
 from spikingtac.events.formats.evt.raw import NAMES, word_decoder
 from spikingtac.events.formats.evt.words import Rows, WordStream
@@ -57,7 +57,7 @@ class BareWords:
         self,
         address: Address,
         losses: LossCounters,
-        triggers: list[Trigger],
+        triggers: Triggers,
         encoding: str = "evt2",
     ) -> None:
         self.encoding = address.text("encoding", encoding, ENCODINGS)
@@ -126,7 +126,7 @@ def warm_up(encoding: str, size: tuple[int, int], order: str = "little") -> None
         size: ``(width, height)``, px.
         order: Byte order of EVT2.1 words.
     """
-    stream = WordStream(word_decoder(encoding, size, order), LossCounters(), [])
+    stream = WordStream(word_decoder(encoding, size, order), LossCounters(), Triggers())
     stream.feed(np.random.default_rng(0).bytes(NOISE_BYTES), final=True)
 
 

@@ -2,38 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
-
-
-def flip_polarity(packet: EventPacket) -> EventPacket:
-    """Exchange ON and OFF: dark markers on light ground then read as white ones on dark."""
-    return replace(packet, p=~packet.p)
-
-
-def time_slice(
-    packets: Iterable[EventPacket], from_us: int | None = None, to_us: int | None = None
-) -> Iterator[EventPacket]:
-    """Keep the events in ``[from_us, to_us)``; None keeps the stream's own end on that side.
-
-    Raises:
-        ConfigError: The interval is empty.
-    """
-    if from_us is not None and to_us is not None and from_us >= to_us:
-        raise ConfigError(f"the interval from {from_us} to {to_us} us is empty")
-    for packet in packets:
-        start = packet.t_start_us if from_us is None else max(packet.t_start_us, from_us)
-        end = packet.t_end_us if to_us is None else min(packet.t_end_us, to_us)
-        if to_us is not None and packet.t_start_us >= to_us:
-            return
-        if start < end:
-            first, last = np.searchsorted(packet.t, (start, end))
-            yield packet.part(int(first), int(last), start, end)
 
 
 @dataclass(frozen=True, kw_only=True)

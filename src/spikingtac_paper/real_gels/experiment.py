@@ -9,8 +9,8 @@ from typing import Any
 from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import time_slice
 from spikingtac.events.open import open_events
+from spikingtac.events.transform import time_slice
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.fingerprint import provenance
 from spikingtac_paper.harness.report import Report, Table, find_row

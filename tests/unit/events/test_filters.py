@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.events import filters
 from spikingtac.events.filters import (
     BackgroundActivityConfig,
     BackgroundActivityFilter,
@@ -20,7 +19,6 @@ from spikingtac.types import EventPacket
 
 SIZE = (12, 9)
 FILTERS = {
-    "flip": lambda: filters.flip_polarity,
     "activity": lambda: BackgroundActivityFilter(BackgroundActivityConfig(window_us=40), SIZE),
     "drop": lambda: RandomDrop(0.4, seed=5),
 }
@@ -71,23 +69,6 @@ def test_background_activity_equals_its_twin(seed: int) -> None:
     found = BackgroundActivityFilter(BackgroundActivityConfig(window_us=25), SIZE)(whole)
     assert as_tuples([found]) == expected
     assert 0 < len(expected) < 400
-
-
-def test_flip_is_its_own_inverse() -> None:
-    whole = events(2, 50)
-    assert (filters.flip_polarity(whole).p == ~whole.p).all()
-    assert as_tuples([filters.flip_polarity(filters.flip_polarity(whole))]) == as_tuples([whole])
-
-
-def test_time_slice_is_half_open() -> None:
-    whole = events(4, 100)
-    inside = list(filters.time_slice([whole], 50, 200))
-    assert as_tuples(inside) == [row for row in as_tuples([whole]) if 50 <= row[0] < 200]
-    assert (inside[0].t_start_us, inside[-1].t_end_us) == (50, 200)
-    assert as_tuples(list(filters.time_slice([whole]))) == as_tuples([whole])
-    assert list(filters.time_slice([whole], to_us=0)) == []
-    with pytest.raises(ConfigError, match="empty"):
-        list(filters.time_slice([whole], 5, 5))
 
 
 def test_random_drop_keeps_its_share() -> None:

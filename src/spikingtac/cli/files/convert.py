@@ -95,8 +95,8 @@ def _convert(
     args: Args, path: Path, target: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Converted:
     from spikingtac.events.create import create_events
-    from spikingtac.events.filters import flip_polarity, time_slice
     from spikingtac.events.open import open_events
+    from spikingtac.events.transform import Transform, flip_polarity, time_slice
 
     source = open_events(path, strict=args.strict, sensor=args.sensor)
     written = 0
@@ -108,6 +108,8 @@ def _convert(
             writer.write(flip_polarity(packet) if args.flip_polarity else packet)
             written += len(packet)
             advance(source.progress)
+        part = Transform(from_us=args.from_us, to_us=args.to_us)
+        writer.add_triggers(part.triggers(source.triggers))
     document = {
         "input": str(path),
         "output": str(target),

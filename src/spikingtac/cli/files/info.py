@@ -60,9 +60,12 @@ def run(args: Args) -> int:
         return 0
     for note in source.notes:
         remark(f"note: {note}")
-    anomalies = found.pop("anomalies")
+    anomalies, channels = found.pop("anomalies"), found.pop("trigger_channels")
     rows = [_row(key, value) for key, value in found.items()]
     emit_table(str(args.file), ("", ""), rows, words=2)
+    if channels:
+        rows = [(name, *one.values()) for name, one in channels.items()]
+        emit_table("triggers", ("channel", "edges", "first us", "last us"), rows)
     if anomalies:
         from spikingtac.events.formats.codec import KINDS
 
@@ -128,6 +131,8 @@ def summary(source: FileSource) -> dict[str, Any]:
         "duration_s": duration_s,
         "mean_rate_mev_s": events / duration_s / EVENTS_PER_MEV if duration_s else 0.0,
         "peak_rate_mev_s": peak / PEAK_WINDOW_US * US_PER_S / EVENTS_PER_MEV,
+        "triggers": len(source.triggers),
+        "trigger_channels": source.triggers.channels(),
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
         **_delivery(source),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.events.address import Address
-from spikingtac.events.formats.codec import Trigger
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import Rows
 from spikingtac.types import LossCounters
 
@@ -39,7 +39,7 @@ class Camera(ABC):
 
     def __init__(self) -> None:
         self.losses = LossCounters()
-        self.triggers: list[Trigger] = []
+        self.triggers = Triggers()
         self.take_truth: Callable[[Mapping[str, NDArray[Any]]], None] = lambda rows: None
 
     @classmethod

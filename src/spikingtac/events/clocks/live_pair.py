@@ -90,7 +90,8 @@ class ReadAhead(FileSource):
     def _take_counts(self) -> None:
         self.progress = self.camera.progress
         self.losses.update(self.camera.losses)
-        self.triggers[:] = self.camera.triggers
+        self.triggers.clear()
+        self.triggers.extend(self.camera.triggers)
 
     def _next(self) -> Rows | None:
         with self._changed:

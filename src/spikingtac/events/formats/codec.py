@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from spikingtac.types import EventPacket
 
@@ -49,12 +53,73 @@ RESET_US = 100_000
 """A fall of the time by less is held until the source catches up, a larger one re-based."""
 
 
-class Trigger(NamedTuple):
-    """One edge on a camera's external trigger input."""
+class Triggers:
+    """Edges on a camera's external trigger inputs, as columns that grow in order of time."""
 
-    t_us: int
-    channel: int
-    rising: bool
+    _TYPES = (np.int64, np.uint8, np.bool_)
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[NDArray[Any], ...]] = []
+        self._count = 0
+
+    @property
+    def t_us(self) -> NDArray[np.int64]:
+        """Times of the edges, us."""
+        return self._column(0)
+
+    @property
+    def channel(self) -> NDArray[np.uint8]:
+        """Input that each edge was seen on."""
+        return self._column(1)
+
+    @property
+    def edge(self) -> NDArray[np.bool_]:
+        """True where the signal rose, False where it fell."""
+        return self._column(2)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[tuple[int, int, bool]]:
+        return zip(self.t_us.tolist(), self.channel.tolist(), self.edge.tolist(), strict=True)
+
+    def append(self, t_us: ArrayLike, channel: ArrayLike, edge: ArrayLike) -> None:
+        """Append edges that follow the ones before in time; single values count for all."""
+        arrays = np.broadcast_arrays(np.atleast_1d(t_us), channel, edge)
+        columns = zip(arrays, self._TYPES, strict=True)
+        self._parts.append(tuple(column.astype(kind) for column, kind in columns))
+        self._count += len(arrays[0])
+
+    def extend(self, others: Triggers) -> None:
+        """Append the edges of another collection."""
+        self._parts.extend(others._parts)
+        self._count += len(others)
+
+    def clear(self) -> None:
+        """Forget all edges."""
+        self._parts.clear()
+        self._count = 0
+
+    def select(self, keep: NDArray[Any] | slice) -> Triggers:
+        """Return the edges that a mask, an index array or a slice keeps."""
+        chosen = Triggers()
+        chosen.append(self.t_us[keep], self.channel[keep], self.edge[keep])
+        return chosen
+
+    def channels(self) -> dict[str, dict[str, int]]:
+        """Return count, first and last time of each channel, us, by the channel's number."""
+        found = {}
+        for channel in np.unique(self.channel).tolist():
+            t_us = self.t_us[self.channel == channel]
+            times = {"t_first_us": int(t_us[0]), "t_last_us": int(t_us[-1])}
+            found[str(channel)] = {"count": len(t_us), **times}
+        return found
+
+    def _column(self, place: int) -> NDArray[Any]:
+        if len(self._parts) > 1:
+            joined = tuple(np.concatenate(column) for column in zip(*self._parts, strict=True))
+            self._parts[:] = [joined]
+        return self._parts[0][place] if self._parts else np.empty(0, self._TYPES[place])
 
 
 class EventWriter(ABC):
@@ -64,13 +129,23 @@ class EventWriter(ABC):
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
+        triggers_left_out: Trigger edges that the format cannot hold.
     """
 
     size: tuple[int, int]
+    triggers_left_out: int = 0
 
     @abstractmethod
     def write(self, packet: EventPacket) -> None:
         """Append the events of a packet that follows the ones before it in time."""
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Append trigger edges that follow the ones before; formats that hold none leave them out.
+
+        Edges are given before the packet in whose time they lie, or at any time up to the end
+        where the format keeps them apart from the events.
+        """
+        self.triggers_left_out += len(triggers)
 
     @abstractmethod
     def close(self) -> None:

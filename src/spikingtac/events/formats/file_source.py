@@ -14,7 +14,7 @@ from spikingtac.errors import DamageError
 from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Trigger
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Triggers
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
@@ -58,7 +58,7 @@ class FileSource:
         format: Short name of the format.
         size: ``(width, height)`` of the sensor, px.
         losses: What was lost or mended in the latest iteration, by kind (see ``codec.KINDS``).
-        triggers: Trigger edges met in the latest iteration.
+        triggers: Trigger edges met in the latest iteration; complete when it has ended.
         notes: What had to be assumed, in plain words.
         progress: Share of the file that the latest iteration has read, 0 to 1.
         place: Where the latest columns ended, if the format can be read on from there.
@@ -72,7 +72,7 @@ class FileSource:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path = path
         self.losses = LossCounters()
-        self.triggers: list[Trigger] = []
+        self.triggers = Triggers()
         self.notes: list[str] = []
         self.progress = 0.0
         self.place: Place | None = None

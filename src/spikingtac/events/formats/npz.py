@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS, ColumnFile
 from spikingtac.events.formats.checks.time_unit import SECONDS_NOTE, US_PER_S, in_seconds
-from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.formats.codec import EventWriter, Triggers
 from spikingtac.events.formats.file_source import FileSource, Rows
 from spikingtac.file_kinds import told_kind
 from spikingtac.types import EventPacket
@@ -124,6 +124,17 @@ class NpzWriter(EventWriter):
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
         self._file.append({name: getattr(packet, name) for name in _TYPES})
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Append trigger edges; the file has their columns only where there are any."""
+        if len(triggers):
+            self._file.append(
+                {
+                    "trigger_t_us": triggers.t_us,
+                    "trigger_channel": triggers.channel,
+                    "trigger_edge": triggers.edge,
+                }
+            )
 
     def close(self) -> None:
         """Complete the file; further calls do nothing."""

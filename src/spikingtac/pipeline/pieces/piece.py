@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import time_slice
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.transform import time_slice
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker, PlacedTracker
 from spikingtac.markers.tracking_config import TrackingConfig

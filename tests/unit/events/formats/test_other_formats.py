@@ -187,7 +187,7 @@ def test_a_ros2_bag_keeps_state_and_counts_missing_messages(tmp_path: Path) -> N
     assert rows(source) == DECODED
     assert source.size == (320, 240)
     assert dict(source.losses) == {"gap": 1, "trigger": 1, "bad_record": 1}
-    assert source.triggers == [(6, 0, True)]
+    assert list(source.triggers) == [(6, 0, True)]
 
 
 def test_mono_packets_are_read(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ class RawSource(FileSource):
         return self.header.size or self._size_from_events()
 
     def _columns(self) -> Iterator[Rows]:
-        stream, base_us = self._words(), self.header.time_base_us
+        stream = self._words()
         total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
             file.seek(self.header.length if self.begin is None else self.begin.byte)
@@ -76,16 +76,16 @@ class RawSource(FileSource):
             data = file.read(CHUNK_BYTES)
             while data:
                 following = file.read(CHUNK_BYTES)
-                x, y, p, t = stream.feed(data, final=not following)
+                rows = stream.feed(data, final=not following)
                 self.progress = file.tell() / total
-                self._mark(stream, file.tell() - len(following), t, base_us)
-                yield x, y, p, t + base_us if base_us else t
+                self._mark(stream, file.tell() - len(following), rows[3])
+                yield rows
                 data = following
 
-    def _mark(self, stream: WordStream, byte: int, t: NDArray[np.int64], base_us: int) -> None:
+    def _mark(self, stream: WordStream, byte: int, t: NDArray[np.int64]) -> None:
         """Remember the place after a chunk; none where some of it waits for the next one."""
         state = stream.state() if len(t) else None
-        self.place = None if state is None else Place(0, byte, state, int(t[-1]) + base_us)
+        self.place = None if state is None else Place(0, byte, state, int(t[-1]))
 
     def _words(self) -> WordStream:
         """Return a fresh decoder with its salvage."""
@@ -93,7 +93,7 @@ class RawSource(FileSource):
 
         continuous = self._encoding == "evt3" and self.header.generated_here
         decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
-        return WordStream(decoder, self.losses, self.triggers)
+        return WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
 
     def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
         """Return encoding and byte order, from the header or else from the first words."""

@@ -83,15 +83,13 @@ class RawStream(RawSource):
                 "into a file for what needs a second look"
             )
         self._spent = True
-        stream, base_us = self._words(), self.header.time_base_us
+        stream = self._words()
         with self._reader as reader:
             data = self._pending or reader.read1(CHUNK_BYTES)
             while data:
-                x, y, p, t = stream.feed(data)
-                yield x, y, p, t + base_us if base_us else t
+                yield stream.feed(data)
                 data = reader.read1(CHUNK_BYTES)
-            x, y, p, t = stream.feed(b"", final=True)
-            yield x, y, p, t + base_us if base_us else t
+            yield stream.feed(b"", final=True)
 
 
 def _opened(path: Path) -> io.BufferedReader:

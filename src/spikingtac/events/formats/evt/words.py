@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.events.formats.codec import Trigger
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.evt import clock, salvage
 from spikingtac.events.formats.evt.decoder import Columns, WordDecoder
 from spikingtac.events.formats.evt.salvage import fill_at_end, filled_words, may_be_filled
@@ -30,9 +30,17 @@ class WordStream:
         decoder: Decoder of one word format.
         losses: Counters to fill.
         triggers: Where trigger edges are appended.
+        base_us: Added to the times of events and triggers.
     """
 
-    def __init__(self, decoder: WordDecoder, losses: LossCounters, triggers: list[Trigger]) -> None:
+    def __init__(
+        self,
+        decoder: WordDecoder,
+        losses: LossCounters,
+        triggers: Triggers,
+        base_us: int = 0,
+    ) -> None:
+        self._base_us = base_us
         self._decoder = decoder
         self._losses = losses
         self._triggers = triggers
@@ -144,10 +152,12 @@ class WordStream:
 
     def _taken(self, count: int) -> Rows:
         out, state = self._out, self._decoder.state
-        for t_us, channel, value in out.triggers[: state[clock.TRIGGERS]].tolist():
-            self._triggers.append(Trigger(t_us, channel, bool(value)))
+        if state[clock.TRIGGERS]:
+            t_us, channel, edge = out.triggers[: state[clock.TRIGGERS]].T
+            self._triggers.append(t_us + self._base_us, channel, edge)
         clock.take_counts(state, self._losses)
-        return out.x[:count], out.y[:count], out.p[:count], out.t[:count]
+        t = out.t[:count] + self._base_us if self._base_us else out.t[:count]
+        return out.x[:count], out.y[:count], out.p[:count], t
 
 
 def _copied(rows: Rows) -> Rows:

@@ -141,7 +141,7 @@ def test_words_that_are_no_events(raw) -> None:
     assert dict(source.losses) == {
         "padding": 1, "vendor_word": 4, "trigger": 1, "unknown_word": 1,
     }  # fmt: skip
-    assert source.triggers == [(1, 3, True)]
+    assert list(source.triggers) == [(1, 3, True)]
 
 
 def test_strict_lets_harmless_words_pass_and_refuses_damage(raw) -> None:
