@@ -19,7 +19,6 @@ OWN = ("spikingtac", "spikingtac_paper", "spikingtac_hardware")
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
-    "foxglove": "foxglove-sdk",
     "mcap_ros2": "mcap-ros2-support",
     "rtde_control": "ur-rtde",
     "rtde_receive": "ur-rtde",

@@ -1,4 +1,4 @@
-"""A DDS participant that publishes as a ROS 2 node does: its topics' names, types, hashes and QoS.
+"""A DDS participant that publishes topics as ROS 2 names them, with their types, hashes and QoS.
 
 Sources: the topic and type names of https://design.ros2.org/articles/topic_and_service_names.html;
 the structure of the types as rmw_cyclonedds makes them (``dyntype.cpp``: final, plain member names,
@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
-from spikingtac.ros2.wire.idl import idl_struct, sample
-from spikingtac.ros2.wire.type_hash import type_hash
+from spikingtac.ros2.types import idl_struct, sample, type_hash
 
 LOOPBACK = "lo"
 """The interface name that stands for this machine alone."""
@@ -95,11 +94,6 @@ class DdsPublisher:
     Args:
         config: Domain and interface.
 
-    Attributes:
-        participant: The library's; services join it.
-        own_readers: The library's, of the services that have joined.
-        own_writers: The library's, of topics and services.
-
     Raises:
         MissingExtraError: cyclonedds is not installed.
         DeviceError: The domain cannot be entered.
@@ -113,16 +107,13 @@ class DdsPublisher:
                 "ROS 2 needs cyclonedds; install it with: pip install 'spikingtac[ros2]'"
             ) from error
         self._config = config
-        self.participant: Any = None
-        self.own_readers: list[Any] = []
-        self.own_writers: list[Any] = []
+        self._participant: Any = None
         self._topics: dict[str, tuple[str, Any]] = {}
-        self._kept: list[Any] = []
         try:
             self._domain = domain.Domain(config.domain, config.document())
             # ROS 2 takes a participant for one of its own by its enclave.
             qos = core.Qos(core.Policy.Userdata(b"enclave=/;"))
-            self.participant = domain.DomainParticipant(config.domain, qos=qos)
+            self._participant = domain.DomainParticipant(config.domain, qos=qos)
         except core.DDSException as error:
             raise DeviceError(
                 f"DDS domain {config.domain} cannot be entered on {config.interface!r}: {error}; "
@@ -140,18 +131,12 @@ class DdsPublisher:
         Raises:
             ConfigError: The name is none.
         """
-        qos = topic_qos(message, state=state, reliable=self._config.reliable)
-        self._topics[topic] = (message, self.writer(dds_topic(topic), message, qos))
-        self.own_writers.append(self._topics[topic][1])
-
-    def writer(self, name: str, message: str, qos: Any) -> Any:
-        """Return the library's writer of a topic, named as on the wire; it lasts until the end."""
         from cyclonedds.pub import DataWriter
         from cyclonedds.topic import Topic
 
-        announced = Topic(self.participant, name, idl_struct(message))
-        self._kept.append(DataWriter(self.participant, announced, qos=qos))
-        return self._kept[-1]
+        qos = topic_qos(message, state=state, reliable=self._config.reliable)
+        announced = Topic(self._participant, dds_topic(topic), idl_struct(message))
+        self._topics[topic] = (message, DataWriter(self._participant, announced, qos=qos))
 
     def publish(self, topic: str, values: Mapping[str, Any]) -> None:
         """Send a message, without waiting for slow readers.
@@ -174,10 +159,7 @@ class DdsPublisher:
     def close(self) -> None:
         """Leave the domain: readers see the topics end."""
         self._topics.clear()
-        self._kept.clear()
-        self.own_readers.clear()
-        self.own_writers.clear()
-        self.participant = None
+        self._participant = None
         del self._domain
 
 

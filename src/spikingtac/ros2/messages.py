@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.ros2.wire.definitions import FLOAT32
 from spikingtac.types import EventPacket, MarkerFrame
 
 NS_PER_S, NS_PER_US = 1_000_000_000, 1_000
@@ -22,6 +21,8 @@ u, v and displacement du, dv in px, and 1 where it was seen."""
 MM_PER_M = 1_000.0
 DRAWN_MM_PER_PX = 0.1
 """Scale of the arrows in RViz where none is known (ours)."""
+FLOAT32 = 7
+"""Datatype code of a PointField."""
 LINE_LIST = 5
 """Kind of a Marker: a line for each two points."""
 LINE_MM = 0.08
@@ -34,7 +35,7 @@ class Layout:
 
     Attributes:
         reference_px: ``(m, 2)`` rest positions, px.
-        grid: Rows and columns; their product is m.
+        grid: Rows and columns; their product is m. Markers without rows are one row.
         centre_px: ``(x, y)`` of the image's centre, px.
         px_per_mm: Scale, None where it is unknown.
         size_px: Width and height of the image, None where they are unknown.
@@ -50,13 +51,14 @@ class Layout:
     def of_image(
         cls,
         reference_px: NDArray[np.floating],
-        grid: tuple[int, int],
+        grid: tuple[int, int] | None,
         size: tuple[int, int],
         px_per_mm: float | None,
     ) -> Layout:
         """Return the layout in an image of ``size`` (width, height), px."""
         centre_px = ((size[0] - 1) / 2, (size[1] - 1) / 2)
-        return cls(reference_px, grid, centre_px, px_per_mm, (int(size[0]), int(size[1])))
+        rows = grid or (1, len(reference_px))
+        return cls(reference_px, rows, centre_px, px_per_mm, (int(size[0]), int(size[1])))
 
     @property
     def about_centre_px(self) -> NDArray[np.floating]:
@@ -185,10 +187,6 @@ def diagnostics_message(
         "name": "spikingtac: tracking",
         "message": f"{coasted} markers held" if coasted else "all markers seen",
         "hardware_id": hardware,
-        "values": _key_values(figures.items()),
+        "values": [{"key": key, "value": f"{value:g}"} for key, value in figures.items()],
     }
     return {"status": [status]}
-
-
-def _key_values(figures: Iterable[tuple[str, float]]) -> list[dict[str, str]]:
-    return [{"key": key, "value": f"{value:g}"} for key, value in figures]

@@ -24,7 +24,6 @@ from spikingtac.ros2.messages import (
     header,
     wrench_message,
 )
-from spikingtac.ros2.settings import LiveConfig
 from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.touch.touches.detector import TouchDetector
 from spikingtac.touch.touches.touch_config import TouchConfig
@@ -34,6 +33,10 @@ US_PER_S, NS_PER_S = 1_000_000, 1_000_000_000
 DIAGNOSTICS_US = US_PER_S
 """Period of /diagnostics; ROS tools call them stale after 5 s."""
 DIAGNOSTICS = "/diagnostics"
+MOST_HZ = 10_000.0
+"""Fields per second that the fastest tracker makes."""
+ARROWS_HZ = 30.0
+"""Arrows per second: what a display shows."""
 REHEARSED = 600
 """Frames of the rehearsal: rest, a press of 150 ms, and its release until it is told."""
 REHEARSED_STRAIN = 0.08
@@ -66,6 +69,7 @@ class StreamConfig:
         events: Publish the events, too.
         wrench: Publish forces and moments, too.
         distance_mm: From the lens to the skin, where it is known: see the camera info.
+        field_hz: Fields and wrenches per second, at most as many as there are frames.
     """
 
     prefix: str = "/tactile"
@@ -73,6 +77,11 @@ class StreamConfig:
     events: bool = True
     wrench: bool = False
     distance_mm: float | None = None
+    field_hz: float = MOST_HZ
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.field_hz <= MOST_HZ:
+            raise ConfigError(f"field_hz is {self.field_hz:g}, it must be 1 to {MOST_HZ:g}")
 
 
 class SensorStream:
@@ -86,7 +95,6 @@ class SensorStream:
         layout: The markers at rest.
         config: What is published.
         force: Makes a wrench of every frame, where there is a force model.
-        live: What can be changed later on, by :meth:`retune`.
         clock_ns: Time of day, ns.
     """
 
@@ -96,7 +104,6 @@ class SensorStream:
         layout: Layout,
         config: StreamConfig,
         force: ForceEstimator | None = None,
-        live: LiveConfig | None = None,
         clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._publisher, self._layout, self._config = publisher, layout, config
@@ -104,8 +111,7 @@ class SensorStream:
         self._offset_ns: int | None = None
         self._due_us: dict[str, float] = {}
         self._touching: bool | None = None
-        self._live = live or LiveConfig()
-        self._touches = _touch_detector(layout, self._live.contact)
+        self._touches = _touch_detector(layout)
         self._encoder, self._origin_us = Evt3Encoder(), 0
         self.counts: Counter[str] = Counter()
         self._announce()
@@ -126,14 +132,6 @@ class SensorStream:
             self._tell_camera(self._clock_ns())
         self._publisher.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray")
 
-    def retune(self, live: LiveConfig) -> None:
-        """Go on with other settings; the detector of touches begins anew where its own differ."""
-        if live.contact != self._live.contact:
-            self._touches = _touch_detector(self._layout, live.contact)
-        if live.publish != self._live.publish:
-            self._due_us.clear()
-        self._live = live
-
     def frame(
         self,
         frame: MarkerFrame,
@@ -147,16 +145,16 @@ class SensorStream:
             wrench: Forces (N) and moments (Nm), where they are known already.
             figures: What /diagnostics tells of the sensor.
         """
-        stamp_ns, rates = self._stamp_ns(frame.t_us), self._live.publish
+        stamp_ns = self._stamp_ns(frame.t_us)
         if self._force is not None:
             moved_px = frame.detected_px - self._layout.reference_px
             wrench = self._force.update(frame.t_us, moved_px).values
-        if self._due("field", frame.t_us, US_PER_S / rates.field_hz):
+        if self._due("field", frame.t_us, US_PER_S / self._config.field_hz):
             self._send("field", field_message(frame, self._layout), stamp_ns)
             if wrench is not None:
                 self._send("wrench", wrench_message(wrench), stamp_ns)
         self._tell_contact(frame)
-        if self._due("arrows", frame.t_us, US_PER_S / rates.arrows_hz):
+        if self._due("arrows", frame.t_us, US_PER_S / ARROWS_HZ):
             arrows = arrows_message(frame, self._layout, stamp_ns)
             self._publisher.publish(self._topic("arrows"), arrows)
             self.counts["arrows"] += 1
@@ -222,9 +220,9 @@ class SensorStream:
         return f"{self._config.prefix}/{name}"
 
 
-def _touch_detector(layout: Layout, config: TouchConfig) -> TouchDetector | None:
+def _touch_detector(layout: Layout) -> TouchDetector | None:
     try:
-        return TouchDetector(np.asarray(layout.reference_px, np.float64), config)
+        return TouchDetector(np.asarray(layout.reference_px, np.float64), TouchConfig())
     except ConfigError:  # too few markers to tell a strain
         return None
 

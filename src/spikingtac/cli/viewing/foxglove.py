@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -12,9 +13,10 @@ import tyro
 
 from spikingtac.cli.messages import remark, warn
 from spikingtac.cli.viewing.publishing import publish_until, tell, wait_for_reader
-from spikingtac.errors import ConfigError
 
 FIELD = "/tactile/field"
+FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
+"""Origins of the Foxglove app in a browser."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +40,11 @@ class Args:
     force: Path | None = None
     """force.json: show the wrench, too; make one with: spikingtac force fit."""
     host: str = "127.0.0.1"
-    """Address to serve on. Whoever reaches it sees everything: there is no password."""
+    """Address to serve on. Beyond this machine a random token is needed, which is printed."""
     port: int = 8766
     """Port, or 0 for any free one."""
+    allow_origin: tuple[str, ...] = FOXGLOVE_ORIGINS
+    """Web pages that may connect, by their Origin; those of the Foxglove app unless given."""
     without_events: bool = False
     """Do not serve the events."""
     wait_s: float = 0.0
@@ -58,29 +62,40 @@ class Args:
 
 def run(args: Args) -> int:
     """Serve until the source ends, or until Ctrl-C."""
-    from spikingtac.ros2.feeds import FeedConfig, open_feed
-    from spikingtac.ros2.foxglove_server import FoxgloveConfig, FoxglovePublisher
+    from spikingtac.ros2.feed import FeedConfig, open_feed
+    from spikingtac.ros2.foxglove import FoxglovePublisher
     from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
+    from spikingtac.viewer.web.security import Gate
 
-    config = FoxgloveConfig(host=args.host, port=args.port)
     names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
     given = {name: getattr(args, name) for name in names}
     feed = open_feed(FeedConfig(**given, tell=warn))
-    try:
-        feed.settings.set({"publish.field_hz": args.field_hz})
-    except ConfigError as error:
-        raise ConfigError(f"--field-hz: {error}") from error
+    shown = StreamConfig(
+        hardware=args.source.name,
+        events=feed.source is not None and not args.without_events,
+        wrench=feed.has_wrench,
+        field_hz=args.field_hz,
+    )
     rehearse(feed.layout)
-    with closing(FoxglovePublisher(config, feed.settings)) as publisher:
-        shown = StreamConfig(
-            hardware=args.source.name,
-            events=feed.source is not None and not args.without_events,
-            wrench=feed.has_wrench,
-        )
-        stream = SensorStream(publisher, feed.layout, shown, feed.force, feed.settings.config)
-        feed.settings.watch(stream.retune)
-        remark(f"open ws://{args.host}:{publisher.port} in Foxglove (Open connection); Ctrl-C ends")
+    gate = Gate.for_host(args.host)
+    refusal = partial(_refusal, gate.refusal, args.allow_origin)
+    with closing(FoxglovePublisher(args.host, args.port, refusal)) as publisher:
+        stream = SensorStream(publisher, feed.layout, shown, feed.force)
+        token = f"/?token={gate.token}" if gate.token else ""
+        address = f"ws://{args.host}:{publisher.port}{token}"
+        remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
         ready = partial(wait_for_reader, publisher, FIELD, args.wait_s)
         found = publish_until(feed, stream, args.seconds, ready)
     tell(found, as_json=args.json)
     return 0
+
+
+def _refusal(
+    refusal: Callable[[Mapping[str, str], str | None], str],
+    allowed: tuple[str, ...],
+    headers: Mapping[str, str],
+    token: str | None,
+) -> str:
+    """Return why a connection is refused; the allowed pages pass as if they were our own."""
+    known = headers.get("origin") in allowed
+    return refusal({k: v for k, v in headers.items() if not (known and k == "origin")}, token)

@@ -10,8 +10,7 @@ from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, remark
 
 if TYPE_CHECKING:
-    from spikingtac.ros2.feeds import Feed
-    from spikingtac.ros2.pace import Pace
+    from spikingtac.ros2.feed import Feed, Pace
     from spikingtac.ros2.stream import Publisher, SensorStream
 
 LOOK_S = 0.01
@@ -32,7 +31,7 @@ def publish_until(
         ready: Waits for whom shall not miss the first frame.
     """
     from spikingtac.live.real_time import exempt_from_collection
-    from spikingtac.ros2.pace import Pace
+    from spikingtac.ros2.feed import Pace
 
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
@@ -94,7 +93,6 @@ def _publish(
     for frame, wrench in feed.frames(stream, pace):
         stream.frame(frame, wrench, anomalies(feed))
         pace.sent(frame.t_us)
-        feed.settings.apply()
         first_us = frame.t_us if first_us is None else first_us
         if stop.asked:
             return

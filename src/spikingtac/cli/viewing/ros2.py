@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -16,8 +15,7 @@ from spikingtac.cli.viewing.publishing import publish_until, tell, wait_for_read
 
 if TYPE_CHECKING:
     from spikingtac.ros2.dds import DdsPublisher
-    from spikingtac.ros2.feeds import Feed
-    from spikingtac.ros2.service import Desk
+    from spikingtac.ros2.feed import Feed
     from spikingtac.ros2.stream import SensorStream
 
 
@@ -40,7 +38,7 @@ class Args:
     force: Path | None = None
     """force.json: publish the wrench, too; make one with: spikingtac force fit."""
     prefix: str = "/tactile"
-    """The node's name; begins the name of every topic and service: /tactile/field, ..."""
+    """Begins the name of every topic: /tactile/field, ..."""
     domain: int = 0
     """ROS_DOMAIN_ID."""
     interface: str = "lo"
@@ -52,8 +50,6 @@ class Args:
     distance_mm: float | None = None
     """Distance from the lens to the skin, mm: gives the camera info a focal length, with the scale
     of the calibration."""
-    release: Literal["jazzy", "humble"] = "jazzy"
-    """ROS 2 release of the subscribers: jazzy stands for Iron and later."""
     wait_s: float = 0.0
     """Longest wait for a first reader of the field before the first frame, s."""
     seconds: float | None = None
@@ -70,7 +66,7 @@ class Args:
 def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.dds import DdsConfig, DdsPublisher, dds_topic
-    from spikingtac.ros2.feeds import FeedConfig, open_feed
+    from spikingtac.ros2.feed import FeedConfig, open_feed
     from spikingtac.ros2.stream import rehearse
 
     field = f"{args.prefix}/field"
@@ -81,11 +77,8 @@ def run(args: Args) -> int:
     feed = open_feed(FeedConfig(**given, tell=warn))
     _check_distance(args, feed)
     rehearse(feed.layout)
-    with ExitStack() as opened:  # also a source that is refused leaves nothing in the domain
-        publisher = DdsPublisher(config)
-        opened.callback(publisher.close)
+    with closing(DdsPublisher(config)) as publisher:
         stream = _announce(args, feed, publisher)
-        opened.callback(_node(args, feed, publisher).close)
         where = "this machine" if args.interface == "lo" else args.interface
         remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
         ready = partial(wait_for_reader, publisher, field, args.wait_s)
@@ -111,27 +104,4 @@ def _announce(args: Args, feed: Feed, publisher: DdsPublisher) -> SensorStream:
         wrench=feed.has_wrench,
         distance_mm=args.distance_mm,
     )
-    stream = SensorStream(publisher, feed.layout, config, feed.force, feed.settings.config)
-    feed.settings.watch(stream.retune)
-    return stream
-
-
-def _node(args: Args, feed: Feed, publisher: DdsPublisher) -> Desk:
-    """Announce the node with its services, and answer them from now on."""
-    from spikingtac.ros2.node import Node
-    from spikingtac.ros2.parameters import Parameters
-    from spikingtac.ros2.service import Desk, Service
-
-    reset = Service(publisher, f"{args.prefix}/reset", "std_srvs/Trigger", _resetting(feed))
-    services = Parameters(publisher, args.prefix, feed.settings).services
-    Node(publisher, args.prefix, args.release)
-    return Desk(publisher, [reset, *services])
-
-
-def _resetting(feed: Feed) -> Callable[[Any], Mapping[str, Any]]:
-    def answer(_: Any) -> Mapping[str, Any]:
-        done = feed.reset()
-        why = "the markers rest" if done else "tracks are published, there is no tracker"
-        return {"success": done, "message": why}
-
-    return answer
+    return SensorStream(publisher, feed.layout, config, feed.force)

@@ -20,7 +20,7 @@ from spikingtac.ros2.messages import (
     field_message,
     header,
 )
-from spikingtac.ros2.wire.definitions import full_definition, ros_type
+from spikingtac.ros2.types import definition, ros_type
 from spikingtac.types import EventPacket
 from spikingtac.viewer.export.stretch import Stretch, open_stretch
 from spikingtac.viewer.session.layers import grey_image
@@ -87,7 +87,7 @@ class _Topics:
     def __init__(self, writer: Any) -> None:
         self._writer = writer
         self._schemas = {
-            name: writer.register_msgdef(ros_type(message), full_definition(message))
+            name: writer.register_msgdef(ros_type(message), definition(message))
             for name, message in TYPES.items()
         }
         self._counts = dict.fromkeys(TYPES, 0)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,27 +18,70 @@ from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource, refuse
 from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.recording_tracks import require_same_size
 from spikingtac.ros2.messages import Layout
-from spikingtac.ros2.pace import Pace, paced
-from spikingtac.ros2.settings import LiveConfig, Settings
 from spikingtac.ros2.stream import SensorStream
 from spikingtac.touch.force.files.model_file import load_force
 from spikingtac.touch.force.model import ForceEstimator
 from spikingtac.tracks import Tracks, is_tracks_file
 from spikingtac.types import EventPacket, MarkerFrame
 
+US_PER_S = 1_000_000
 EVENTS_US = 10_000
 """Span of a message of events: 100 per second, as event camera drivers send them."""
 STEP_US = 1_000
 """Step at which recordings are played."""
+LATENESSES = 65_536
+"""Frames whose lateness is kept: the last minute at 1 kHz."""
 
 Felt = tuple[MarkerFrame, NDArray[np.floating] | None]
 """A frame, and its wrench where it is known already."""
+
+
+class Pace:
+    """Plays data at the speed at which they were recorded, and knows how late they are."""
+
+    def __init__(
+        self,
+        clock_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._clock_s, self._sleep = clock_s, sleep
+        self._begun: tuple[int, float] | None = None
+        self._late_us = np.zeros(LATENESSES, np.float32)
+        self._sent = 0
+        self.largest_lag_s = 0.0
+
+    def wait(self, t_us: int) -> None:
+        """Return when data of this time are due, at once where they are late."""
+        if self._begun is None:
+            self._begun = (t_us, self._clock_s())
+        early_s = -self._late_s(t_us)
+        if early_s > 0.0:
+            self._sleep(early_s)
+        self.largest_lag_s = max(self.largest_lag_s, -early_s)
+
+    def sent(self, t_us: int) -> None:
+        """Take note that the frame of this time has left."""
+        if self._begun is not None:
+            self._late_us[self._sent % LATENESSES] = self._late_s(t_us) * US_PER_S
+            self._sent += 1
+
+    def lateness_ms(self) -> dict[str, float]:
+        """Return how late the last frames left, ms: ``p50``, ``p99`` and ``max``; may be empty."""
+        late_ms = self._late_us[: min(self._sent, LATENESSES)] / 1e3
+        if not len(late_ms):
+            return {}
+        p50, p99 = np.percentile(late_ms, (50, 99))
+        figures = {"p50": p50, "p99": p99, "max": late_ms.max()}
+        return {name: round(float(value), 3) for name, value in figures.items()}
+
+    def _late_s(self, t_us: int) -> float:
+        assert self._begun is not None
+        first_us, begun_s = self._begun
+        return self._clock_s() - begun_s - (t_us - first_us) / US_PER_S
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,7 +109,8 @@ class FeedConfig:
     tell: Callable[[str], None] = lambda why: None
 
 
-class Feed(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Feed:
     """Frames of a source.
 
     Attributes:
@@ -74,22 +118,14 @@ class Feed(Protocol):
         source: The events, None where there are none.
         force: Makes a wrench of every frame, or None.
         has_wrench: Whether the frames come with wrenches.
-        settings: What can be changed while it is published.
+        frames: Yields the frames when they are due; events go to the stream meanwhile.
     """
 
     layout: Layout
     source: FileSource | None
     force: ForceEstimator | None
     has_wrench: bool
-    settings: Settings
-
-    def reset(self) -> bool:
-        """Forget all but the calibration before the next frame; False for tracks: nothing is."""
-        ...
-
-    def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        """Yield the frames when they are due; events go to the stream meanwhile."""
-        ...
+    frames: Callable[[SensorStream, Pace], Iterator[Felt]]
 
 
 def open_feed(config: FeedConfig) -> Feed:
@@ -101,98 +137,68 @@ def open_feed(config: FeedConfig) -> Feed:
     """
     calibration = None if config.calibration is None else Calibration.load(config.calibration)
     if config.source.is_file() and is_tracks_file(config.source):
-        return _TracksFeed(config, calibration)
+        return _feed_of_tracks(config, calibration)
     if calibration is None:
         raise ConfigError(
             "events need the sensor's calibration: --calibration calibration.json; "
             "make one with: spikingtac calibrate RECORDING -o calibration.json"
         )
-    return _EventsFeed(config, calibration)
+    return _feed_of_events(config, calibration)
 
 
-class _TracksFeed:
-    """Frames of tracks.npz."""
+def _feed_of_tracks(config: FeedConfig, calibration: Calibration | None) -> Feed:
+    tracks = Tracks.load(config.source)
+    wrenches = tracks.wrench_estimate
 
-    source: FileSource | None = None
-
-    def __init__(self, config: FeedConfig, calibration: Calibration | None) -> None:
-        self._tracks = Tracks.load(config.source)
-        self.layout = _layout_of_tracks(self._tracks, calibration)
-        self.force = _force(config, len(self._tracks.reference_px))
-        self.has_wrench = self._tracks.wrench_estimate is not None
-        self.settings = Settings(LiveConfig(), {"source": config.source.name})
-
-    def reset(self) -> bool:
-        return False
-
-    def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        wrenches = self._tracks.wrench_estimate
-        for number, frame in enumerate(self._tracks.frames()):
+    def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
+        for number, frame in enumerate(tracks.frames()):
             pace.wait(frame.t_us)
             yield frame, None if wrenches is None else wrenches[number]
 
+    return Feed(
+        layout=_layout_of_tracks(tracks, calibration),
+        source=None,
+        force=_force(config, len(tracks.reference_px)),
+        has_wrench=wrenches is not None,
+        frames=frames,
+    )
 
-class _EventsFeed:
-    """Frames that a tracker makes of events."""
 
-    has_wrench = False
+def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
+    tracking = load_config(config.preset).with_tracking(rate_hz=config.rate_hz).tracking
+    tracker = make_tracker(tracking, calibration)
+    events = open_events(config.source, strict=config.strict, sensor=config.sensor)
+    require_same_size(events.size, calibration.size)
+    checked = CheckedSource(events, calibration, refuse if config.strict else config.tell)
 
-    def __init__(self, config: FeedConfig, calibration: Calibration) -> None:
-        self._tracking = load_config(config.preset).with_tracking(rate_hz=config.rate_hz).tracking
-        self._calibration = calibration
-        self._tracker = _Exchangeable(make_tracker(self._tracking, calibration))
-        self.settings = Settings(
-            LiveConfig(tracking=self._tracking), self._fixed(config), self._other_tracker
-        )
-        self.force = _force(config, len(calibration.reference_px))
-        self._events = open_events(config.source, strict=config.strict, sensor=config.sensor)
-        self.source: FileSource | None = self._events
-        require_same_size(self._events.size, calibration.size)
-        self._live = is_stream(config.source)
-        self._checked = CheckedSource(self._events, calibration, self._tell(config))
-        self.layout = Layout.of_image(
-            calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
-        )
-
-    @staticmethod
-    def _tell(config: FeedConfig) -> Callable[[str], None]:
-        return refuse if config.strict else config.tell
-
-    def _fixed(self, config: FeedConfig) -> dict[str, str | float]:
-        named = {"source": str(config.source), "preset": config.preset}
-        return {**named, "rate_hz": self._tracking.rate_hz}
-
-    def _other_tracker(self, tracking: TrackingConfig) -> Callable[[], None]:
-        """Return what makes another tracker take over: it begins with the skin at rest."""
-        tracker = make_tracker(tracking, self._calibration)
-        return lambda: self._tracker.exchange(tracker)
-
-    def reset(self) -> bool:
-        self.settings.later(self._tracker.reset)
-        return True
-
-    def frames(self, stream: SensorStream, pace: Pace) -> Iterator[Felt]:
-        packets: Iterator[EventPacket] = iter(self._checked)
-        if not self._live:
-            packets = paced(windows(packets, STEP_US), pace)
-        told, rate_hz = _telling(packets, stream), self._tracking.rate_hz
-        for frame in follow(told, self._tracker, rate_hz, self._events.losses):
+    def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
+        packets: Iterator[EventPacket] = iter(checked)
+        if not is_stream(config.source):
+            packets = _paced(windows(packets, STEP_US), pace)
+        published = _publishing(packets, stream)
+        for frame in follow(published, tracker, tracking.rate_hz, events.losses):
             yield frame, None
 
+    return Feed(
+        layout=Layout.of_image(
+            calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
+        ),
+        source=events,
+        force=_force(config, len(calibration.reference_px)),
+        has_wrench=False,
+        frames=frames,
+    )
 
-class _Exchangeable:
-    """A tracker that another one can take over from, between two estimates."""
 
-    def __init__(self, tracker: MarkerTracker) -> None:
-        self.exchange(tracker)
-
-    def exchange(self, tracker: MarkerTracker) -> None:
-        self.absorb, self.estimate = tracker.absorb, tracker.estimate
-        self.reset = tracker.reset
+def _paced(packets: Iterator[EventPacket], pace: Pace) -> Iterator[EventPacket]:
+    """Yield packets at the times at which they were complete."""
+    for packet in packets:
+        pace.wait(packet.t_end_us)
+        yield packet
 
 
-def _telling(packets: Iterator[EventPacket], stream: SensorStream) -> Iterator[EventPacket]:
-    """Yield packets, and publish them, some milliseconds at a time."""
+def _publishing(packets: Iterator[EventPacket], stream: SensorStream) -> Iterator[EventPacket]:
+    """Yield packets, and publish their events, some milliseconds at a time."""
     kept: list[EventPacket] = []
     for packet in packets:
         kept.append(packet)
@@ -206,7 +212,7 @@ def _telling(packets: Iterator[EventPacket], stream: SensorStream) -> Iterator[E
 
 def _layout_of_tracks(tracks: Tracks, calibration: Calibration | None) -> Layout:
     rest_px, scale = tracks.reference_px.astype(float), tracks.px_per_mm
-    grid = tuple(tracks.meta.get("grid", (1, len(rest_px))))
+    grid = tracks.meta.get("grid") or (1, len(rest_px))
     if calibration is not None:
         if len(calibration.reference_px) != len(rest_px):
             raise ConfigError(

@@ -1,0 +1,242 @@
+"""A Foxglove server: the topics of ROS 2 over a web socket, for users of the app without ROS.
+
+Messages are those of :mod:`spikingtac.ros2.dds`, byte by byte, with ROS 2's definitions as schemas.
+Clients read; they change nothing. The protocol is Foxglove's web socket protocol, version 1
+(https://github.com/foxglove/ws-protocol). Foxglove's own library cannot refuse a connection by its
+Origin or Host, so that any page in the user's browser could read a server of it.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+from spikingtac.errors import ConfigError, DeviceError
+from spikingtac.ros2.types import definition, encode, ros_type
+
+if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
+    from websockets.sync.server import ServerConnection
+
+PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""Names of the protocol's version 1, the newer one first."""
+MESSAGE_DATA = 1
+"""Operation code of a message (ws-protocol.md)."""
+BACKLOG = 256
+"""Messages that wait for a slow client: 4 s of a display. The oldest are dropped then."""
+LARGEST_PORT = 65_535
+PATIENCE_S = 1.0
+"""Time for a client to take what waits for it when the server ends."""
+
+Refusal = Callable[[Mapping[str, str], str | None], str]
+"""Returns why a request is refused, from its headers and token; an empty text lets it in."""
+
+
+class FoxglovePublisher:
+    """Serves messages to the clients that subscribe, without waiting for slow ones.
+
+    Args:
+        host: Address of an interface of this machine; loopback is this machine alone.
+        port: Port, or 0 for any free one.
+        refusal: Decides about each connection.
+
+    Attributes:
+        port: On which it listens.
+
+    Raises:
+        ConfigError: Host or port are not valid.
+        DeviceError: The port is taken, or the address is none of this machine.
+    """
+
+    def __init__(self, host: str, port: int, refusal: Refusal) -> None:
+        from websockets.sync.server import serve
+
+        _check(host, port)
+        self._refusal, self._lock = refusal, threading.Lock()
+        self._channels: dict[str, dict[str, Any]] = {}
+        self._states: dict[str, bytes | None] = {}
+        self._clients: list[_Client] = []
+        try:
+            self._server = serve(
+                self._attend,
+                host,
+                port,
+                subprotocols=PROTOCOLS,  # pyright: ignore[reportArgumentType]
+                process_request=self._refuse,
+                compression=None,
+            )
+        except OSError as error:
+            raise DeviceError(
+                f"Foxglove cannot be served on {host}:{port}: {error}; another --port may be free "
+                "(0 takes any)"
+            ) from error
+        self.port: int = self._server.socket.getsockname()[1]
+        threading.Thread(target=self._server.serve_forever, name="foxglove", daemon=True).start()
+
+    def advertise(self, topic: str, message: str, *, state: bool = False) -> None:
+        """Announce a topic.
+
+        Args:
+            topic: Absolute name, as ``/tactile/field``.
+            message: Package and name, as ``std_msgs/Bool``.
+            state: The last message is given to those who come later.
+        """
+        with self._lock:
+            self._channels[topic] = {
+                "id": len(self._channels) + 1,
+                "topic": topic,
+                "encoding": "cdr",
+                "schemaName": ros_type(message),
+                "schemaEncoding": "ros2msg",
+                "schema": definition(message),
+                "message": message,
+            }
+            if state:
+                self._states[topic] = None
+            for client in self._clients:
+                client.put(_advertisement([self._channels[topic]]))
+
+    def publish(self, topic: str, values: Mapping[str, Any]) -> None:
+        """Send a message; without a subscriber it is not even encoded."""
+        channel = self._channels[topic]
+        with self._lock:
+            wanted = [(c, n) for c in self._clients for n in c.subscriptions(channel["id"])]
+        if not wanted and topic not in self._states:
+            return
+        encoded = encode(channel["message"], values)
+        if topic in self._states:
+            self._states[topic] = encoded
+        for client, number in wanted:
+            client.put(_message(number, encoded))
+
+    def readers(self, topic: str) -> int:
+        """Return how many subscriptions a topic has now."""
+        number = self._channels[topic]["id"]
+        with self._lock:
+            return sum(len(client.subscriptions(number)) for client in self._clients)
+
+    def close(self) -> None:
+        """Let all clients go, after a moment for what waits for them."""
+        self._server.shutdown()
+        with self._lock:
+            clients = list(self._clients)
+        for client in clients:
+            client.end()
+
+    def _refuse(self, connection: ServerConnection, request: Request) -> Response | None:
+        headers = {name.lower(): value for name, value in request.headers.raw_items()}
+        token = parse_qs(urlsplit(request.path).query).get("token", [None])[0]
+        why = self._refusal(headers, token)
+        return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n") if why else None
+
+    def _attend(self, connection: ServerConnection) -> None:
+        """Serve one client until it leaves; runs in a thread of its own."""
+        client = _Client(connection)
+        with self._lock:
+            client.put(json.dumps({"op": "serverInfo", "name": "spikingtac", "capabilities": []}))
+            client.put(_advertisement(list(self._channels.values())))
+            self._clients.append(client)
+        try:
+            for text in connection:
+                self._answer(client, text)
+        finally:
+            with self._lock:
+                self._clients.remove(client)
+            client.end()
+
+    def _answer(self, client: _Client, text: str | bytes) -> None:
+        """Do what a client asks for; what it may not ask for, or not in this form, is ignored."""
+        try:
+            asked = json.loads(text)
+            if asked["op"] == "subscribe":
+                for one in asked["subscriptions"]:
+                    client.wanted[int(one["id"])] = int(one["channelId"])
+                    self._give_state(client, int(one["id"]), int(one["channelId"]))
+            elif asked["op"] == "unsubscribe":
+                for number in asked["subscriptionIds"]:
+                    client.wanted.pop(int(number), None)
+        except (ValueError, TypeError, KeyError):
+            return
+
+    def _give_state(self, client: _Client, number: int, channel: int) -> None:
+        for topic, kept in self._states.items():
+            if kept is not None and self._channels[topic]["id"] == channel:
+                client.put(_message(number, kept))
+
+
+class _Client:
+    """A connection with a bounded queue, emptied by a thread of its own.
+
+    Attributes:
+        wanted: Number of a subscription -> id of its channel.
+    """
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self._connection = connection
+        self.wanted: dict[int, int] = {}
+        self._waiting: deque[str | bytes] = deque(maxlen=BACKLOG)
+        self._change, self._ending = threading.Condition(), False
+        self._thread = threading.Thread(target=self._send, name="foxglove client", daemon=True)
+        self._thread.start()
+
+    def subscriptions(self, channel: int) -> list[int]:
+        return [number for number, wanted in list(self.wanted.items()) if wanted == channel]
+
+    def put(self, data: str | bytes) -> None:
+        with self._change:
+            self._waiting.append(data)
+            self._change.notify()
+
+    def end(self) -> None:
+        """Send what waits, but not for longer than :data:`PATIENCE_S`, and close."""
+        with self._change:
+            self._ending = True
+            self._change.notify()
+        self._thread.join(PATIENCE_S)
+        if self._thread.is_alive():  # the client does not read: nothing can be told to it
+            self._connection.close_socket()
+        else:
+            self._connection.close()
+
+    def _send(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        while True:
+            with self._change:
+                while not self._waiting and not self._ending:
+                    self._change.wait()
+                if not self._waiting:
+                    return
+                data = self._waiting.popleft()
+            try:
+                self._connection.send(data)
+            except (ConnectionClosed, OSError):
+                return
+
+
+def _check(host: str, port: int) -> None:
+    if not 0 <= port <= LARGEST_PORT:
+        raise ConfigError(f"the port is {port}, it must be 0 to {LARGEST_PORT}")
+    try:
+        ipaddress.ip_address(host)
+    except ValueError as error:
+        raise ConfigError(
+            f"{host!r} is no address; valid are those of this machine, as 127.0.0.1"
+        ) from error
+
+
+def _advertisement(channels: list[dict[str, Any]]) -> str:
+    told = [{k: v for k, v in one.items() if k != "message"} for one in channels]
+    return json.dumps({"op": "advertise", "channels": told})
+
+
+def _message(subscription: int, encoded: bytes) -> bytes:
+    return struct.pack("<BIQ", MESSAGE_DATA, subscription, time.time_ns()) + encoded

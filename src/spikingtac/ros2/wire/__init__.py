@@ -1,1 +1,0 @@
-"""What is sent: definitions of messages, their names, hashes, types and bytes."""
