@@ -1,17 +1,26 @@
-"""The figures of a design, by name, with their units in the names."""
+"""The figures of a design, its bill of materials, and the build guide with both."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import csv
+import importlib.resources
+import io
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from spikingtac_hardware.design import Design
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.light import light_figures
 from spikingtac_hardware.optics import Imaging
-from spikingtac_hardware.parameters.design import Design
 
+MM3_PER_CM3 = 1000.0
+STEEL_G_CM3, BRASS_G_CM3, BOARD_G_CM3, PARTS_G_CM3 = 7.9, 8.5, 1.9, 2.3
+"""Densities: steel, brass, glass-fibre board, packages and glass, g/cm³ (textbook)."""
+INSERT_C = 220
+"""Temperature of the iron for brass inserts in PA12, degrees Celsius (class)."""
 SHARP_PX = 1.0
 """Blur disc up to which the skin counts as sharp, px."""
 SEARCH_MM = np.linspace(0.0, 5.0, 501)
@@ -22,7 +31,7 @@ def figures_of(design: Design) -> dict[str, Any]:
     """Return what follows from the parameters of a design that passes its checks.
 
     Example:
-        >>> from spikingtac_hardware.parameters.design import load_design
+        >>> from spikingtac_hardware.design import load_design
         >>> round(figures_of(load_design())["pitch_px"], 1)
         37.2
     """
@@ -65,3 +74,140 @@ def _sensing_area_mm2(layout: Layout, field_mm: tuple[float, float]) -> float:
 def _distortion(layout: Layout, imaging: Imaging) -> float:
     reach = np.array([layout.disc_reach_mm])
     return float(imaging.image_px(reach)[0] / (reach[0] * imaging.px_per_mm) - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One line of the bill.
+
+    Attributes:
+        item: What it is.
+        quantity: How many.
+        made: ``printed``, ``bought``, ``cut`` or ``cast``.
+        material: Material, or name of the part.
+        mass_g: Mass of all of them, g.
+        cost_usd: Cost of all of them, dollars.
+    """
+
+    item: str
+    quantity: int
+    made: str
+    material: str
+    mass_g: float
+    cost_usd: float
+
+
+def bill_of_materials(design: Design, volume_mm3: Mapping[str, float]) -> tuple[Item, ...]:
+    """Return the bill of one sensor, without mould and holders.
+
+    Args:
+        design: The design; its prices are estimates, none is a quote.
+        volume_mm3: Volumes of the parts by their names, mm³.
+    """
+    cm3 = {name: volume / MM3_PER_CM3 for name, volume in volume_mm3.items()}
+    return (*_printed(design, cm3), *_cast(design, cm3), *_bought(design, cm3))
+
+
+def totals(bill: tuple[Item, ...]) -> tuple[float, float]:
+    """Return mass (g) and cost (dollars) of a bill."""
+    return sum(item.mass_g for item in bill), sum(item.cost_usd for item in bill)
+
+
+def as_csv(bill: tuple[Item, ...]) -> str:
+    """Return the bill as CSV with a line of totals."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(field.name for field in fields(Item))
+    for one in bill:
+        writer.writerow([one.item, one.quantity, one.made, one.material,
+                         f"{one.mass_g:.3f}", f"{one.cost_usd:.2f}"])  # fmt: skip
+    mass, cost = totals(bill)
+    writer.writerow(["total", "", "", "", f"{mass:.3f}", f"{cost:.2f}"])
+    return text.getvalue()
+
+
+def _printed(design: Design, cm3: Mapping[str, float]) -> list[Item]:
+    printing = design.printing
+    return [
+        Item(name, 1, "printed", printing.process, cm3[name] * printing.density_g_cm3,
+             cm3[name] * printing.price_usd_cm3)
+        for name in ("base", "shading-plate", "shell")
+    ]  # fmt: skip
+
+
+def _cast(design: Design, cm3: Mapping[str, float]) -> list[Item]:
+    material, skin = design.materials, design.skin
+    gel, cover = (cm3[name] * material.silicone_g_cm3 for name in ("gel", "cover"))
+    discs = cm3["discs"] * material.silicone_g_cm3
+    cover_color = "black" if skin.paint == "white" else "white"
+    return [
+        Item("window", 1, "cut", f"acrylic, {design.window.thickness_mm:g} mm",
+             cm3["window"] * material.acrylic_g_cm3, material.acrylic_usd),
+        Item("gel", 1, "cast", "clear platinum-cured silicone", gel, gel * material.silicone_usd_g),
+        Item("discs", skin.grid[0] * skin.grid[1], "cast", f"{skin.paint} silicone ink", discs,
+             material.paint_usd),
+        Item("cover", 1, "cast", f"{cover_color} silicone", cover, cover * material.silicone_usd_g),
+    ]  # fmt: skip
+
+
+def _bought(design: Design, cm3: Mapping[str, float]) -> list[Item]:
+    material, screws, light = design.materials, design.fasteners, design.light
+    board = (cm3["camera-board"] + cm3["connector"]) * BOARD_G_CM3
+    lens = (cm3["lens"] + cm3["lens-holder"]) * PARTS_G_CM3
+    leds = cm3["led-board"] * BOARD_G_CM3 + cm3["leds"] * PARTS_G_CM3
+    width, height = design.sensor.pixels
+    return [
+        Item("event sensor", 1, "bought", f"{design.sensor.name}, {width} x {height} px",
+             cm3["event-sensor"] * PARTS_G_CM3, design.sensor.cost_usd),
+        Item("lens with holder", 1, "bought", design.lens.name, lens, design.lens.cost_usd),
+        Item("camera board", 1, "bought", "board, regulators, connector", board,
+             design.board.cost_usd),
+        Item("LED board", 1, "bought", f"{light.leds} white LEDs, constant-current driver", leds,
+             light.cost_usd),
+        Item("screws", 4, "bought",
+             f"ISO 4762 M{screws.thread_mm:g} x {screws.length_mm:g}, steel",
+             cm3["screws"] * STEEL_G_CM3, 4 * material.screw_usd),
+        Item("heat-set inserts", 4, "bought",
+             f"M{screws.thread_mm:g} x {screws.insert_length_mm:g}, brass",
+             cm3["inserts"] * BRASS_G_CM3, 4 * material.insert_usd),
+        Item("cable", 1, "bought", "flat cable, outside", 0.0, material.cable_usd),
+        Item("reader board", 1, "bought", "microcontroller, outside", 0.0, material.reader_usd),
+    ]  # fmt: skip
+
+
+def build_guide(layout: Layout, figures: dict[str, Any], bill: tuple[Item, ...]) -> str:
+    """Return the build guide.
+
+    Args:
+        layout: Heights and places.
+        figures: From :func:`figures_of`.
+        bill: From :func:`bill_of_materials`.
+    """
+    design = layout.design
+    mass_g, cost_usd = totals(bill)
+    mass_of = {item.item: item.mass_g for item in bill}
+    rim = layout.outer.half_mm[0] - layout.pocket.half_mm[0]
+    plain = layout.plate_top_mm - design.fasteners.counterbore_mm
+    in_air = figures["reduced_distance_mm"] - design.lens.pupil_mm
+    page = importlib.resources.files("spikingtac_hardware") / "designs" / "build-guide.md"
+    return page.read_text(encoding="utf-8").format(
+        about=design.about, width=layout.outer.size_mm[0], depth=layout.outer.size_mm[1],
+        height=design.housing.height_mm, mass=mass_g, cost=cost_usd,
+        process=design.printing.process, rim=rim,
+        window=design.window.thickness_mm, rows=design.skin.grid[0],
+        columns=design.skin.grid[1], disc=design.skin.disc_diameter_mm,
+        pitch=design.skin.pitch_mm, paint=design.skin.paint, gel_g=mass_of["gel"],
+        gel=design.skin.gel_mm, cover_g=mass_of["cover"], cover=design.skin.cover_mm,
+        cover_color="black" if design.skin.paint == "white" else "white",
+        free=layout.disc_mm - layout.shell_top_mm, thread=design.fasteners.thread_mm,
+        insert=design.fasteners.insert_length_mm, insert_c=INSERT_C,
+        current=design.light.current_ma, supply=figures["supply_ma"],
+        volts=design.light.supply_v, reduced_front=in_air,
+        working=figures["working_distance_mm"],
+        length=design.fasteners.length_mm, engaged=design.fasteners.length_mm - plain,
+        px_per_mm=figures["px_per_mm"],
+        pitch_px=figures["pitch_px"], disc_px=figures["disc_radius_px"],
+        field_x=figures["field_mm"][0], field_y=figures["field_mm"][1],
+        distortion=-100 * figures["distortion_at_outer_disc"], lux=figures["centre_lux"],
+        warming=figures["warming_k"],
+    )  # fmt: skip

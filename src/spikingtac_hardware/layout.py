@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
-from spikingtac_hardware.parameters.design import Design
-from spikingtac_hardware.parameters.housing import OutlineKind
+from spikingtac_hardware.design import Design
 
 FIT_GAP_MM = 0.1
 """Gap about boards that lie in a pocket, mm on each side (a board shop's outline tolerance)."""
@@ -32,7 +32,7 @@ class Outline:
         radius_mm: Radius of a rectangle's corners, mm.
     """
 
-    kind: OutlineKind
+    kind: Literal["rectangle", "round"]
     size_mm: tuple[float, float]
     radius_mm: float = SMALL_RADIUS_MM
 

@@ -58,6 +58,7 @@ class Imaging:
     def __init__(self, layout: Layout) -> None:
         design = layout.design
         self._lens, self._sensor, self._skin = design.lens, design.sensor, design.skin
+        self._k1 = design.lens_k1
         self._plates = (
             (design.window.thickness_mm, design.window.index),
             (design.skin.gel_mm, design.skin.gel_index),
@@ -98,7 +99,7 @@ class Imaging:
     def image_px(self, radius_mm: FloatArray) -> FloatArray:
         """Return the distances ``(n,)`` of images from the centre, px."""
         tangent = self.tangent(radius_mm)
-        return self.px_per_mm * self.reduced_mm * tangent * (1 + self._lens.k1 * tangent**2)
+        return self.px_per_mm * self.reduced_mm * tangent * (1 + self._k1 * tangent**2)
 
     def seen_mm(self, image_px: float) -> float:
         """Return the distance on the skin that is imaged at ``image_px`` from the centre, mm."""
@@ -160,7 +161,7 @@ class Imaging:
 
     def _px_per_mm_of_indentation(self, radius_mm: FloatArray) -> FloatArray:
         tangent = self.tangent(radius_mm)
-        per_tangent = self.px_per_mm * self.reduced_mm * (1 + 3 * self._lens.k1 * tangent**2)
+        per_tangent = self.px_per_mm * self.reduced_mm * (1 + 3 * self._k1 * tangent**2)
         lost = _slope(tangent, self._skin.gel_index)
         return per_tangent * lost / self._radius_per_tangent(tangent)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from spikingtac.schema import merged
 from spikingtac.sim.optics.projection import OpticsConfig
 from spikingtac.sim.scene.scene import Scene
-from spikingtac_hardware.checks.check import require_sound
+from spikingtac_hardware.checks import require_sound
+from spikingtac_hardware.design import Design, load_design
 from spikingtac_hardware.layout import Layout
 from spikingtac_hardware.light import light_figures
 from spikingtac_hardware.optics import Imaging
-from spikingtac_hardware.parameters.design import Design, load_design
 
 
 def scene_on_design(scene: Scene, name: str) -> Scene:
@@ -40,7 +40,7 @@ def scene_with_design(scene: Scene, design: Design) -> Scene:
         design: The design; it must pass its checks.
 
     Example:
-        >>> from spikingtac_hardware.parameters.design import load_design
+        >>> from spikingtac_hardware.design import load_design
         >>> from spikingtac.sim.scene import catalog
         >>> scene_with_design(catalog.load("quiet"), load_design()).skin.pitch_mm
         2.4

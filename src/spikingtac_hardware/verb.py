@@ -36,12 +36,16 @@ class Args:
 
 def run(args: Args) -> int:
     """Print the figures and checks of a design, and write its files."""
-    from spikingtac_hardware.checks.check import require_sound
+    from spikingtac_hardware.checks import require_sound
+    from spikingtac_hardware.design import descriptions, load_design
     from spikingtac_hardware.figures import figures_of
-    from spikingtac_hardware.parameters.design import descriptions, load_design
 
     if args.list:
-        return _list(descriptions(), args.json)
+        if args.json:
+            emit_json({"designs": descriptions()})
+        else:
+            sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions().items())
+        return 0
     design = load_design(args.design)
     if args.output is None:
         findings = require_sound(design)
@@ -63,14 +67,6 @@ def run(args: Args) -> int:
         return 0
     _show(args.design, figures)
     remark(f"{args.output}: {figures['files']} files; begin with build-guide.md")
-    return 0
-
-
-def _list(descriptions: dict[str, str], as_json: bool) -> int:
-    if as_json:
-        emit_json({"designs": descriptions})
-        return 0
-    sys.stdout.writelines(f"{name}  {about}\n" for name, about in descriptions.items())
     return 0
 
 

@@ -1,19 +1,24 @@
-"""Optics: Snell's law, the data sheet, and the twin's lens against traced rays."""
+"""Optics and light of a design, and the twin's scenes on it."""
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from spikingtac.cli.main import main
+from spikingtac.events.recording import Recording
 from spikingtac.sim.optics.projection import Optics
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.scene import Scene
+from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.light import illuminance_lux, light_figures
 from spikingtac_hardware.optics import Imaging
-from spikingtac_hardware.parameters.design import Design, load_design, names
 from spikingtac_hardware.twin import scene_with_design
 
 RADII_MM = np.array([1.0, 4.0, 8.4, 12.0])
@@ -24,12 +29,8 @@ def imaging(design: Design) -> Imaging:
 
 
 def without_plates(distortion: float = 0.0) -> Design:
-    design = load_design()
-    return replace(
-        design,
-        window=replace(design.window, index=1.0),
-        skin=replace(design.skin, gel_index=1.0),
-        lens=replace(design.lens, distortion=distortion),
+    return load_design().changed(
+        window={"index": 1.0}, skin={"gel_index": 1.0}, lens={"distortion": distortion}
     )
 
 
@@ -65,8 +66,7 @@ def test_rays_obey_snell(degrees: float) -> None:
 
 
 def test_plates_alone_stretch_the_edge() -> None:
-    design = load_design()
-    plates = replace(design, lens=replace(design.lens, distortion=0.0))
+    plates = load_design().changed(lens={"distortion": 0.0})
     assert (imaging(plates).image_px(RADII_MM) > imaging(plates).px_per_mm * RADII_MM).all()
 
 
@@ -78,7 +78,7 @@ def test_the_field_is_where_the_sensor_ends() -> None:
 
 def test_blur_grows_with_the_press_and_with_the_aperture() -> None:
     design = load_design()
-    wide = replace(design, lens=replace(design.lens, f_number=1.4))
+    wide = design.changed(lens={"f_number": 1.4})
     assert imaging(design).blur_px(0.0) == 0.0
     assert imaging(wide).blur_px(1.0) == pytest.approx(2 * imaging(design).blur_px(1.0))
     assert imaging(design).blur_px(2.0) > 2 * imaging(design).blur_px(1.0)
@@ -115,7 +115,7 @@ def test_the_twin_moves_pressed_discs_as_the_rays_do(name: str) -> None:
         inside = tangent / np.sqrt(1.41**2 + (1.41**2 - 1) * tangent**2)
         above = seen.radius_mm(tangent, design.window.thickness_mm)
         tangent = tangent + (distance_mm - above - gel_mm * inside) / seen.reduced_mm
-    traced_px = seen.px_per_mm * seen.reduced_mm * tangent * (1 + design.lens.k1 * tangent**2)
+    traced_px = seen.px_per_mm * seen.reduced_mm * tangent * (1 + design.lens_k1 * tangent**2)
     assert moved_px == pytest.approx(traced_px - seen.image_px(distance_mm), rel=0.15, abs=0.05)
 
 
@@ -135,10 +135,65 @@ def test_the_default_twin_follows_from_the_paper_s_size() -> None:
     assert apart_px.max() < 1.5
 
 
-def test_what_differs_from_the_default_twin_is_explained() -> None:
-    """Gel and window weaken the motion under indentation: a longer distance than 13 mm in air."""
-    twin, ours = (scene.optics for scene in (catalog.load("quiet"),
-                  scene_with_design(catalog.load("quiet"), load_design())))  # fmt: skip
-    in_air = imaging(load_design()).reduced_mm
-    assert in_air < twin.distance_mm < ours.distance_mm
-    assert 1.41 * in_air < ours.distance_mm < 1.7 * in_air
+def lit(design: Design, places_mm: list[list[float]]) -> np.ndarray:
+    layout = Layout(design)
+    return illuminance_lux(layout, Imaging(layout), np.array(places_mm))
+
+
+def test_the_middle_is_lit_by_every_led_alike() -> None:
+    design = load_design()
+    layout = Layout(design)
+    x, y, _ = layout.led_places_mm[0]
+    height = layout.window_bottom_mm - layout.led_top_mm + 2.0 / 1.49 + 2.5 / 1.41
+    away2 = height**2 + x**2 + y**2
+    candela = 0.350 * 4.0 / 20.0
+    through = 1 - (0.49 / 2.49) ** 2
+    wanted = 8 * candela * through * height**2 / away2**2 * 1e6
+    assert lit(design, [[0.0, 0.0]])[0] == pytest.approx(wanted)
+
+
+def test_pillars_cast_shadows() -> None:
+    design = load_design()
+    slim = design.changed(fasteners={"insert_wall_mm": 0.01, "insert_hole_mm": 0.02})
+    corner, middle = [[10.2, 10.2]], [[0.0, 0.0]]
+    assert lit(slim, corner)[0] > 1.05 * lit(design, corner)[0]
+    assert lit(slim, middle) == pytest.approx(lit(design, middle))
+
+
+def test_current_and_heat() -> None:
+    figures = light_figures(layout := Layout(load_design()), Imaging(layout))
+    assert figures.supply_ma == 32.0
+    assert figures.power_mw == pytest.approx(32.0 * 5.0 + 50.0)
+    area_m2 = (4 * 22 * 19 + 22 * 22) * 1e-6
+    assert figures.warming_k == pytest.approx((0.75 * 160 + 50) / 1000 / (10 * area_m2))
+
+
+def test_a_recording_of_a_design(tmp_path: Path) -> None:
+    arguments = ["simulate", "finger-presses", "--design", "gelsight-like", "--duration-s", "0.1"]
+    assert main([*arguments, "-o", str(tmp_path / "a"), "--seed", "1"]) == 0
+    truth = Recording.open(tmp_path / "a").truth() or {}
+    assert truth["reference_px"].shape == (70, 2)
+    assert json.loads((tmp_path / "a" / "manifest.json").read_text())["size"] == [320, 240]
+
+
+def test_motion_camera_specimen_and_damage_stay_the_scene_s() -> None:
+    scene = catalog.load("finger-presses").with_camera("noisy").with_serial(7)
+    broken = replace(scene.optics, discs=replace(scene.optics.discs, broken=(60,), missing=(3,)))
+    scene = replace(scene, optics=broken)
+    ours = scene_with_design(scene, load_design())
+    assert (ours.contacts, ours.variation) == (scene.contacts, scene.variation)
+    assert (ours.camera.preset, ours.skin.serial) == ("noisy", 7)
+    assert (ours.optics.discs.broken, ours.optics.discs.missing) == ((60,), (3,))
+    other = scene_with_design(scene, load_design("gelsight-like"))
+    assert (other.optics.discs.broken, other.optics.discs.missing) == ((), ())
+    assert other.camera.settings["light"]["contrast"] == pytest.approx(1 / 6)
+
+
+def test_a_design_that_fails_is_no_sensor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[skin]\npitch_mm = 3.0\n")
+    assert main(["simulate", "quiet", "--design", str(bad), "-o", str(tmp_path / "a")]) == 2
+    assert "disc.inside" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()

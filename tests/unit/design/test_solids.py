@@ -11,25 +11,17 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
+from spikingtac_hardware.design import DEFAULT, load_design, names
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.parameters.design import DEFAULT, load_design, names
 
 REASON = "build123d is not installed; pip install 'spikingtac[design]' runs these tests"
 cad = pytest.importorskip("build123d", reason=REASON)
 checker = pytest.importorskip("trimesh", reason=REASON)
 
 from spikingtac.errors import ConfigError  # noqa: E402
-from spikingtac_hardware.drawings.mesh import mesh_of  # noqa: E402
-from spikingtac_hardware.drawings.shading import Canvas, Shown, View  # noqa: E402
-from spikingtac_hardware.solids import assembly  # noqa: E402
-from spikingtac_hardware.solids.assembly import (  # noqa: E402
-    Part,
-    interferences,
-    sensor_parts,
-    tool_parts,
-)
-from spikingtac_hardware.solids.cut import cut_faces  # noqa: E402
-from spikingtac_hardware.solids.shapes import box, common_volume_mm3  # noqa: E402
+from spikingtac_hardware import parts as assembly  # noqa: E402
+from spikingtac_hardware.parts import Part, interferences, sensor_parts, tool_parts  # noqa: E402
+from spikingtac_hardware.solids import box, common_volume_mm3  # noqa: E402
 from spikingtac_hardware.write import write_design  # noqa: E402
 
 
@@ -55,17 +47,6 @@ def test_parts_fit_together(name: str) -> None:
     assert (min(size.min.Z for size in sizes), max(size.max.Z for size in sizes)) == pytest.approx(
         (0.0, layout.design.housing.height_mm), abs=1e-6
     )
-
-
-@pytest.mark.parametrize("name", names())
-def test_what_is_printed_is_one_closed_body(name: str) -> None:
-    layout = Layout(load_design(name))
-    for part in (*sensor(name), *tool_parts(layout)):
-        if part.made in ("printed", "tool"):
-            assert len(part.solid.solids()) == 1, part.name
-            mesh = mesh_of(part.solid)
-            assert mesh.closed, part.name
-            assert mesh.volume_mm3 == pytest.approx(part.solid.volume, rel=0.01), part.name
 
 
 def test_the_paper_s_outer_size_and_sensing_area(parts: dict[str, Part]) -> None:
@@ -105,13 +86,6 @@ def test_every_screw_meets_its_holes(parts: dict[str, Part]) -> None:
             assert common_volume_mm3(parts[name].solid, axis) == 0.0, name
 
 
-def test_holders_let_the_longer_screws_pass(parts: dict[str, Part]) -> None:
-    for place in Layout(load_design()).screw_places_mm:
-        axis = box((1.2, 1.2), place, -20.0, 1.0)
-        for name in ("holder-2f85", "holder-iso-flange"):
-            assert common_volume_mm3(parts[name].solid, axis) == 0.0, name
-
-
 def test_the_mould_gives_the_gel_its_thickness(parts: dict[str, Part]) -> None:
     design = load_design()
     tray, lid = parts["mould-tray"].solid, parts["mould-lid"].solid
@@ -122,29 +96,6 @@ def test_the_mould_gives_the_gel_its_thickness(parts: dict[str, Part]) -> None:
     assert common_volume_mm3(tray, closed) == pytest.approx(0.0, abs=1e-6)
     lowest = closed.bounding_box().min.Z
     assert lowest - design.mould.floor_mm - design.window.thickness_mm == pytest.approx(2.5)
-
-
-def test_a_section_has_the_area_of_its_part(parts: dict[str, Part]) -> None:
-    (face,) = cut_faces(parts["window"].solid, 0.3)
-    x, z = face.outer_mm.T
-    area = abs(x @ np.roll(z, -1) - z @ np.roll(x, -1)) / 2
-    assert area == pytest.approx(20.6 * 2.0, rel=1e-6)
-    assert cut_faces(parts["window"].solid, 30.0) == []
-
-
-def test_near_parts_hide_far_ones() -> None:
-    near = Shown(mesh_of(box((1.0, 1.0), (0.0, 0.0), 1.0, 2.0)), (1.0, 0.0, 0.0))
-    far = Shown(mesh_of(box((4.0, 4.0), (0.0, 0.0), -2.0, 0.0)), (0.0, 1.0, 0.0))
-    images = []
-    for order in ((near, far), (far, near)):
-        canvas = Canvas(np.array([-3.0, -3.0]), np.array([3.0, 3.0]), 10.0)
-        canvas.draw(order, View(-90.0, 90.0))
-        images.append(canvas.image())
-    middle, beside, outside = images[0][30, 30], images[0][30, 15], images[0][2, 2]
-    assert middle[0] > middle[1]
-    assert beside[1] > beside[0]
-    assert (outside == 255).all()
-    assert (images[0] == images[1]).all()
 
 
 @pytest.mark.slow

@@ -1,16 +1,48 @@
-"""Prisms, cylinders and boxes between two heights, mm."""
+"""Solids of the parts: shapes between two heights, in mm; needs the extra ``[design]``."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterable
+from typing import Any
 
+from spikingtac.errors import MissingExtraError
 from spikingtac_hardware.layout import SMALL_RADIUS_MM, Outline
-from spikingtac_hardware.solids.cad import Solid, modeller
 
+Solid = Any
+"""A solid of build123d; the library is optional, so that its types are not named."""
 TOUCHING_MM = 1e-5
 """Overlap of bounding boxes that only touch, mm (rounding of the modeller)."""
 
 Places = Iterable[tuple[float, float]]
+
+
+def modeller() -> Any:
+    """Return the module build123d.
+
+    Raises:
+        MissingExtraError: The extra ``[design]`` is not installed.
+    """
+    return _optional("build123d")
+
+
+def mesh_checker() -> Any:
+    """Return the module trimesh.
+
+    Raises:
+        MissingExtraError: The extra ``[design]`` is not installed.
+    """
+    return _optional("trimesh")
+
+
+def _optional(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"solids and drawings need {name}: pip install 'spikingtac[design]' "
+            "(figures and checks need nothing more: leave -o away)"
+        ) from error
 
 
 def prism(outline: Outline, low_mm: float, high_mm: float) -> Solid:

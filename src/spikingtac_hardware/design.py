@@ -1,0 +1,192 @@
+"""A design: the parameters of one sensor, from TOML; ``designs/paper-size.toml`` has them all.
+
+That file holds every key with a value, a unit in its name and a source; every other design changes
+some of its values. A key that it does not have, or a value of another type, is refused.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from spikingtac.errors import ConfigError, nearest
+from spikingtac.schema import merged, read_toml, to_toml
+
+DEFAULT = "paper-size"
+BASED_ON = "based_on"  # key of the design whose values hold where a file has none
+CHOICES = {"outline": ("rectangle", "round"), "paint": ("white", "dark")}
+LEAST = {"contrast": 1.0, "gel_index": 1.0, "index": 1.0}
+BELOW = {"half_angle_deg": 90.0, "distortion_angle_deg": 90.0}
+SIGNED = ("distortion",)  # a barrel's is negative
+ANY_LENGTH = ("lengths_mm",)
+
+
+class Table:
+    """Values by name, as attributes; a table of the TOML file, or the whole of it."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        """Hold values; a mapping among them becomes a table."""
+        self.values = dict(values)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a value; lists as tuples."""
+        if name == "values" or name not in self.values:
+            raise AttributeError(name)
+        value = self.values[name]
+        if isinstance(value, Mapping):
+            return Table(value)
+        return tuple(value) if isinstance(value, list) else value
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both hold the same values."""
+        return isinstance(other, Table) and self.values == other.values
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Design(Table):
+    """One sensor: tables ``housing``, ``skin``, ``window``, ``sensor``, ``lens``, and others."""
+
+    def changed(self, **tables: Mapping[str, Any]) -> Design:
+        """Return the design with other values, as ``skin={"gel_mm": 2.0}``.
+
+        Raises:
+            ConfigError: There is no such key, or a value does not fit.
+        """
+        return _checked(merged(self.values, tables), "design")
+
+    @property
+    def sensor_mm(self) -> tuple[float, float]:
+        """``(width, height)`` of the pixels' area, mm."""
+        width, height = self.sensor.pixels
+        return width * self.sensor.pixel_um / 1000.0, height * self.sensor.pixel_um / 1000.0
+
+    @property
+    def lens_k1(self) -> float:
+        """Brown's first radial coefficient in the tangent of the view angle, in air."""
+        return self.lens.distortion / math.tan(math.radians(self.lens.distortion_angle_deg)) ** 2
+
+    def toml(self) -> str:
+        """Return the design as TOML."""
+        return to_toml(self.values)
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the designs of the package, the default one first."""
+    stored = sorted(path.stem for path in _folder().glob("*.toml"))
+    return (DEFAULT, *(name for name in stored if name != DEFAULT))
+
+
+def descriptions() -> dict[str, str]:
+    """Return the description of each design of the package by name."""
+    return {name: str(read_toml(_folder() / f"{name}.toml").get("about", "")) for name in names()}
+
+
+def load_design(name: str | Path = DEFAULT) -> Design:
+    """Return a design of the package by name, or one from a TOML file.
+
+    Args:
+        name: Name of a design, or path of a TOML file. A file may hold a few keys only; the design
+            that it is ``based_on`` gives the others, the default one unless it says so.
+
+    Example:
+        >>> load_design().skin.grid
+        (8, 8)
+
+    Raises:
+        ConfigError: No such name or file exists, or a key or value does not fit. The message names
+            the nearest design, or the key and its valid values.
+    """
+    return _checked(_values(str(name), ()), str(name))
+
+
+def _values(name: str, above: tuple[str, ...]) -> dict[str, Any]:
+    values = read_toml(_located(name, above))
+    if name == DEFAULT:
+        return values
+    base = values.pop(BASED_ON, DEFAULT)
+    if not isinstance(base, str):
+        raise ConfigError(f"{name}.{BASED_ON}: expected the name of a design, got {base!r}")
+    if base in above:
+        raise ConfigError(f"{name}.{BASED_ON}: {base!r} is based on itself")
+    return merged(_values(base, (*above, name)), values)
+
+
+def _located(text: str, above: tuple[str, ...]) -> Path:
+    if text in names():
+        return _folder() / f"{text}.toml"
+    if not text.endswith(".toml") and os.sep not in text:
+        where = f" (named by {above[-1]!r})" if above else ""
+        raise ConfigError(
+            f"no design {text!r}{where}{nearest(text, names())} "
+            f"(valid: {', '.join(names())}, or the path of a TOML file)"
+        )
+    return Path(text)
+
+
+def _checked(values: dict[str, Any], where: str) -> Design:
+    """Return the design of some values, compared with those of the default one."""
+    _compare(read_toml(_folder() / f"{DEFAULT}.toml"), values, where)
+    housing, skin = values["housing"], values["skin"]
+    if housing["outline"] != skin["outline"]:
+        raise ConfigError(
+            f"{where}: the housing is {housing['outline']!r} and the skin {skin['outline']!r}; "
+            "give both the same outline"
+        )
+    for table in (housing, skin):
+        if table["outline"] == "round" and table["size_mm"][0] != table["size_mm"][1]:
+            size_mm = list(table["size_mm"])
+            raise ConfigError(f"{where}: size_mm is {size_mm}: a round one has one diameter twice")
+    if values["light"]["leds"] % 4:
+        raise ConfigError(f"{where}: leds is {values['light']['leds']}, not a multiple of 4")
+    return Design(values)
+
+
+def _compare(known: Mapping[str, Any], given: Mapping[str, Any], where: str) -> None:
+    """Refuse keys and values that the default design has not, table by table."""
+    for key, value in given.items():
+        place = f"{where}.{key}"
+        if key not in known:
+            valid = ", ".join(sorted(known))
+            raise ConfigError(f"{where}: unknown key {key!r}{nearest(key, known)} (valid: {valid})")
+        if isinstance(known[key], Mapping):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{place}: expected a table, got {value!r}")
+            _compare(known[key], value, place)
+        else:
+            _compare_value(known[key], value, place)
+
+
+def _compare_value(known: Any, value: Any, place: str) -> None:
+    key = place.rpartition(".")[2]
+    one = known[0] if isinstance(known, list) else known
+    parts = value if isinstance(value, list | tuple) else [value]
+    number = isinstance(one, int | float)
+    whole = number and all(isinstance(item, int) for item in _listed(known))
+    kind = (int,) if whole and key not in ANY_LENGTH else (int, float) if number else (str,)
+    alike = all(isinstance(item, kind) and not isinstance(item, bool) for item in parts)
+    if isinstance(known, list) != isinstance(value, list | tuple) or not alike:
+        raise ConfigError(f"{place}: expected a value like {known!r}, got {value!r}")
+    if isinstance(known, list) and len(parts) != len(known) and key not in ANY_LENGTH:
+        raise ConfigError(f"{place}: expected {len(known)} values, got {value!r}")
+    if key in CHOICES and value not in CHOICES[key]:
+        raise ConfigError(f"{place}: {value!r} (valid: {', '.join(CHOICES[key])})")
+    for item in parts if number else ():
+        if not item > 0 and key not in SIGNED:
+            raise ConfigError(f"{place}: {key} is {item}, it must be positive")
+        if item < LEAST.get(key, item):
+            raise ConfigError(f"{place}: {key} is {item}, it must be at least {LEAST[key]:g}")
+        if item >= BELOW.get(key, math.inf):
+            raise ConfigError(f"{place}: {key} is {item}, it must be below {BELOW[key]:g}")
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _folder() -> Path:
+    return Path(str(importlib.resources.files("spikingtac_hardware") / "designs"))

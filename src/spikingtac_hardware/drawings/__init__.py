@@ -1,1 +1,0 @@
-"""Pictures and drawings of a design; needs the extra ``[design]``."""

@@ -1,1 +1,0 @@
-"""The parameters of a design, one file for each kind of part."""

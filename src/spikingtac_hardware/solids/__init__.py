@@ -1,1 +1,0 @@
-"""Solids of the parts; needs the extra ``[design]``."""

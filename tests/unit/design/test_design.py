@@ -1,0 +1,245 @@
+"""Designs from TOML, their checks, figures and bill, and the verb without the modeller."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import io
+import json
+import math
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from spikingtac.cli.main import main
+from spikingtac.errors import ConfigError
+from spikingtac_hardware.checks import check_design, require_sound
+from spikingtac_hardware.design import Design, descriptions, load_design, names
+from spikingtac_hardware.figures import as_csv, bill_of_materials, build_guide, figures_of, totals
+from spikingtac_hardware.layout import Layout
+from spikingtac_hardware.parts import _SENSOR
+
+VOLUMES = {name: 1000.0 for name, _, _ in _SENSOR}
+
+
+def written(folder: Path, text: str, name: str = "mine.toml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def failed(design: Design) -> set[str]:
+    return {finding.name for finding in check_design(design) if not finding.passed}
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_stored_design_says_what_it_is_passes_and_survives_its_own_file(
+    name: str, tmp_path: Path
+) -> None:
+    design = load_design(name)
+    assert descriptions()[name] == design.about
+    assert failed(design) == set()
+    assert load_design(written(tmp_path, design.toml())) == design
+
+
+def test_a_file_changes_only_what_it_names_and_may_be_based_on_a_file(tmp_path: Path) -> None:
+    first = written(tmp_path, "[skin]\ngel_mm = 2.0\n", "first.toml")
+    second = written(tmp_path, f'based_on = "{first}"\n[skin]\ncover_mm = 0.4\n', "second.toml")
+    skin = load_design(second).skin
+    assert (skin.gel_mm, skin.cover_mm, skin.grid) == (2.0, 0.4, load_design().skin.grid)
+
+
+def test_a_circle_of_files_is_refused(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.toml", tmp_path / "other.toml"
+    one.write_text(f'based_on = "{other}"\n')
+    other.write_text(f'based_on = "{one}"\n')
+    with pytest.raises(ConfigError, match="is based on itself"):
+        load_design(one)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[skin]\ngell_mm = 2.0\n", "did you mean 'gel_mm'"),
+        ("[skin]\ngel_mm = -1.0\n", "gel_mm is -1.0, it must be positive"),
+        ('[skin]\ngel_mm = "2"\n', "expected a value like 2.5"),
+        ("[skin]\ngrid = [8]\n", "expected 2 values"),
+        ("[skin]\ngrid = [8.5, 8]\n", "expected a value like"),
+        ("skin = 3\n", "expected a table"),
+        ("[skin]\ngel_index = 0.9\n", "gel_index is 0.9, it must be at least 1"),
+        ("[lens]\nhalf_angle_deg = 90.0\n", "must be below 90"),
+        ("[light]\nleds = 6\n", "multiple of 4"),
+        ('[housing]\noutline = "round"\n', "give both the same outline"),
+        ('[housing]\noutline = "oval"\n', "valid: rectangle, round"),
+        (
+            '[housing]\noutline = "round"\n[skin]\noutline = "round"\nsize_mm = [20.0, 10.0]\n',
+            "one diameter twice",
+        ),
+        ('based_on = "papersize"\n', "did you mean 'paper-size'"),
+        ("based_on = 3\n", "expected the name of a design"),
+    ],
+)
+def test_a_mistake_is_named(text: str, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        load_design(written(tmp_path, text))
+
+
+def test_a_thick_gel_gets_the_reason_in_words() -> None:
+    reason = r"the gel of 8.65 mm leaves 0.4 mm to the lens; needed 1.0"
+    with pytest.raises(ConfigError, match=reason):
+        require_sound(load_design().changed(skin={"gel_mm": 8.65}))
+
+
+def test_a_lens_in_the_window_is_told_without_optics() -> None:
+    findings = check_design(load_design().changed(skin={"gel_mm": 12.0}))
+    assert {"lens.gap"} <= {finding.name for finding in findings if not finding.passed}
+    assert not any(finding.name.startswith("rays") for finding in findings)
+
+
+@pytest.mark.parametrize(
+    ("part", "values", "name"),
+    [
+        ("housing", {"size_mm": (21.6, 22.0)}, "shell.rim"),
+        ("housing", {"wall_mm": 0.4}, "shell.wall"),
+        ("housing", {"floor_mm": 0.5}, "base.floor"),
+        ("housing", {"plate_mm": 1.2}, "plate.roof"),
+        ("housing", {"ledge_mm": 0.8}, "window.ledge"),
+        ("housing", {"ledge_mm": 2.6}, "rays.ledge.x"),
+        ("housing", {"rim_mm": 2.1}, "skin.free"),
+        ("housing", {"height_mm": 17.5}, "shell.height"),
+        ("housing", {"cable_mm": (9.0, 1.2)}, "board.cable"),
+        ("housing", {"baffle_mm": 2.0}, "rays.baffle"),
+        ("housing", {"base_mm": 4.9}, "holder.height"),
+        ("window", {"clearance_mm": 0.02}, "window.clearance"),
+        ("fasteners", {"inset_mm": 2.2}, "base.counterbore"),
+        ("fasteners", {"inset_mm": 1.8}, "shell.insert"),
+        ("fasteners", {"inset_mm": 4.0}, "base.cavity"),
+        ("fasteners", {"head_mm": (3.0, 2.0)}, "screw.head"),
+        ("fasteners", {"length_mm": 7.0}, "screw.length"),
+        ("fasteners", {"length_mm": 6.0}, "screw.engagement"),
+        ("fasteners", {"length_mm": 10.0}, "screw.tip"),
+        ("fasteners", {"insert_hole_depth_mm": 3.1}, "insert.hole"),
+        ("board", {"size_mm": (21.0, 21.0)}, "board.wall"),
+        ("board", {"chamfer_mm": 6.0}, "board.posts"),
+        ("board", {"holder_mm": (5.5, 2.1)}, "holder.width"),
+        ("light", {"place_mm": 6.0}, "leds.inside"),
+        ("light", {"place_mm": 8.9}, "leds.outside"),
+        ("light", {"spread_mm": 6.5}, "leds.screws"),
+        ("light", {"spread_mm": 5.6}, "leds.web"),
+        ("light", {"led_mm": (2.0, 1.25, 1.3)}, "leds.below"),
+        ("light", {"current_ma": 25.0}, "leds.current"),
+        ("light", {"supply_v": 3.0}, "leds.supply"),
+        ("light", {"intensity_mcd": 200.0}, "light.skin"),
+        ("light", {"place_mm": 3.0}, "light.uniformity"),
+        ("light", {"supply_v": 24.0}, "heat"),
+        ("sensor", {"pixels": (280, 320)}, "field.x"),
+        ("sensor", {"pixels": (320, 280)}, "field.y"),
+        ("lens", {"half_angle_deg": 55.0}, "lens.angle"),
+        ("lens", {"image_circle_mm": 2.7}, "lens.circle"),
+        ("lens", {"f_number": 1.4}, "lens.blur"),
+        ("skin", {"disc_diameter_mm": 0.5}, "disc.radius"),
+        ("skin", {"disc_diameter_mm": 1.7}, "disc.pitch"),
+        ("skin", {"pitch_mm": 2.8}, "disc.margin"),
+        ("skin", {"pitch_mm": 2.83}, "disc.inside"),
+    ],
+)  # fmt: skip
+def test_a_wrong_parameter_fails_its_check(part: str, values: dict[str, Any], name: str) -> None:
+    assert name in failed(load_design().changed(**{part: values}))
+
+
+def test_every_failure_is_listed() -> None:
+    with pytest.raises(ConfigError) as error:
+        require_sound(load_design().changed(housing={"wall_mm": 0.4, "floor_mm": 0.5}))
+    assert "shell.wall: the shell's wall is 0.4 mm; needed 0.6" in str(error.value)
+    assert "base.floor" in str(error.value)
+
+
+def test_figures_of_the_paper_s_size() -> None:
+    figures = figures_of(load_design())
+    assert figures["size_mm"] == [22.0, 22.0, 19.0]
+    assert figures["volume_mm3"] == 9196.0
+    assert figures["sensing_area_mm"] == [20.6, 20.6]
+    assert figures["depth_over_area_mm"] == pytest.approx(9196 / 424.36)
+    assert figures["sharp_to_indentation_mm"] == pytest.approx(2.4, abs=0.02)
+    assert figures["working_distance_mm"] == pytest.approx(18.5 - 7.45)
+    round_area_mm2 = figures_of(load_design("round-fingertip"))["sensing_area_mm2"]
+    assert round_area_mm2 == pytest.approx(math.pi * 10.3**2)
+
+
+def test_the_bill_adds_up() -> None:
+    design = load_design()
+    bill = bill_of_materials(design, VOLUMES)
+    rows = list(csv.DictReader(io.StringIO(as_csv(bill))))
+    mass, cost = totals(bill)
+    assert float(rows[-1]["mass_g"]) == pytest.approx(mass, abs=1e-3)
+    assert float(rows[-1]["cost_usd"]) == pytest.approx(cost, abs=0.01)
+    of = {row["item"]: row for row in rows}
+    assert float(of["shell"]["mass_g"]) == pytest.approx(design.printing.density_g_cm3)
+    assert of["discs"]["quantity"] == "64"
+    assert float(of["screws"]["cost_usd"]) == pytest.approx(4 * design.materials.screw_usd)
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_guide_is_of_its_design(name: str) -> None:
+    design = load_design(name)
+    bill = bill_of_materials(design, VOLUMES)
+    guide = build_guide(Layout(design), figures_of(design), bill)
+    assert design.about in guide
+    assert "Nobody has built or measured this design" in guide
+    assert f"M{design.fasteners.thread_mm:g} x {design.fasteners.length_mm:g} screws" in guide
+    assert "{" not in guide
+
+
+def test_the_paper_s_table_of_sensors_follows_from_its_sides() -> None:
+    """Outer sides, sides of the area, printed volume, area and ratio (paper, Table I)."""
+    table = {
+        "GelSight-Mini": ((32, 28.5, 28), (19, 15), 25536, 285, 90),
+        "GelStereo 2.0": ((30, 30, 29), (23, 23), 26100, 529, 49),
+        "GelEvent": ((40, 40, 96), (32, 32), 153600, 1024, 150),
+        "Evetac": ((32, 33, 65), (19, 15), 68640, 285, 241),
+        "NeuTac": ((200, 120, 100), (20 * math.pi, 10), 2400000, 628, 3820),
+        "A. Khairi": ((116, 148, 88), (30, 40), 1510784, 1200, 1259),
+        "SpikingTac": ((22, 22, 19), (20.6, 20.6), 9196, 424.36, 22),
+    }
+    for sides, area, volume_mm3, area_mm2, ratio_mm in table.values():
+        assert math.prod(sides) == pytest.approx(volume_mm3, abs=0.5)
+        assert math.prod(area) == pytest.approx(area_mm2, abs=0.5)
+        assert math.prod(sides) / math.prod(area) == pytest.approx(ratio_mm, abs=0.5)
+
+
+def test_the_verb_lists_shows_and_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition("  ")[0] for line in lines] == list(names())
+    assert main(["design", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["design"] == "paper-size"
+    assert all(check["passed"] for check in found["checks"])
+    assert main(["design", "round-fingertip"]) == 0
+    assert "checks passed" in capsys.readouterr().out
+    bad = written(tmp_path, "[skin]\ngel_mm = 8.65\n")
+    assert main(["design", str(bad)]) == 2
+    assert "needed 1.0" in capsys.readouterr().err
+
+
+def test_files_need_the_extra_and_are_not_replaced_unasked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    real = importlib.import_module
+
+    def without_modeller(name: str, package: str | None = None) -> ModuleType:
+        if name == "build123d":
+            raise ImportError(name)
+        return real(name, package)
+
+    monkeypatch.setattr(importlib, "import_module", without_modeller)
+    assert main(["design", "-o", str(tmp_path / "sensor")]) == 3
+    assert "pip install 'spikingtac[design]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "figures.json").write_text("{}")
+    assert main(["design", "-o", str(tmp_path)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
