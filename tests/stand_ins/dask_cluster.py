@@ -10,17 +10,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-SETTINGS = {
-    "OPENBLAS_NUM_THREADS": "1",
-    "MALLOC_TRIM_THRESHOLD_": "67108864",
-    "MALLOC_MMAP_THRESHOLD_": "33554432",
-    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
-    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "500ms",
-}
-"""What docs/how-to/work-on-many-recordings.md tells to set for scheduler and workers, and why. A
-nanny sets the first; without one, every worker had a second thread that waited for work and kept
-a core busy."""
-
 
 class DaskCluster:
     """A scheduler on a port of its own, and workers with one thread each.
@@ -28,39 +17,32 @@ class DaskCluster:
     Args:
         folder: For what they log and store.
         workers: Number of workers.
-        tls: Folder with ca.pem, cert.pem and key.pem, to be reached with certificates only.
-        nannies: Workers are started again when they die, as ``dask worker`` does unless told
-            otherwise; without, a worker that is killed stays dead.
     """
 
-    def __init__(
-        self, folder: Path, workers: int = 1, tls: Path | None = None, nannies: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, workers: int = 1) -> None:
         self._folder = folder
-        self._nanny = "--nanny" if nannies else "--no-nanny"
-        self._tls = [] if tls is None else ["--tls-ca-file", str(tls / "ca.pem")]
-        if tls is not None:
-            self._tls += ["--tls-cert", str(tls / "cert.pem"), "--tls-key", str(tls / "key.pem")]
         with socket.create_server(("127.0.0.1", 0)) as server:
-            self._port = server.getsockname()[1]
-        self.address = f"{'tls' if tls else 'tcp'}://127.0.0.1:{self._port}"
-        self.start_scheduler()
-        self.workers = [self.start_worker() for _ in range(workers)]
-
-    def start_scheduler(self) -> None:
-        options = ("--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
-        if self._tls:
-            options = ("--protocol", "tls", *options)
+            port = server.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        options = ("--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
         self.scheduler = self._start("dask_scheduler", *options, "--dashboard-address", ":0")
+        self.workers = [self._start_worker() for _ in range(workers)]
 
-    def start_worker(self) -> subprocess.Popen[bytes]:
-        options = ("--host", "127.0.0.1", "--nthreads", "1", self._nanny, "--no-dashboard")
+    def wait_for_worker(self) -> None:
+        """Wait until a worker has come."""
+        from distributed import Client
+
+        with Client(self.address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=60)
+
+    def _start_worker(self) -> subprocess.Popen[bytes]:
+        options = ("--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard")
         return self._start("dask_worker", self.address, *options)
 
     def _start(self, module: str, *options: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{module}", *options, *self._tls]
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
         with (self._folder / "dask.log").open("ab") as log:
-            environment = {**os.environ, **SETTINGS}
+            environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
             environment["DASK_TEMPORARY_DIRECTORY"] = str(self._folder)
             return subprocess.Popen(command, stdout=log, stderr=log, env=environment)
 

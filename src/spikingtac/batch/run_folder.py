@@ -17,7 +17,7 @@ RUN = "run.json"
 
 def begin_run(
     folder: Path, settings: Mapping[str, Any], resume: bool, overwrite: bool = False
-) -> bool:
+) -> None:
     """Begin a run in a folder, or continue the one in it.
 
     Args:
@@ -25,9 +25,6 @@ def begin_run(
         settings: The settings of the run; a folder holds the results of one set of them.
         resume: Whether a run with the same settings may continue.
         overwrite: Whether a run that is there is removed; nothing else ever is.
-
-    Returns:
-        Whether the run is new, not one that goes on.
 
     Raises:
         ConfigError: The folder holds something else, or results of other settings; names them.
@@ -52,7 +49,7 @@ def begin_run(
                 f"{str(folder)!r} holds a run with these settings; "
                 "continue it with --resume, replace it with --overwrite, or give a new folder"
             )
-        return False
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -62,16 +59,6 @@ def begin_run(
         write_json(begun, given)
     except OSError as error:
         raise ConfigError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
-    return True
-
-
-def forget_run(folder: Path) -> None:
-    """Remove a run in which nothing was done, so that the same command can begin it again.
-
-    Args:
-        folder: Where :func:`begin_run` has begun it; an empty folder is left.
-    """
-    _empty(folder)
 
 
 def _empty(folder: Path) -> None:

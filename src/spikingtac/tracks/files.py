@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, Protocol
 
@@ -83,15 +83,6 @@ class NpzTracksWriter:
         self._frames.append(frame)
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
-
-    def write_columns(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Append many frames at once, by the names and types of the file."""
-        self._flush()
-        self._file.append(columns)
-
-    def lend_column(self, name: str, count: int, rows: Iterable[NDArray[Any]]) -> None:
-        """Take a column from where it lies when the file is completed, some rows at a time."""
-        self._file.lend(name, count, rows)
 
     def measure(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
         """Add what was measured in the next frame: the same names with every frame, or never."""

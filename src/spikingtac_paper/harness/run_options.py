@@ -29,7 +29,6 @@ class RunOptions:
         overwrite: Remove the run that is in the folder, and begin anew.
         workers: Number of processes; None takes one for each CPU.
         scheduler: Address of a Dask scheduler that takes their place, or None.
-        tls: Folder with the certificates for it, or None.
         methods: Names of the methods to run; empty runs all.
         ablations: Run the ablations instead of the main tables, where there are any.
         data: Folder of recordings from elsewhere, or None.
@@ -44,7 +43,6 @@ class RunOptions:
     overwrite: bool = False
     workers: int | None = None
     scheduler: str | None = None
-    tls: Path | None = None
     methods: tuple[str, ...] = ()
     ablations: bool = False
     data: Path | None = None
@@ -66,11 +64,7 @@ class RunOptions:
         Args:
             tasks: Number of tasks: more processes would be idle.
         """
-        if self.scheduler is None:
-            return worker_pool(self.workers, tasks)
-        from spikingtac.batch.cluster_pool import cluster_pool
-
-        return cluster_pool(self.scheduler, self.tls)
+        return worker_pool(self.workers, tasks, self.scheduler)
 
     def report_progress(self, done: int, total: int) -> None:
         """Call :attr:`advance`, if it is given, after ``done`` of ``total`` tasks."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.cli.many import check_workers
 from spikingtac.errors import ConfigError
 from spikingtac_paper.registry import EXPERIMENTS, choices_text, runner_of
@@ -41,9 +42,7 @@ class Args:
     workers: int | None = None
     """Number of processes; one for each CPU unless given."""
     scheduler: str | None = None
-    """A Dask scheduler instead, tcp://127.0.0.1:8786, or tls://HOST:8786 with --tls."""
-    tls: Path | None = None
-    """With tls://: folder with ca.pem, cert.pem and key.pem."""
+    """A Dask scheduler instead, tcp://127.0.0.1:8786 or tls://HOST:8786."""
     json: bool = False
     """Print one JSON object on stdout."""
 
@@ -51,23 +50,14 @@ class Args:
 def run(args: Args) -> int:
     """Run the experiment and print its findings."""
     study = runner_of(EXPERIMENTS, args.name, "experiment")
-    scheduler = check_workers(args.workers, args.scheduler, args.tls)
-    if scheduler is not None:
-        _require_cluster(args.name, scheduler, args.tls)
+    check_workers(args.workers, args.scheduler)
+    if args.scheduler is not None:
+        if not EXPERIMENTS[args.name].divided:
+            raise ConfigError(
+                f"{args.name!r} is done one by one in this process; leave --scheduler out"
+            )
+        with worker_pool(None, 0, args.scheduler):  # one that does not answer is refused first
+            pass
         # The workers have folders of their own in which they run.
-        args = replace(args, scheduler=scheduler, output=args.output.absolute())
+        args = replace(args, output=args.output.absolute())
     return run_study(study, args)
-
-
-def _require_cluster(name: str, scheduler: str, tls: Path | None) -> None:
-    """Refuse a cluster that does not answer, before anything is written.
-
-    Raises:
-        ConfigError: The experiment is done in one process.
-        DeviceError: Nobody answers.
-    """
-    from spikingtac.batch.cluster import CONNECT_S, connect
-
-    if not EXPERIMENTS[name].divided:
-        raise ConfigError(f"{name!r} is done one by one in this process; leave --scheduler out")
-    connect(scheduler, tls, CONNECT_S).close()

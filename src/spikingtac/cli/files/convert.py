@@ -14,9 +14,6 @@ from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.errors import ConfigError, nearest
 
-WORK = "spikingtac.cli.files.convert:convert_one"
-"""What a worker calls for each of many recordings."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Args(ManyArgs):
@@ -134,7 +131,7 @@ def _run_many(args: Args) -> int:
     names = ("from_us", "to_us", "flip_polarity", "encoding", "sensor", "strict")
     batch = Batch(
         name="convert",
-        work=WORK,
+        work=convert_one,
         recordings=find_recordings(args.files, apart_from=folder),
         folder=folder,
         ending=ending,

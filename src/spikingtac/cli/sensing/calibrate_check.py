@@ -10,8 +10,6 @@ from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
 from spikingtac.cli.sensing.calibrate_args import Args
 
-WORK = "spikingtac.cli.sensing.calibrate_check:check_one"
-"""What a worker calls for each of many recordings."""
 EXIT_FOREIGN = 1
 """The input is at fault: it does not fit the calibration."""
 
@@ -40,7 +38,7 @@ def _check_many(args: Args, calibration: Path) -> int:
     Calibration.load(calibration)  # what is wrong for all of them is refused before any work
     batch = Batch(
         name="calibrate --check",
-        work=WORK,
+        work=check_one,
         recordings=find_recordings(args.recordings, apart_from=folder),
         folder=folder,
         ending=".json",

@@ -21,9 +21,6 @@ from spikingtac.errors import ConfigError
 if TYPE_CHECKING:
     from spikingtac.touch.ageing.swing_runs import Swing
 
-WORK = "spikingtac.cli.sensing.touch:touch_one"
-"""What a worker calls for each of many recordings."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Args(WatchArgs):
@@ -127,7 +124,7 @@ def _run_many(args: Args) -> int:
     preset = Path(args.preset)
     batch = Batch(
         name="touch",
-        work=WORK,
+        work=touch_one,
         recordings=find_recordings(args.sources, SERIES_MEMBERS, apart_from=folder),
         folder=folder,
         ending=".csv",

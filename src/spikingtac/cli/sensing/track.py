@@ -3,28 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import means_many, require_folder, run_many
+from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
-from spikingtac.cli.sensing.pieces import track_in_pieces
-from spikingtac.cli.sensing.track_args import Args, configured, force_of
-from spikingtac.errors import ConfigError
+from spikingtac.types import LawName, Polarity
 
 if TYPE_CHECKING:
+    from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.markers.tracking_config import TrackingConfig
     from spikingtac.pipeline.checked_source import CheckedSource
+    from spikingtac.touch.force.model import ForceModel
 
-WORK = "spikingtac.cli.sensing.track:track_one"
-"""What a worker calls for each of many recordings."""
+
+@dataclass(frozen=True, kw_only=True)
+class Args(ManyArgs):
+    """Follow every marker through a recording and write its displacement over time.
+
+    Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
+    all results and a report: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
+    """
+
+    recordings: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING...")
+    ]
+    """Event file, recording folder, or a camera: its address, a named pipe, or -. Several, a folder
+    of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
+    calibration: Path
+    """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
+    many. The second finger's tracks.npz is tracks_1.npz."""
+    preset: str = "default"
+    """default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
+    rate_hz: float | None = None
+    """Estimates per second; the preset's unless given."""
+    polarity: Polarity | None = None
+    """White markers on dark ground, or dark on light; the calibration's unless given."""
+    hysteresis: LawName | None = None
+    """Law of the output position; the calibration's or the preset's unless given."""
+    sensor: int = 0
+    """In a folder, the sensor to read: 1 reads events_1.raw."""
+    force: Path | None = None
+    """force.json: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
+    strict: bool = False
+    """Refuse a damaged recording instead of mending it, and the calibration of another sensor
+    instead of a warning."""
+    realtime: bool = False
+    """For a camera: lock memory, stop garbage collection, and where the system permits it run
+    before other work, on one core."""
 
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    many = means_many(args, args.recordings) and args.cut_s is None
+    many = means_many(args, args.recordings)
     if args.realtime:
         require_live([*args.recordings, *([args.second] if args.second else ())])
     if args.second is not None:
@@ -36,10 +79,7 @@ def run(args: Args) -> int:
     recording, output = args.recordings[0], args.output or Path("tracks.npz")
     require_free(output, args.overwrite)
     with progress(f"tracking {recording.name}") as advance:
-        if args.cut_s is None:
-            summary = _track(args, recording, output, advance)
-        else:
-            summary = track_in_pieces(args, _settings(args), output, advance)
+        summary = _track(args, recording, output, advance)
     if args.json:
         emit_json(summary)
         return 0
@@ -52,8 +92,6 @@ def _run_two(args: Args, many: bool) -> int:
     from spikingtac.atomic_files import require_free
     from spikingtac.cli.second import for_each, open_two, require_pair, second_name
 
-    if args.cut_s is not None:
-        raise ConfigError("--cut-s cuts one recording; --second tracks two")
     calibrations = require_pair(args.calibration, args.second_calibration, many)
     assert args.second is not None
     output = args.output or Path("tracks.npz")
@@ -94,14 +132,35 @@ def _track_source(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.recording_tracks import track_to_file
 
-    tracking, calibration = configured(args, calibration_path)
-    force = force_of(args)
+    tracking, calibration = _configured(args, calibration_path)
+    force = _force_of(args)
     if args.strict:
         source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):
         if args.realtime:
             ask_for_real_time()
         return track_to_file(source, output, tracking, calibration, advance, force)
+
+
+def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Calibration]:
+    """Return how markers are followed, and the sensor's calibration, as the options say."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+
+    calibration = Calibration.load(calibration_path)
+    config = load_config(args.preset).with_tracking(
+        rate_hz=args.rate_hz, hysteresis=args.hysteresis or calibration.hysteresis
+    )
+    return config.tracking, calibration.with_polarity(args.polarity)
+
+
+def _force_of(args: Args) -> ForceModel | None:
+    """Return the force model that the options name, or None."""
+    if args.force is None:
+        return None
+    from spikingtac.touch.force.files.model_file import load_force
+
+    return load_force(args.force)
 
 
 def _run_many(args: Args) -> int:
@@ -116,7 +175,7 @@ def _run_many(args: Args) -> int:
     load_config(args.preset)
     batch = Batch(
         name="track",
-        work=WORK,
+        work=track_one,
         recordings=find_recordings(args.recordings, apart_from=folder),
         folder=folder,
         ending=".npz",
@@ -168,11 +227,6 @@ def _print(summary: dict[str, Any], recording: Path) -> None:
         warn(summary["calibration_misfit"])
     if summary.get("ageing"):
         warn(summary["ageing"])
-    if "pieces" in summary:
-        remark(
-            f"{summary['pieces']} pieces; both ways are {summary['seam_mean_px']:.2f} px apart at "
-            f"the cuts; {summary['mended']} were tracked again from the one before"
-        )
     for marker in summary["never_observed"]:
         remark(f"note: marker {marker} was never observed; its positions are predictions")
     emit_table(
