@@ -177,7 +177,8 @@ def _cluster(address: str) -> Iterator[Executor]:
             "dask scheduler --host 127.0.0.1"
         ) from error
     with client:
-        versions: set[str] = set(client.run(package_version).values())
+        told: Any = client.run(package_version)
+        versions: set[str] = set(told.values())
         if not versions:
             raise DeviceError(f"the cluster has no worker; start one: dask worker {address}")
         if versions != {package_version()}:
