@@ -1,8 +1,7 @@
-"""What MkDocs does not do by itself: links that leave the documentation, and Sphinx's roles.
+"""What MkDocs does not do by itself: links that leave the documentation.
 
 The pages are read in the repository, too, where a link to ``../../results/...`` leads to the file.
-On the site it leads to the repository. Docstrings name classes as ``:class:`Tracks```, which only
-Sphinx understands: the role is dropped, the name stays.
+On the site it leads to the repository.
 """
 
 from __future__ import annotations
@@ -13,17 +12,11 @@ from typing import Any
 
 BRANCH = "main"
 LINK = re.compile(r"(\]\()([^)\s#:]+)(#[^)\s]*)?(\))")
-ROLE = re.compile(r":(?:py:)?(?:attr|class|data|exc|func|meth|mod):(<code>)~?(?:spikingtac\.)?")
 
 
 def on_page_markdown(markdown: str, *, page: Any, config: Any, **_: Any) -> str:
     """Send links that leave the documentation to the repository."""
     return outward(markdown, page.file.src_uri, config.repo_url)
-
-
-def on_page_content(html: str, **_: Any) -> str:
-    """Drop the roles of Sphinx from what the docstrings became."""
-    return ROLE.sub(r"\1", html)
 
 
 def outward(markdown: str, page: str, repository: str) -> str:

@@ -28,7 +28,6 @@ BY_NAME_ONLY = {
     "build123d": "imported by a name in a string",
     "mkdocs": "builds the documentation",
     "mkdocs-material": "builds the documentation",
-    "mkdocstrings": "builds the documentation",
     "dv-processing": "imported by a name in a string",
     "neuromorphic-drivers": "imported by a name in a string",
     "openmv": "imported by a name in a string",

@@ -45,8 +45,7 @@ def hooks() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    for module in ("material", "mkdocstrings"):
-        pytest.importorskip(module, reason="the extra [docs] is not installed")
+    pytest.importorskip("material", reason="the extra [docs] is not installed")
     folder = tmp_path_factory.mktemp("site")
     # No proxy answers there: a build that fetches anything fails.
     nowhere = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy", "all_proxy")}
@@ -122,11 +121,6 @@ def test_only_links_that_leave_are_sent_to_the_repository() -> None:
         f"[a]({REPOSITORY}/blob/main/results/x.json#y) [b](calibrate.md) [c](../reference/cli.md) "
         "[d](https://e.org)"
     )
-
-
-def test_a_role_is_dropped() -> None:
-    drop = hooks().on_page_content
-    assert drop("see :func:<code>spikingtac.follow</code> ...") == "see <code>follow</code> ..."
 
 
 def test_the_ten_how_tos_are_there() -> None:

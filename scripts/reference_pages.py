@@ -1,0 +1,177 @@
+"""Write docs/reference/cli.md and api.md from the code.
+
+    python scripts/reference_pages.py            # write both pages
+    python scripts/reference_pages.py --check    # exit 1 where a page is out of date
+
+The pages hold what ``--help`` and the docstrings say, so that they can be read without either.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import re
+import sys
+import textwrap
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import spikingtac
+from spikingtac.cli.registry import module_of, verbs
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
+CLI_HEAD = """\
+# The command line
+
+Every verb takes `--help`, `--json` (one JSON object on stdout) and `--debug` (the traceback of an
+error). Results go to stdout, progress and remarks to stderr. Exit codes: 0 done, 1 the input is at
+fault, 2 the arguments are, 3 the machine is, 130 after Ctrl-C. `NO_COLOR` is respected.
+This page is made by `scripts/reference_pages.py`.
+"""
+API_HEAD = """\
+# Python
+
+```python
+import spikingtac as st
+```
+
+These names are public: they are imported when they are first used, and do not change without an
+entry in the changelog. Everything else may. This page is made by `scripts/reference_pages.py`.
+"""
+SECTION = re.compile(r"^(Args|Attributes|Returns|Yields|Raises|Example|Examples):$", re.M)
+
+
+def cli_page() -> str:
+    """Return the page of the command line: a table of arguments for each verb."""
+    parts = [CLI_HEAD]
+    for verb in verbs():
+        arguments = importlib.import_module(module_of(verb)).Args
+        parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
+        # Positional arguments first: only their names are in capitals.
+        rows = sorted(
+            (_row(arguments, field) for field in dataclasses.fields(arguments)),
+            key=lambda row: row.startswith("| `-"),
+        )
+        head = ["| argument | what it is | default |", "| --- | --- | --- |"]
+        parts.append("\n".join([*head, *rows]) + "\n")
+    return "\n".join(parts)
+
+
+def api_page() -> str:
+    """Return the page of the public names: signature, summary, arguments, errors."""
+    parts = [API_HEAD]
+    for name in spikingtac.__all__:
+        if name == "__version__":
+            continue
+        value = getattr(spikingtac, name)
+        parts.append(f"## {name}\n\n```python\n{_signature(name, value)}\n```\n")
+        parts.append(_plain(inspect.getdoc(value) or ""))
+    return "\n".join(parts)
+
+
+def _row(arguments: type, field: dataclasses.Field[Any]) -> str:
+    hint = typing.get_type_hints(arguments, include_extras=True)[field.name]
+    extras = typing.get_args(hint)[1:] if typing.get_origin(hint) is typing.Annotated else ()
+    settings = [e for e in extras if hasattr(e, "aliases")]
+    positional = "Positional" in repr(arguments.__annotations__.get(field.name, hint))
+    names = [f"--{field.name.replace('_', '-')}"]
+    names += [alias for one in settings for alias in one.aliases or ()]
+    if positional:
+        metavar = [one.metavar for one in settings if one.metavar]
+        names = [metavar[0] if metavar else field.name.upper()]
+    told = [one.help for one in settings if isinstance(one.help, str)]
+    about = told[0] if told else _attribute_docs(arguments).get(field.name, "")
+    shown = (
+        " ".join(f"`{name}`" for name in names)
+        if positional
+        else ", ".join(f"`{name}`" for name in names)
+    )
+    return (
+        f"| {shown} | {' '.join(about.split()).replace('|', chr(92) + '|')} | {_default(field)} |"
+    )
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+        return "required"
+    value = field.default
+    if value is dataclasses.MISSING or value is None or value is False or value == ():
+        return ""
+    return f"`{value}`"
+
+
+def _attribute_docs(arguments: type) -> dict[str, str]:
+    """Return the strings below the fields of a dataclass and of what it inherits from."""
+    found: dict[str, str] = {}
+    for kind in reversed(arguments.__mro__[:-1]):
+        body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+            told = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+            if named and told:
+                found[field.target.id] = str(text.value.value)
+    return found
+
+
+def _signature(name: str, value: Any) -> str:
+    try:
+        text = str(inspect.signature(value)).replace("spikingtac.", "")
+    except (TypeError, ValueError):
+        return f"st.{name}"
+    text = re.sub(r"<function (\w+) at \w+>", r"\1", text)
+    text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", text)
+    if len(text) < 90 - len(name):
+        return f"st.{name}{text}"
+    arguments, _, end = text[1:].rpartition(")")
+    lines = re.split(r", (?=[*\w]+(?::|=|,|$))", arguments)
+    return "\n".join([f"st.{name}(", *(f"    {line}," for line in lines), f"){end}"])
+
+
+def _plain(docstring: str) -> str:
+    """Return a docstring of Google's style as Markdown: sections become lists."""
+    text, *rest = SECTION.split(re.sub(r":(?:\w+:)?\w+:`~?([^`]*)`", r"`\1`", docstring))
+    parts = [text.replace("``", "`").strip() + "\n"]
+    for title, body in zip(rest[::2], rest[1::2], strict=True):
+        body = textwrap.dedent(body.strip("\n"))
+        if title.startswith("Example"):
+            parts.append(f"```python\n{body.strip()}\n```\n")
+        else:
+            items = [f"- {item}" for item in _items(body.replace("``", "`"))]
+            parts.append(f"{title}:\n\n" + "\n".join(items) + "\n")
+    return "\n".join(parts)
+
+
+def _items(body: str) -> Iterator[str]:
+    """Yield the items of a section: a line, and the deeper lines below it."""
+    item: list[str] = []
+    for line in body.splitlines():
+        if line.strip() and not line.startswith(" ") and item:
+            yield " ".join(" ".join(item).split())
+            item = []
+        item.append(line)
+    if item:
+        yield " ".join(" ".join(item).split())
+
+
+def main() -> int:
+    """Write the pages, or tell which are out of date."""
+    stale = 0
+    for name, text in (("cli.md", cli_page()), ("api.md", api_page())):
+        path = FOLDER / name
+        if path.read_text(encoding="utf-8") == text:
+            continue
+        stale += 1
+        if "--check" in sys.argv[1:]:
+            sys.stderr.write(f"{path.name} is out of date: python scripts/reference_pages.py\n")
+        else:
+            path.write_text(text, encoding="utf-8")
+    return stale if "--check" in sys.argv[1:] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
