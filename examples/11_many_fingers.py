@@ -49,7 +49,7 @@ def main() -> dict[str, int]:
                 time.sleep(0.1)
             health = hand.health()
     for name, one in health.items():
-        print(f"{name}: {one.state}, {one.frames} frames, {one.gaps} gaps")
+        print(f"{name}: {one.state}, {one.frames} frames, {one.lost.gaps} gaps")
     return {name: one.frames for name, one in health.items()}
 
 

@@ -19,7 +19,6 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2, PointField
 
 import spikingtac as st
-from spikingtac.live.hand.reading import Reading
 
 SENSOR = "sensor"
 FIELDS = ("x", "y", "z", "u", "v", "du", "dv", "valid")
@@ -50,8 +49,8 @@ class TactileNode(Node):
 
     def _show(self) -> None:
         reading = self._hand.latest()[SENSOR]
-        if reading is not None and reading.frames > self._shown:
-            self._shown = reading.frames
+        if reading is not None and reading.number > self._shown:
+            self._shown = reading.number
             self._publisher.publish(self._cloud(reading))
 
     def _look(self) -> None:
@@ -60,7 +59,7 @@ class TactileNode(Node):
             self._told = health.state
             self.get_logger().error(f"the sensor has {health.state}: {health.why}")
 
-    def _cloud(self, reading: Reading) -> PointCloud2:
+    def _cloud(self, reading: st.MarkerFrame) -> PointCloud2:
         rest_px, scale = self._calibration.reference_px, self._calibration.px_per_mm or 1.0
         about_px = rest_px - (np.array(self._calibration.size) - 1) / 2
         moved_px = reading.displacement_px

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from spikingtac.events.source import EventSource as EventSource
     from spikingtac.events.source import PacketSource as PacketSource
     from spikingtac.events.windows import windows as windows
-    from spikingtac.live.hand.finger import Finger as Finger
-    from spikingtac.live.hand.hand import Hand as Hand
     from spikingtac.markers.calibration.calibrate import CalibrationConfig as CalibrationConfig
     from spikingtac.markers.calibration.calibrate import calibrate as calibrate
     from spikingtac.markers.registry import make_tracker as make_tracker
@@ -43,6 +41,10 @@ if TYPE_CHECKING:
     from spikingtac.sim.scene.catalog import load as load_scene  # noqa: F401 - renamed on purpose
     from spikingtac.sim.scene.render import simulate as simulate
     from spikingtac.sim.scene.source import SceneSource as SceneSource
+    from spikingtac.stream.live import Finger as Finger
+    from spikingtac.stream.live import Hand as Hand
+    from spikingtac.stream.live import Live as Live
+    from spikingtac.stream.live import live as live
     from spikingtac.tracks import Tracks as Tracks
     from spikingtac.tracks.comparison import compare_tracks as compare_tracks
     from spikingtac.tracks.comparison import compare_with_truth as compare_with_truth
@@ -63,8 +65,9 @@ _HOMES = {
     "EventCountDetector": "contact.event_count",
     "EventPacket": "types",
     "EventSource": "events.source",
-    "Finger": "live.hand.finger",
-    "Hand": "live.hand.hand",
+    "Finger": "stream.live",
+    "Hand": "stream.live",
+    "Live": "stream.live",
     "LossCounters": "types",
     "MarkerFrame": "types",
     "MarkerTracker": "markers.tracker",
@@ -81,6 +84,7 @@ _HOMES = {
     "calibrate": "markers.calibration.calibrate",
     "create_events": "events.create",
     "follow": "pipeline.follow",
+    "live": "stream.live",
     "load_config": "config",
     "load_scene": "sim.scene.catalog:load",
     "make_detector": "contact.registry",

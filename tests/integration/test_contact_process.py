@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from spikingtac.live.factory import Factory
-from spikingtac.live.guard.contact_process import ContactProcess
+from spikingtac.stream.host import Factory
+from spikingtac.stream.guard import ContactProcess
 from spikingtac.robot.verified_stop import StopConfig
 from spikingtac.robot.watchdog import WatchdogConfig
 from stand_ins.guarded import (

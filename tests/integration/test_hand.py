@@ -14,7 +14,7 @@ import pytest
 
 import spikingtac as st
 from spikingtac.errors import ConfigError
-from spikingtac.live.hand.reading import pack, reading_bytes, unpack
+from spikingtac.stream.sensor import frame_bytes, pack, unpack
 from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
 from stand_ins.small_twin import calibration, touches
 
@@ -46,10 +46,10 @@ def test_a_reading_survives_the_memory() -> None:
     coasted = np.array([True, False, False, True])
     health = SourceHealth(gaps=1, overflows=2, damaged=3, reconnects=4, rate_ev_s=5.5)
     frame = MarkerFrame(-7, moved, moved, moved, coasted, np.ones(4), health)
-    message = pack(frame, 123, 9, (0.25, 4.5))
-    assert len(message) == reading_bytes(4)
-    found = unpack(message, 4)
-    assert (found.t_us, found.told_ns, found.frames) == (-7, 123, 9)
+    message = pack(frame, 123, (0.25, 4.5))
+    assert len(message) == frame_bytes(4)
+    found = unpack(9, message, 4)
+    assert (found.t_us, found.told_ns, found.number) == (-7, 123, 9)
     assert (found.behind_ms, found.most_behind_ms) == (0.25, 4.5)
     assert found.health == health
     np.testing.assert_array_equal(found.displacement_px, moved)
@@ -77,9 +77,8 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
         "foreign": replace(finger, calibration=other),
     }
     with st.Hand(fingers) as hand:
-        assert hand.names == tuple(fingers)
         wait_until(lambda: hand.health()["killed"].frames > 0)
-        os.kill(hand.process_id("killed"), signal.SIGKILL)
+        os.kill(hand.fingers["killed"].process_id, signal.SIGKILL)
         wait_until(lambda: hand.health()["thumb"].state == "ended")
         health, latest = hand.health(), hand.latest()
     assert health["killed"].state == "killed"
@@ -90,7 +89,7 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
     assert latest["missing"] is None
     thumb = latest["thumb"]
     assert thumb is not None
-    assert (thumb.frames, thumb.t_us) == (len(alone), alone[-1].t_us)
+    assert (thumb.number, thumb.t_us) == (len(alone), alone[-1].t_us)
     np.testing.assert_allclose(thumb.displacement_px, alone[-1].displacement_px, atol=1e-5)
     assert health["thumb"].why == ""
     assert health["thumb"].age_ms is not None

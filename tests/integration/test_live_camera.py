@@ -18,11 +18,11 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
 from spikingtac.events.create import create_events
-from spikingtac.live.camera_stream import stream_packets
-from spikingtac.live.factory import Factory
-from spikingtac.live.guard.arrivals import stream_arrivals
-from spikingtac.live.guard.contact_process import ContactProcess
-from spikingtac.live.process_source import ProcessSource
+from spikingtac.stream.remote_source import camera_packets
+from spikingtac.stream.host import Factory
+from spikingtac.stream.arrivals import stream_arrivals
+from spikingtac.stream.guard import ContactProcess
+from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.session.events_only import open_view_or_events
@@ -190,7 +190,7 @@ def test_a_camera_that_stalls_stops_a_probing_arm(
 
 def test_a_camera_without_a_calibration_shows_its_events() -> None:
     view = open_view_or_events("udp:127.0.0.1:0?encoding=evt2&size=320x320")
-    assert isinstance(view.source, ProcessSource)  # a silent camera holds nothing up
+    assert isinstance(view.source, RemoteSource)  # a silent camera holds nothing up
     view.source.close()
     assert view.source.size == (320, 320)
     assert not view.ends
@@ -206,7 +206,7 @@ def test_what_a_camera_lost_reaches_the_page(circling: Path) -> None:
     address = f"udp:127.0.0.1:{port}?encoding=evt3&size=320x320"
     size = Calibration.load(circling / "calibration.json").size
     address = address.replace("320x320", f"{size[0]}x{size[1]}")
-    stream = stream_packets(address, size)
+    stream = camera_packets(address, size)
     body = data[data.index(b"% end\n") + 6 :]
     pieces = [body[at : at + 256] for at in range(0, len(body), 256)]
 

@@ -27,7 +27,7 @@ from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
-from spikingtac.live.guard.arrivals import stream_arrivals
+from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import SIZE, datagrams, events
 

@@ -8,8 +8,8 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.source import PacketSource
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from spikingtac.markers.registry import make_tracker
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource

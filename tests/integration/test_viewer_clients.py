@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from spikingtac.errors import SpikingTacError
-from spikingtac.live.factory import Factory
+from spikingtac.stream.host import Factory
 from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.session.wire import decode
 from spikingtac.viewer.web.page_feed import MOST_PAGES, UNACKNOWLEDGED

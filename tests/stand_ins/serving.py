@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from spikingtac.live.factory import Factory
+from spikingtac.stream.host import Factory
 from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.session.source import ViewSource
 from spikingtac.viewer.web.security import Gate

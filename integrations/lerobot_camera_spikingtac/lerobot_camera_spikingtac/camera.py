@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import spikingtac as st
 from lerobot_camera_spikingtac.config_camera import SpikingTacCameraConfig
 from lerobot_camera_spikingtac.field_image import field_image
-from spikingtac.live.hand.reading import Reading
+from spikingtac.stream.sensor import LiveFrame
 
 NAME = "sensor"
 START_S = 30.0
@@ -131,12 +131,12 @@ class SpikingTacCamera(Camera):
             raise DeviceNotConnectedError(f"{self.config.source} is not connected")
         return self._hand
 
-    def _next(self, timeout_s: float) -> Reading:
+    def _next(self, timeout_s: float) -> LiveFrame:
         hand, deadline_s = self._followed(), time.monotonic() + timeout_s
         while True:
             reading = hand.latest()[NAME]
-            if reading is not None and reading.frames > self._taken:
-                self._taken = reading.frames
+            if reading is not None and reading.number > self._taken:
+                self._taken = reading.number
                 return reading
             health = hand.health()[NAME]
             if health.state not in ("starting", "running"):
@@ -145,7 +145,7 @@ class SpikingTacCamera(Camera):
                 raise TimeoutError(f"{self.config.source} gave no new frame in {timeout_s:g} s")
             time.sleep(LOOK_S)
 
-    def _latest(self, max_age_ms: int) -> Reading:
+    def _latest(self, max_age_ms: int) -> LiveFrame:
         reading = self._followed().latest()[NAME]
         if reading is None:
             raise RuntimeError(f"{self.config.source} has given no frame yet")
@@ -154,7 +154,7 @@ class SpikingTacCamera(Camera):
             raise TimeoutError(f"the latest frame of {self.config.source} is {age_ms:.0f} ms old")
         return reading
 
-    def _image(self, reading: Reading) -> NDArray[np.uint8]:
+    def _image(self, reading: LiveFrame) -> NDArray[np.uint8]:
         return field_image(
             reading.displacement_px,
             reading.coasted,

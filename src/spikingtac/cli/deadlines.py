@@ -27,6 +27,6 @@ def require_live(sources: Iterable[Path | str]) -> None:
 
 def ask_for_real_time() -> None:
     """Ask the system for what helps to keep deadlines, and tell what was granted."""
-    from spikingtac.live.real_time import meet_deadlines
+    from spikingtac.stream.real_time import meet_deadlines
 
     remark(meet_deadlines().text())

@@ -13,10 +13,10 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.formats.file_source import Rows
-from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import ProcessSource
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.sim.scene import catalog
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.types import EventPacket
 
 US_PER_S = 1e6
@@ -46,7 +46,7 @@ class TwinCamera(Camera):
         self.scene, self.seed, self._preset = scene, seed, camera
         self._found, self._at_rest = found, SceneSource(found, seed)
         arguments = {"name": scene, "seed": seed, "camera": camera}
-        self._source = ProcessSource(
+        self._source = RemoteSource(
             Factory(function=_prepared_packets, arguments=arguments),
             self.size,
             lambda rows: self.take_truth({"marker_t_us": rows[0], "marker_px": rows[1]}),

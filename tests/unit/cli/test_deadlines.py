@@ -12,7 +12,7 @@ from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events.create import create_events
-from spikingtac.live.real_time import Granted
+from spikingtac.stream.real_time import Granted
 from spikingtac.types import EventPacket
 
 SIZE = (40, 30)
@@ -61,7 +61,7 @@ def test_what_was_granted_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     granted = Granted(memory=True, priority=False, core=1)
-    monkeypatch.setattr("spikingtac.live.real_time.meet_deadlines", lambda: granted)
+    monkeypatch.setattr("spikingtac.stream.real_time.meet_deadlines", lambda: granted)
     ask_for_real_time()
     assert granted.text() in capsys.readouterr().err
 

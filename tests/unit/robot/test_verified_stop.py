@@ -96,7 +96,7 @@ def test_a_thread_that_is_held_up_while_it_asks_does_not_take_a_resting_arm_for_
 SPINNING_CALL = """
 import os, sys, threading, time
 from hashlib import pbkdf2_hmac
-from spikingtac.live.real_time import keep_to_one_core, take_precedence
+from spikingtac.stream.real_time import keep_to_one_core, take_precedence
 from spikingtac.robot.bounded_calls import BoundedCalls
 calls = BoundedCalls("client")
 

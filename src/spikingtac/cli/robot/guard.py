@@ -17,14 +17,16 @@ from spikingtac.errors import ConfigError, DeviceError, named
 
 if TYPE_CHECKING:
     from spikingtac.contact.detector import ContactDetector
-    from spikingtac.live.guard.contact_process import ContactProcess
     from spikingtac.robot.arm import Arm
+    from spikingtac.stream.guard import ContactProcess
 
 POLL_S = 0.02
 """Time between two looks at the state of the guarding process, s."""
-SILENCE_S = 1.0
-"""Age of the last state at which the guarding process counts as stalled, s; it is renewed every
-0.02 s."""
+SILENCE_S = 0.15
+"""Age of the last state of a guard that watches at which it counts as stalled, s; it is renewed
+every 0.02 s, and its own watchdog has tripped by then unless it hangs."""
+WAITING_S = 2.0
+"""Wait for the camera or the arm after which the user is told what is waited for, s."""
 ENDED = ("ended", "failed")
 """Phases after which the guarding process does nothing more."""
 TRIPPED_S = 0.5
@@ -49,7 +51,7 @@ class Args:
     arm: str
     """Address of the UR arm."""
     events: Path
-    """Named pipe of the finger's camera, with RAW events."""
+    """The finger's camera: its address, or a named pipe with RAW events."""
     calibration: Path
     """calibration.json of that finger."""
     quiet: Path
@@ -78,21 +80,36 @@ def run(args: Args) -> int:
         raise ConfigError(f"--budget is {args.budget:g}, it must be positive (false contacts/h)")
     if not is_stream(args.events):
         raise ConfigError(
-            f"--events is {str(args.events)!r}, it must be a camera's named pipe; "
+            f"--events is {str(args.events)!r}, it must be a camera's named pipe or address; "
             "to find the contacts in a recording: spikingtac contact RECORDING"
         )
     remark(NOT_A_SAFETY_FUNCTION)
     with ended_by_sigterm(), contextlib.closing(start(args)) as process:
         status = _wait(process)
-    if status.get("stop_failure"):
-        raise DeviceError(f"the arm was NOT stopped: {status['reason']}: {status['stop_failure']}")
-    if status["phase"] != "ended" or status["contact"] is None:
-        raise DeviceError(f"the guard stopped the arm without a contact: {status['reason']}")
-    summary = {name: status[name] for name in ("contact", "latency", "windows", "health")}
-    if args.json:
-        emit_json(summary)
+    if status["phase"] == "ended" and status["contact"] is not None and not _unstopped(status):
+        return _told_contact(status, args.json)
+    raise DeviceError(failure_text(status))
+
+
+def failure_text(status: dict[str, Any]) -> str:
+    """Return how a guard ended that ended badly: what became of the arm, and why."""
+    if not status.get("connected"):
+        return f"no arm was reached, nothing was stopped: {status['reason']}"
+    if _unstopped(status):
+        return f"the arm was NOT stopped: {status['reason']}: {status['stop_failure']}"
+    return f"the guard stopped the arm without a contact: {status['reason']}"
+
+
+def _unstopped(status: dict[str, Any]) -> bool:
+    return bool(status.get("stop_failure"))
+
+
+def _told_contact(status: dict[str, Any], as_json: bool) -> int:
+    names = ("contact", "latency", "windows", "health", "leaps", "losses")
+    if as_json:
+        emit_json({name: status[name] for name in names})
     else:
-        remark(f"contact at {summary['contact']['t_us']} us, the arm was stopped")
+        remark(f"contact at {status['contact']['t_us']} us, the arm was stopped")
     return 0
 
 
@@ -108,10 +125,10 @@ def _require_readable(args: Args) -> None:
 
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
-    from spikingtac.live.factory import Factory
-    from spikingtac.live.guard.arrivals import stream_arrivals
-    from spikingtac.live.guard.contact_process import ContactProcess
     from spikingtac.robot.ur import URArm
+    from spikingtac.stream.arrivals import stream_arrivals
+    from spikingtac.stream.guard import ContactProcess
+    from spikingtac.stream.host import Factory
 
     _require_readable(args)
     learning = {
@@ -156,26 +173,59 @@ def _wait(process: ContactProcess) -> dict[str, Any]:
     Raises:
         DeviceError: The process died, or does not answer.
     """
-    ready = False
+    follower = _Follower()
     while True:
         alive = process.alive()  # before the state: a process that has ended left its last one
         status = process.status()
-        if status.get("phase") in ENDED:
+        phase = status.get("phase")
+        if phase in ENDED:
             return status
         if not alive:
             raise DeviceError(
                 "the guarding process died; the controller's own watchdog stops the arm: check both"
             )
         age_s = time.monotonic() - status["at_s"] if status else 0.0
-        if status.get("phase") == "tripped" and age_s > TRIPPED_S:
+        if phase == "tripped" and age_s > TRIPPED_S:
             return status
-        if age_s > SILENCE_S:
-            raise DeviceError(
-                "the guarding process does not answer; see whether the arm stands, then start again"
-            )
-        if status and not ready:
-            ready = True
-            remark("watching: the self-test has told the arm to stop; start its motion now")
-            if not status.get("precedes", False):
-                remark(NO_PRECEDENCE)
+        if phase == "ready" and age_s > SILENCE_S:
+            why = "the guarding process does not answer; see whether the arm stands"
+            remark(f"{why}; ending it now")  # before the wait for its end
+            raise DeviceError(f"{why}, then start again")
+        follower.look(status, age_s)
         time.sleep(POLL_S)
+
+
+class _Follower:
+    """Tells the user what changes: what is waited for, that the guard watches, what is lost."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+        self._leaps = 0
+        self._losses: dict[str, int] = {}
+
+    def look(self, status: dict[str, Any], age_s: float) -> None:
+        """Tell what a state says that was not told yet."""
+        phase = status.get("phase")
+        if phase == "starting" and age_s > WAITING_S:
+            self._once(f"waiting for {status['reason']}")
+        if phase == "tripped":
+            self._once(f"tripped: {status['reason']}")
+        if phase == "ready":
+            self._once("watching: the self-test has told the arm to stop; start its motion now")
+            if not status.get("precedes", False):
+                self._once(NO_PRECEDENCE)
+            self._tell_faults(status)
+
+    def _once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            remark(text)
+
+    def _tell_faults(self, status: dict[str, Any]) -> None:
+        losses, leaps = status.get("losses", {}), status.get("leaps", 0)
+        for kind, count in losses.items():
+            if count > self._losses.get(kind, 0):
+                remark(f"the stream: {kind} {count}")
+        if leaps > self._leaps:
+            remark(f"the sensor's clock leapt ahead, {leaps} times so far")
+        self._losses, self._leaps = losses, leaps

@@ -24,7 +24,6 @@ from spikingtac.contact.window import Window, count_of
 from spikingtac.errors import CalibrationError, DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.live.real_time import exempt_from_collection
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
 from spikingtac.robot.watchdog import (
@@ -32,10 +31,11 @@ from spikingtac.robot.watchdog import (
     WatchdogConfig,
     WatchdogThread,
 )
+from spikingtac.stream.real_time import exempt_from_collection
 
 if TYPE_CHECKING:
-    from spikingtac.live.guard.threaded_source import ThreadedSource
     from spikingtac.robot.arm import Arm
+    from spikingtac.stream.reader import ThreadedSource
 
 QUIET_WINDOWS = 4000
 """Windows of the arm at rest from which the detector learns, 1 ms each."""
@@ -178,8 +178,8 @@ def _live_source(
 ) -> ThreadedSource | None:
     """Return a thread that reads the stream of a camera; None for a file, which waits."""
     from spikingtac.events.formats.evt.raw_stream import is_stream
-    from spikingtac.live.guard.arrivals import timed
-    from spikingtac.live.guard.threaded_source import ThreadedSource
+    from spikingtac.stream.arrivals import timed
+    from spikingtac.stream.reader import ThreadedSource
 
     assert args.events is not None
     if not is_stream(args.events):

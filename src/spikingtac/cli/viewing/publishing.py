@@ -30,8 +30,8 @@ def publish_until(
         seconds: Length, s of data time; None is all of it.
         ready: Waits for whom shall not miss the first frame.
     """
-    from spikingtac.live.real_time import exempt_from_collection
     from spikingtac.ros2.feed import Pace
+    from spikingtac.stream.real_time import exempt_from_collection
 
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     pace, stop, begun_s = Pace(), _Stop(), time.monotonic()

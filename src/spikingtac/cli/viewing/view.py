@@ -106,7 +106,7 @@ def run(args: Args) -> int:
 
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
-    from spikingtac.live.factory import Factory
+    from spikingtac.stream.host import Factory
     from spikingtac.viewer.pair.second import open_second_view
     from spikingtac.viewer.session.opening import open_felt_source, open_view_source
     from spikingtac.viewer.web.show import show_pair
@@ -129,18 +129,12 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
 
 
 def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
-    """Show the source; standard input goes through a pipe, since another process reads it."""
-    from spikingtac.events.formats.evt.raw_stream import STANDARD_INPUT
-    from spikingtac.live.standard_input import standard_input_pipe
     from spikingtac.viewer.session.calibrating.desk import SaveTarget
 
     if args.force is None:
         arguments["look"] = args.calibrate
         arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-    if args.source != STANDARD_INPUT:
-        return show_source(arguments, args, offer=_is_recording(args.source))
-    with standard_input_pipe() as pipe:
-        return show_source({**arguments, "source": str(pipe)}, args)
+    return show_source(arguments, args, offer=_is_recording(args.source))
 
 
 def _is_recording(source: str) -> bool:
@@ -195,7 +189,7 @@ def show_source(
         tracks: File for every estimate, or None.
         offer: Let the page open the other recordings of its folder, on this machine only.
     """
-    from spikingtac.live.factory import Factory
+    from spikingtac.stream.host import Factory
     from spikingtac.viewer.session.events_only import open_view_or_events
     from spikingtac.viewer.session.opening import open_felt_source
     from spikingtac.viewer.session.shelf import open_from_shelf

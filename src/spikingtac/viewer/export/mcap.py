@@ -11,7 +11,6 @@ from typing import Any
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import MissingExtraError
 from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.live.playback import Playback
 from spikingtac.ros2.messages import (
     NS_PER_US,
     Layout,
@@ -23,6 +22,7 @@ from spikingtac.ros2.messages import (
 from spikingtac.ros2.types import definition, ros_type
 from spikingtac.types import EventPacket
 from spikingtac.viewer.export.stretch import Stretch, open_stretch
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.layers import grey_image
 from spikingtac.viewer.session.source import ViewSource
 

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from spikingtac.errors import ConfigError
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
 from spikingtac.types import EventPacket
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.source import ViewSource
 
 EXPOSURE_US = 30_000

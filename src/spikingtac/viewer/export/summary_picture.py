@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.live.playback import Playback
 from spikingtac.plots.summary import Course, Picture, save_summary
 from spikingtac.viewer.export.animation import picture_of
 from spikingtac.viewer.export.stretch import US_PER_S, open_stretch
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.source import ViewSource
 
 MOST_ROWS = 4_000

@@ -16,11 +16,9 @@ from spikingtac.events.address import is_address
 from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
-from spikingtac.live.camera_stream import stream_packets
-from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import ProcessSource
 from spikingtac.sim.twin_camera import is_twin
-from spikingtac.types import LossCounters
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.viewer.session.calibrating.desk import CalibrationDesk, SaveTarget
 from spikingtac.viewer.session.opening import (
     NoCalibrationError,
@@ -60,7 +58,7 @@ def open_view_or_events(
         return _guided(
             scene, CalibrationDesk(scene.label, scene.source.size, target, None), options
         )
-    events = open_live(source) if live else open_events(source)
+    events = RemoteSource.of_camera(source, None) if live else open_events(source)
     label = source if is_address(source) else Path(source).resolve().name
     whole = None if live else Factory(function=open_whole, arguments={"path": source})
     desk = CalibrationDesk(label, events.size, target, whole)
@@ -96,22 +94,6 @@ def _guided(view: ViewSource, desk: CalibrationDesk, options: dict[str, Any]) ->
 def open_whole(path: str) -> EventSource:
     """Open a recording from its beginning."""
     return open_events(path)
-
-
-def open_live(source: str) -> ProcessSource:
-    """Open a camera in a process of its own.
-
-    Raises:
-        SpikingTacError: There is no such camera.
-    """
-    losses = LossCounters()
-    stream = ProcessSource(
-        Factory(function=stream_packets, arguments={"path": source, "size": None}),
-        None,
-        losses.update,
-    )
-    stream.losses = losses
-    return stream
 
 
 def no_markers(size: tuple[int, int]) -> Calibration:

@@ -17,14 +17,12 @@ from spikingtac.events.address import Address
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import refuse_url
-from spikingtac.live.camera_stream import stream_packets
-from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import INHERITING, ProcessSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.sim.twin_camera import is_twin, twin_options
-from spikingtac.types import LossCounters
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.viewer.session.source import SampledTruth, ViewSource
 
 CALIBRATION_NAME, TRUTH_NAME, MANIFEST_NAME = "calibration.json", "truth.npz", "manifest.json"
@@ -163,16 +161,9 @@ def _open_stream(path: Path, calibration: str | None) -> ViewSource:
     if calibration is None:
         raise NoCalibrationError(f"{str(path)!r} is a camera; name its --calibration")
     chosen = Calibration.load(calibration)
-    losses = LossCounters()
-    source = ProcessSource(
-        Factory(function=stream_packets, arguments={"path": str(path), "size": chosen.size}),
-        chosen.size,
-        losses.update,
-    )
-    source.losses = losses
     return ViewSource(
         label=path.name,
-        source=source,
+        source=RemoteSource.of_camera(str(path), chosen.size),
         calibration=chosen,
         config=None,
         make_tracker=_unchosen,
@@ -199,11 +190,10 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
     arguments = {"name": name, "seed": seed, "camera": camera}
     return ViewSource(
         label=Path(name).stem,
-        source=ProcessSource(
+        source=RemoteSource(
             Factory(function=truthful_packets, arguments=arguments),
             scene.size,
             lambda rows: truth.append(rows[0], rows[1]),
-            start_method=INHERITING,
         ),
         calibration=Calibration(
             reference_px=at_rest.reference_px,

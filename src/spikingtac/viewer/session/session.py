@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.guard.stream_health import StreamHealth
-from spikingtac.live.loop_timer import LoopTimer
-from spikingtac.live.playback import Playback
-from spikingtac.live.ring import Publisher
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.schema import to_mapping
+from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.loop_timer import LoopTimer
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.snapshot import greeting, images, moving
 from spikingtac.viewer.session.source import ViewSource
+from spikingtac.viewer.session.stream_health import StreamHealth
 from spikingtac.viewer.session.track_recorder import NullTrackRecorder, TrackRecorder
 from spikingtac.viewer.session.wire import encode
 

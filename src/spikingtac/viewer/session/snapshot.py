@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.events.quality import judge_events
-from spikingtac.live.playback import Playback
 from spikingtac.tuning import in_use
 from spikingtac.types import MarkerFrame
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.layers import activity, state_image, view_size, view_step
 from spikingtac.viewer.session.source import ViewSource
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from spikingtac.atomic_files import require_free
 from spikingtac.errors import DeviceError
-from spikingtac.live.factory import Factory
+from spikingtac.stream.host import Factory
 from spikingtac.viewer.export.output_files import check_picture
 from spikingtac.viewer.export.summary import Record
 from spikingtac.viewer.pair.together import Together
@@ -173,7 +173,7 @@ def _served(
 
     serve(app, options.host, options.port, ready, alive)
     for session in sessions:
-        _raise_failure(session)
+        session.require_alive()
     return monitors
 
 
@@ -194,7 +194,7 @@ class _SessionMonitor:
     def await_view(self) -> None:
         """Wait until the view is open, so that no page is served without one."""
         while self._session.greeting(0) is None:
-            _raise_failure(self._session)
+            self._session.require_alive()
             self._expect_life()
             time.sleep(WAIT_S)
 
@@ -240,7 +240,7 @@ class _SessionMonitor:
                     f"its first events ({now_s - self._begun_s:.0f} s so far)"
                 )
             return
-        _raise_failure(self._session)
+        self._session.require_alive()
         raise DeviceError(
             "the session did not start; see `spikingtac doctor`, and try again with --debug"
         )
@@ -250,14 +250,3 @@ def _lower_priority() -> None:
     """Let the session and a simulated sensor go first on a busy machine."""
     if hasattr(os, "nice"):  # the session's processes have started, and keep their own
         os.nice(NICENESS)
-
-
-def _raise_failure(session: SessionProcess) -> None:
-    """Raise what ended the session, if it has ended: it ends only when it is told to."""
-    alive = session.alive  # asked first: the failure is sent before the process ends
-    failure = session.failure()
-    if failure is not None:
-        raise failure
-    if not alive:
-        how = "was killed; the machine may have run out of memory" if session.killed else "ended"
-        raise DeviceError(f"the session's process {how}; start it again")

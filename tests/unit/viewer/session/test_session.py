@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.live import event_store
+from spikingtac.viewer import event_store
 from spikingtac.types import EventPacket
 from spikingtac.viewer.session import session as module
 from spikingtac.viewer.session.layers import unpack

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import INHERITING
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import INHERITING
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.viewer.session import session as loop
 from spikingtac.viewer.session.opening import calibrated_view, open_view_source

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
-from spikingtac.live.factory import Factory
+from spikingtac.stream.host import Factory
 from spikingtac.viewer.session import process
 from spikingtac.viewer.web import deadline
 from spikingtac.viewer.web.deadline import DeadlineProtocol

@@ -16,11 +16,11 @@ from spikingtac.atomic_files import require_free
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.source import EventSource
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.factory import Factory
 from spikingtac.markers.calibration.calibrate import CalibrationConfig
 from spikingtac.markers.calibration.guide.advice import advice, way_of
 from spikingtac.markers.calibration.guide.guide import GuideView
+from spikingtac.stream.host import Factory
+from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.session.calibrating.guide_tracker import GuideTracker
 from spikingtac.viewer.session.calibrating.run import CalibrationRun, named, stored
 

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import queue
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import SpikingTacError
 from spikingtac.events.source import EventSource, PacketSource
-from spikingtac.live.factory import Factory
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket
 
 COLUMNS = ("x", "y", "p", "t")
 RESULT_NAME = "result.json"
-END_S = 2.0
-"""Longest wait for a run that is given up, s."""
 
 
 class CalibrationRun:
@@ -39,31 +33,28 @@ class CalibrationRun:
         config: CalibrationConfig,
         scratch: tempfile.TemporaryDirectory[str],
     ) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._scratch, self._answers = scratch, context.Queue(1)
-        arguments = (open_source, config, scratch.name, self._answers)
-        self._process = context.Process(target=_calibrate, args=arguments, daemon=True)
-        self._process.start()
+        self._scratch = scratch
+        given = {"open_source": open_source, "config": config, "folder": scratch.name}
+        self._host = Host(Factory(function=_calibrate, arguments=given))
 
     def poll(self) -> Calibration | str | None:
         """Return the calibration, or why there is none; None while it is computed."""
         try:
-            answer = self._answers.get_nowait()
-        except queue.Empty:
-            if self._process.is_alive():
-                return None
-            answer = "the calibration's process ended; the machine may have run out of memory"
-        if answer:
-            return str(answer)
-        return Calibration.load(Path(self._scratch.name) / RESULT_NAME)
+            done = self._host.receive()
+        except EOFError:
+            return str(closed_by(self._host, "the calibration"))
+        except Exception as error:  # told by the page
+            return str(error)
+        return None if done is None else Calibration.load(self._scratch_file)
 
     def close(self) -> None:
         """End the run, and remove what it wrote."""
-        self._process.terminate()
-        self._process.join(END_S)
-        self._answers.cancel_join_thread()
-        self._answers.close()
+        self._host.close()
         self._scratch.cleanup()
+
+    @property
+    def _scratch_file(self) -> Path:
+        return Path(self._scratch.name) / RESULT_NAME
 
 
 def stored(events: EventPacket, folder: str) -> Factory[EventSource]:
@@ -84,16 +75,10 @@ def open_stored(folder: str, span_us: tuple[int, int], size: tuple[int, int]) ->
 
 
 def _calibrate(
-    open_source: Factory[EventSource], config: CalibrationConfig, folder: str, answers: Any
+    asker: Asker, open_source: Factory[EventSource], config: CalibrationConfig, folder: str
 ) -> None:
-    try:
-        calibration = calibrate(open_source(), config)
-        calibration.save(Path(folder) / RESULT_NAME)
-        answers.put("")
-    except (SpikingTacError, OSError) as error:
-        answers.put(str(error))
-    except Exception as error:  # told by the page like any other
-        answers.put(f"{type(error).__name__}: {error}")
+    calibrate(open_source(), config).save(Path(folder) / RESULT_NAME)
+    asker.tell(True)
 
 
 def named(calibration: Calibration, recording: str) -> Calibration:

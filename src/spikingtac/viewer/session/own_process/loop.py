@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import gc
 import json
-import multiprocessing
-import queue
-import signal
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.live.factory import Factory
-from spikingtac.live.real_time import meet_deadlines
-from spikingtac.live.ring import SharedRing
+from spikingtac.stream.host import Asker, Factory
+from spikingtac.stream.real_time import meet_deadlines
+from spikingtac.stream.ring import SharedRing
 from spikingtac.viewer.session.own_process.warm_up import warm_up
+from spikingtac.viewer.session.process import SHUTDOWN_S, STOP
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.snapshot import starting
 from spikingtac.viewer.session.source import Recordings, ViewSource
@@ -34,45 +31,37 @@ COLLECT_AFTER = 10_000
 that compiling takes; 10,000 cost 10 MiB (measured)."""
 
 
-def run_session(open_view: Factory[ViewSource], options: dict[str, Any], channels: Any) -> None:
-    """Open a view and play it until the parent ends it; an error goes to the parent.
+def run_session(
+    asker: Asker, open_view: Factory[ViewSource], options: dict[str, Any], rings: tuple[str, str]
+) -> None:
+    """Open a view and play it until the asker ends it.
 
     Args:
+        asker: Sends commands, and is told of an error.
         open_view: Opens what is viewed.
         options: ``repeat``, ``realtime``, and ``tracks``, a file or None.
-        channels: Names of the rings for frames and greetings; queues of commands and failures; the
-            event that ends it.
+        rings: Names of the rings for frames and greetings.
 
     Raises:
-        SystemExit: The view could not be opened, or failed.
+        SpikingTacError: The view could not be opened, or failed.
     """
-    # Ctrl-C reaches the whole terminal group; the parent decides when this process ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    (frames_name, greetings_name), commands, failures, stopped = channels
-    frames = SharedRing.attach(frames_name, FRAME_BYTES)
-    greetings = SharedRing.attach(greetings_name, GREETING_BYTES)
+    asker.grace_s = SHUTDOWN_S
+    frames = SharedRing.attach(rings[0], FRAME_BYTES)
+    greetings = SharedRing.attach(rings[1], GREETING_BYTES)
     gc.freeze()  # compiling makes much garbage, and each collection would visit all imports
     gc.set_threshold(COLLECT_AFTER)
-    try:
-        view = open_view()
-        greetings.publish(json.dumps(starting(view)).encode())
-        warm_up(view)
-        if options["realtime"]:
-            view = replace(view, notice=f"{view.notice} {meet_deadlines().text()}".strip())
-        recorder = _recorder(options["tracks"], view)
-        play = partial(Session, frames=frames, greetings=greetings, repeat=options["repeat"])
-        session = play(view, recorder=recorder)
-        another = partial(_another, view.shelf, play, greetings)
-        session = _serve(session, commands, stopped, another)
-        session.close()
-        if session.failure is not None:
-            raise session.failure
-    except Exception as error:  # sent to the parent, which reports it
-        failures.put(_portable(error))
-        raise SystemExit(1) from error
-    finally:
-        frames.close()
-        greetings.close()
+    view = open_view()
+    greetings.publish(json.dumps(starting(view)).encode())
+    warm_up(view)
+    if options["realtime"]:
+        view = replace(view, notice=f"{view.notice} {meet_deadlines().text()}".strip())
+    recorder = _recorder(options["tracks"], view)
+    play = partial(Session, frames=frames, greetings=greetings, repeat=options["repeat"])
+    session = play(view, recorder=recorder)
+    session = _serve(session, asker, partial(_another, view.shelf, play, greetings))
+    session.close()
+    if session.failure is not None:
+        raise session.failure
 
 
 def _recorder(tracks: Path | None, view: ViewSource) -> TrackRecorder:
@@ -81,13 +70,12 @@ def _recorder(tracks: Path | None, view: ViewSource) -> TrackRecorder:
     return FileTrackRecorder(tracks, view.calibration.reference_px)
 
 
-def _serve(
-    session: Session, commands: Any, stopped: Event, another: Callable[[Session, str], Session]
-) -> Session:
+def _serve(session: Session, asker: Asker, another: Callable[[Session, str], Session]) -> Session:
     """Play until the end is asked for; return the session that is played then."""
-    parent = multiprocessing.parent_process()
-    while not stopped.is_set() and (parent is None or parent.is_alive()):
-        for name, value in _waiting(commands):
+    while not asker.gone.is_set():
+        for name, value in _latest(asker.said()):
+            if name == STOP[0]:
+                return session
             if name == "open":
                 session = another(session, value)
             else:
@@ -117,19 +105,10 @@ def _another(
     return following
 
 
-def _waiting(commands: Any) -> list[tuple[str, Any]]:
-    """Return the waiting commands; of a dragged slider or timeline only the last position."""
-    latest: dict[tuple[str, Any], tuple[str, Any]] = {}
-    while True:
-        try:
-            name, value = commands.get_nowait()
-        except queue.Empty:
-            return list(latest.values())
-        latest[(name, value[0] if name == "set" else None)] = (name, value)
-
-
-def _portable(error: Exception) -> Exception:
-    """Return an error that can be sent to another process."""
-    if isinstance(error, SpikingTacError | OSError):
-        return error
-    return RuntimeError(f"{type(error).__name__}: {error}")
+def _latest(commands: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    """Return commands; of a dragged slider or timeline only the last position."""
+    return list(
+        {
+            (name, value[0] if name == "set" else None): (name, value) for name, value in commands
+        }.values()
+    )

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from spikingtac.events.source import PacketSource
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
 from spikingtac.types import EventPacket
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session.snapshot import images, moving
 from spikingtac.viewer.session.source import ViewSource
 

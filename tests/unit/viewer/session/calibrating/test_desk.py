@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
-from spikingtac.live.event_store import EventStore
+from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.session.calibrating.desk import WAYS, CalibrationDesk, SaveTarget
 from stand_ins.sliding import GRID, SIZE, sliding_packets
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 
 from spikingtac.errors import DeviceError, RecordingError
-from spikingtac.live.guard.contact_loop import Arrival
-from spikingtac.live.guard.threaded_source import ThreadedSource
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.stream.guard_loop import Arrival
+from spikingtac.stream.reader import ThreadedSource
 from stand_ins.moving_rims import windows
 
 PATIENCE_S = 20.0

@@ -6,11 +6,11 @@ import pytest
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import PacketSource
-from spikingtac.live import tracker_history as history
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.playback import Playback
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import MarkerFrame
+from spikingtac.viewer import tracker_history as history
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.playback import Playback
 from stand_ins.live import (
     SIZE,
     BurstDetector,

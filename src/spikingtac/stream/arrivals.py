@@ -9,11 +9,14 @@ from pathlib import Path
 
 from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
+from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows
-from spikingtac.live.guard.contact_loop import Arrival
-from spikingtac.live.stream_clock import StreamClock
+from spikingtac.stream.clock import StreamClock
+from spikingtac.stream.guard_loop import Arrival
 from spikingtac.types import LossCounters
 
 SILENCE_US = 500_000
@@ -30,7 +33,7 @@ CATCH_UP_S = 10.0
 def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arrival]:
     """Yield the regular windows of a camera's pipe as they become complete.
 
-    A :class:`~spikingtac.live.guard.contact_process.ContactProcess` takes it as
+    A :class:`~spikingtac.stream.guard.ContactProcess` takes it as
     ``Factory(function=stream_arrivals, arguments={"path": ...})``; the pipe is then opened in the
     process that guards.
     A window is complete when an event after its end has come, which the sensor's noise ensures. To
@@ -47,9 +50,7 @@ def stream_arrivals(path: str | Path, period_us: int = 1_000) -> Iterator[Arriva
         RecordingError: The stream cannot be read; FormatError where it is not RAW.
         DeviceError: There is no such camera; CameraLostError where it is gone.
     """
-    source = open_events(path)
-    if isinstance(source, CameraSource):
-        source.when_lost = "raise"
+    source = _opened(path)
     regular = windows(source, period_us, silence_limit_us=SILENCE_US)
     return timed(((window,) for window in regular), source.losses)
 
@@ -59,11 +60,19 @@ def timed(stream: Iterable[Window], losses: LossCounters | None = None) -> Itera
 
     Args:
         stream: The windows.
-        losses: Counters of the source, for the leaps of its clock; None knows of none.
+        losses: Counters of the source; None knows of none.
     """
     counted = LossCounters() if losses is None else losses
     for window in stream:
-        yield Arrival(window, time.monotonic(), counted["time_jump"])
+        yield Arrival(window, time.monotonic(), dict(counted))
+
+
+def _opened(path: str | Path) -> FileSource:
+    """Open a camera or its pipe; a pipe's reader has warmed up all of its kernels."""
+    if not is_stream(Path(path)):
+        return open_events(path)
+    address = Address.parse(str(path) if is_address(path) else f"pipe:{path}")
+    return CameraSource(address, ReadOptions(), when_lost="raise")
 
 
 def catch_up(stream: Iterator[Arrival], clock: StreamClock, backlog_s: float) -> None:

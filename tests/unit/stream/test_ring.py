@@ -4,7 +4,7 @@ from multiprocessing.synchronize import Event
 
 import pytest
 
-from spikingtac.live.ring import SLOTS, SharedRing
+from spikingtac.stream.ring import SLOTS, SharedRing
 
 ENOUGH = 200
 BYTES = 20_000

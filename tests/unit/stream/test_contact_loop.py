@@ -9,8 +9,8 @@ import pytest
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.window import Window
-from spikingtac.live.guard.contact_loop import Arrival, ContactLoop, Subscriber
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.stream.guard_loop import Arrival, ContactLoop, Subscriber
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import SIZE, windows
 

@@ -8,13 +8,13 @@ from typing import Any, cast
 
 import pytest
 
-from spikingtac.live import real_time
-from spikingtac.live.guard import contact_process
-from spikingtac.live.guard.contact_loop import ContactLoop
-from spikingtac.live.guard.contact_process import STATUS_BYTES, GuardStatus
-from spikingtac.live.real_time import GUARD_PRIORITY, PRIORITY
-from spikingtac.live.ring import SharedRing
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
+from spikingtac.stream import guard as contact_process
+from spikingtac.stream import real_time
+from spikingtac.stream.guard import STATUS_BYTES, GuardStatus
+from spikingtac.stream.guard_loop import ContactLoop
+from spikingtac.stream.real_time import GUARD_PRIORITY, PRIORITY
+from spikingtac.stream.ring import SharedRing
 from stand_ins.guarded import NotingArm
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from spikingtac.live.loop_timer import LoopTimer
+from spikingtac.viewer.loop_timer import LoopTimer
 
 
 class Clock:

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.live.stream_clock import StreamClock, StreamClockConfig
 from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.stream.clock import StreamClock, StreamClockConfig
 
 CONFIG = StreamClockConfig()
 OFFSET_S = 1234.5

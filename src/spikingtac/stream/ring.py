@@ -1,14 +1,16 @@
-"""A ring in shared memory through which one process shows its latest state to others.
+"""A ring in shared memory through which one process shows its messages to others.
 
-The writer never waits and does not know its readers. A reader gets the latest message or nothing;
-messages that it missed are gone, as a display needs it. A slot carries its sequence number and a
-checksum, so that a reader detects and drops a message that was overwritten meanwhile.
+The writer never waits and does not know its readers. A reader takes the latest message, or one
+after the other; those that it was too slow for are gone, and their sequence numbers tell how many.
+A slot carries its sequence number and a checksum, so that a reader detects and drops a message that
+was overwritten meanwhile.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from typing import Protocol
 
@@ -28,7 +30,7 @@ class Publisher(Protocol):
 
 
 class SharedRing:
-    """One writer, any number of readers, each keeping only the latest message.
+    """One writer, any number of readers in any process.
 
     Example:
         >>> ring = SharedRing.create(slot_bytes=64)
@@ -39,26 +41,29 @@ class SharedRing:
         (2, b'second')
         >>> reader.latest(after=2) is None
         True
+        >>> reader.following(after=0)
+        (1, b'first')
         >>> reader.close(); ring.close()
     """
 
-    def __init__(self, memory: SharedMemory, slot_bytes: int, *, owner: bool) -> None:
+    def __init__(self, memory: SharedMemory, slot_bytes: int, slots: int, owner: bool) -> None:
         self._memory, self._slot_bytes, self._owner = memory, slot_bytes, owner
+        self._slots = slots
         self._buffer = _buffer_of(memory)
         self._sequence = 0
 
     @classmethod
-    def create(cls, slot_bytes: int) -> SharedRing:
+    def create(cls, slot_bytes: int, slots: int = SLOTS) -> SharedRing:
         """Make a ring for messages of at most ``slot_bytes``; its creator removes it."""
-        size = _HEAD_BYTES + SLOTS * (_HEADER.size + slot_bytes)
+        size = _HEAD_BYTES + slots * (_HEADER.size + slot_bytes)
         memory = SharedMemory(create=True, size=size)
         _buffer_of(memory)[:_HEAD_BYTES] = bytes(_HEAD_BYTES)
-        return cls(memory, slot_bytes, owner=True)
+        return cls(memory, slot_bytes, slots, True)
 
     @classmethod
-    def attach(cls, name: str, slot_bytes: int) -> SharedRing:
-        """Open a ring that another process made."""
-        return cls(SharedMemory(name=name), slot_bytes, owner=False)
+    def attach(cls, name: str, slot_bytes: int, slots: int = SLOTS) -> SharedRing:
+        """Open a ring that another process made, with what it was made with."""
+        return cls(_attached(name), slot_bytes, slots, False)
 
     @property
     def name(self) -> str:
@@ -86,15 +91,20 @@ class SharedRing:
         Args:
             after: Sequence number that the caller has; only a later one is returned.
         """
-        (sequence,) = _LATEST.unpack_from(self._buffer, 0)
-        if sequence <= after:
-            return None
-        start = self._slot(sequence)
-        stored, length, checksum = _HEADER.unpack_from(self._buffer, start)
-        if stored != sequence or length > self._slot_bytes:
-            return None
-        message = bytes(self._buffer[start + _HEADER.size : start + _HEADER.size + length])
-        return (sequence, message) if zlib.crc32(message) == checksum else None
+        newest = self._newest()
+        return self._message(newest) if newest > after else None
+
+    def following(self, after: int) -> tuple[int, bytes] | None:
+        """Return ``(sequence, message)`` of the next message, the oldest that is left, or None.
+
+        Args:
+            after: Sequence number that the caller has; how many it has missed is what lies between.
+        """
+        while (newest := self._newest()) > after:
+            after = max(after + 1, newest - self._slots + 2)  # the writer may be at the oldest one
+            if (found := self._message(after)) is not None:
+                return found
+        return None
 
     def close(self) -> None:
         """Release the memory; its creator also removes it."""
@@ -103,8 +113,30 @@ class SharedRing:
         if self._owner:
             self._memory.unlink()
 
+    def _newest(self) -> int:
+        return _LATEST.unpack_from(self._buffer, 0)[0]
+
+    def _message(self, sequence: int) -> tuple[int, bytes] | None:
+        """Return a message with its number; None where it was overwritten."""
+        start = self._slot(sequence)
+        stored, length, checksum = _HEADER.unpack_from(self._buffer, start)
+        if stored != sequence or length > self._slot_bytes:
+            return None
+        message = bytes(self._buffer[start + _HEADER.size : start + _HEADER.size + length])
+        return (sequence, message) if zlib.crc32(message) == checksum else None
+
     def _slot(self, sequence: int) -> int:
-        return _HEAD_BYTES + (sequence % SLOTS) * (_HEADER.size + self._slot_bytes)
+        return _HEAD_BYTES + (sequence % self._slots) * (_HEADER.size + self._slot_bytes)
+
+
+def _attached(name: str) -> SharedMemory:
+    """Open memory of another process; this one's tracker must not remove it at its end."""
+    register = resource_tracker.register
+    resource_tracker.register = lambda *_: None  # Python 3.13 has an argument for it
+    try:
+        return SharedMemory(name=name)
+    finally:
+        resource_tracker.register = register
 
 
 def _buffer_of(memory: SharedMemory) -> memoryview:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.live import real_time
-from spikingtac.live.real_time import Granted, meet_deadlines
+from spikingtac.stream import real_time
+from spikingtac.stream.real_time import Granted, meet_deadlines
 
 
 def test_what_was_there_before_the_watch_is_not_visited_by_collections() -> None:
     """A collection of everything stops all threads for longer than the watchdog waits."""
     script = (
         "import gc, numpy\n"
-        "from spikingtac.live.real_time import exempt_from_collection\n"
+        "from spikingtac.stream.real_time import exempt_from_collection\n"
         "before = len(gc.get_objects())\n"
         "exempt_from_collection()\n"
         "print(before, len(gc.get_objects()))\n"
@@ -31,7 +31,7 @@ def test_memory_is_kept_in_place_where_that_is_permitted() -> None:
         pytest.skip("this system does not tell how much memory is locked")
     script = (
         "from pathlib import Path\n"
-        "from spikingtac.live.real_time import lock_memory\n"
+        "from spikingtac.stream.real_time import lock_memory\n"
         "given = lock_memory()\n"
         f"lines = Path({str(status)!r}).read_text().splitlines()\n"
         "print(int(given), *[line.split()[1] for line in lines if line.startswith('VmLck')])\n"
@@ -45,7 +45,7 @@ def test_memory_is_kept_in_place_where_that_is_permitted() -> None:
 def test_all_threads_keep_to_the_last_core() -> None:
     script = (
         "import os, threading\n"
-        "from spikingtac.live.real_time import keep_to_one_core\n"
+        "from spikingtac.stream.real_time import keep_to_one_core\n"
         "over = threading.Event()\n"
         "other = threading.Thread(target=over.wait)\n"
         "other.start()\n"
@@ -69,7 +69,7 @@ def test_all_threads_keep_to_the_last_core() -> None:
 def test_a_product_of_matrices_on_several_threads_ends() -> None:
     script = (
         "import numpy\n"
-        "from spikingtac.live.real_time import meet_deadlines\n"
+        "from spikingtac.stream.real_time import meet_deadlines\n"
         "square = numpy.ones((700, 700))\n"
         "meet_deadlines()\n"
         "print((square @ square)[0, 0])\n"

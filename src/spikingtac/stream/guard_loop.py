@@ -1,29 +1,29 @@
 """The live contact path: each window goes to the detector first, and a contact stops the arm.
 
-Recorders, trackers and displays receive the windows afterwards, and are never waited for. Not a
-safety function: see :mod:`spikingtac.robot.watchdog`.
+Not a safety function: see :mod:`spikingtac.robot.watchdog`.
 """
 
 from __future__ import annotations
 
-import queue
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import Window, packets_of
-from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.watchdog import Health, Watchdog
+from spikingtac.stream.clock import StreamClock
 from spikingtac.types import Contact
 
 RECENT_WINDOWS = 4096
 """Decision times kept for the percentiles: 4 s at 1 kHz."""
 US_PER_S = 1e6
+TRIP_LEAP_S = 0.5
+"""A leap of the sensor's clock by this much stops the arm, s; a smaller one is told (ours: the
+empty windows that fill it reach the detector within 20 ms)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +33,12 @@ class Arrival:
     Attributes:
         window: The events.
         received_s: When this machine had all of the window, on the clock of the loop, s.
-        time_jumps: How many leaps of the sensor's clock the source has counted so far.
+        losses: What the source has counted so far, by kind; ``time_jump`` are leaps of its clock.
     """
 
     window: Window
     received_s: float
-    time_jumps: int = 0
+    losses: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def end_us(self) -> int:
@@ -77,7 +77,8 @@ class GuardReport:
         backlog_s: How far the processed data lag behind the fastest transport, s.
         decision_p50_us: Median time to decide over the recent windows, us.
         decision_p99_us: 99th percentile of the same, us.
-        lost: How many windows each subscriber did not take.
+        leaps: Leaps of the sensor's clock that were too small to stop the arm.
+        losses: What the stream lost or had to mend, by kind.
         stop_failure: Why the arm is not known to rest after a stop; empty where it rests, or where
             nothing has stopped it.
     """
@@ -90,38 +91,9 @@ class GuardReport:
     backlog_s: float
     decision_p50_us: float
     decision_p99_us: float
-    lost: tuple[int, ...]
+    leaps: int
+    losses: dict[str, int]
     stop_failure: str
-
-
-class BoundedQueue(Protocol):
-    """A queue of the standard library, of threads or of processes."""
-
-    def put_nowait(self, item: Any, /) -> None:
-        """Take an item or raise ``queue.Full``."""
-        ...
-
-
-class Subscriber:
-    """Passes windows on to a consumer that may be slow; windows that it does not take are counted.
-
-    Args:
-        consumer: A bounded queue that the consumer reads.
-
-    Attributes:
-        lost: How many windows were not taken.
-    """
-
-    def __init__(self, consumer: BoundedQueue) -> None:
-        self.lost = 0
-        self._consumer = consumer
-
-    def offer(self, window: Window) -> None:
-        """Pass a window on, or count it as lost."""
-        try:
-            self._consumer.put_nowait(window)
-        except queue.Full:
-            self.lost += 1
 
 
 class ContactLoop:
@@ -131,7 +103,6 @@ class ContactLoop:
         detector: Decides on contact.
         watchdog: Armed by the caller; it stops the same arm. Each window is a heartbeat.
         stop: Stops the arm.
-        subscribers: Offered each window after the decision.
         clock_s: The clock of the arrivals and of the watchdog.
         stream_clock: Knows the stream's earlier windows; None begins with the first one.
 
@@ -144,15 +115,15 @@ class ContactLoop:
         detector: ContactDetector,
         watchdog: Watchdog,
         stop: Callable[[], None],
-        subscribers: Sequence[Subscriber] = (),
         clock_s: Callable[[], float] = time.monotonic,
         stream_clock: StreamClock | None = None,
     ) -> None:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
         self._stream_clock = stream_clock or StreamClock()
-        self._time_jumps: int | None = None
+        self._losses: Mapping[str, int] | None = None
+        self._leaps = 0
         self._backlog_s = 0.0
-        self._subscribers, self._clock_s = tuple(subscribers), clock_s
+        self._clock_s = clock_s
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
         self._windows = 0
         self.contact: Contact | None = None
@@ -171,8 +142,6 @@ class ContactLoop:
         """
         for arrival in arrivals:
             self._process(arrival)
-            for subscriber in self._subscribers:
-                subscriber.offer(arrival.window)
             after_window(self)
             if self.contact is not None or self._watchdog.check() is not Health.OK:
                 return self.report()
@@ -181,7 +150,7 @@ class ContactLoop:
 
     def report(self) -> GuardReport:
         """Return the state now."""
-        p50_us, p99_us = _percentiles(self._recent_us or (0.0,))
+        p50_us, p99_us = np.percentile(np.array(self._recent_us or (0.0,)), (50, 99)).tolist()
         return GuardReport(
             health=self._watchdog.health,
             reason=self._watchdog.reason,
@@ -191,7 +160,8 @@ class ContactLoop:
             backlog_s=self._backlog_s,
             decision_p50_us=p50_us,
             decision_p99_us=p99_us,
-            lost=tuple(subscriber.lost for subscriber in self._subscribers),
+            leaps=self._leaps,
+            losses=dict(self._losses or {}),
             stop_failure=failure_words(self._watchdog.stop_failure),
         )
 
@@ -214,11 +184,13 @@ class ContactLoop:
         leap_s = self._stream_clock.arrive(arrival.end_us, arrival.received_s)
         self._backlog_s = self._stream_clock.backlog_s(arrival.end_us, begun_s)
         self._watchdog.beat(self._backlog_s)
-        known, self._time_jumps = self._time_jumps, arrival.time_jumps
-        if leap_s > 0.0:
+        known, self._losses = self._losses, arrival.losses
+        if leap_s >= TRIP_LEAP_S:
             self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
-        elif known is not None and arrival.time_jumps > known:
+        elif known is not None and arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
             self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
+        else:
+            self._leaps += leap_s > 0.0
 
     def _split(self, arrival: Arrival, decided_s: float, stopped_s: float) -> Latency:
         packets = packets_of(arrival.window)
@@ -230,12 +202,6 @@ class ContactLoop:
             decision_us=(decided_s - arrival.received_s) * US_PER_S,
             stop_us=(stopped_s - decided_s) * US_PER_S,
         )
-
-
-def _percentiles(values: Sequence[float] | deque[float]) -> tuple[float, float]:
-    """Return median and 99th percentile of some values."""
-    p50, p99 = np.percentile(np.array(values), (50, 99))
-    return float(p50), float(p99)
 
 
 def failure_words(failure: Exception | None) -> str:

@@ -7,44 +7,23 @@ later than it lags behind. The map may drift, since no two crystals run alike.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-
-from spikingtac.errors import ConfigError
 
 US_PER_S = 1e6
-
-
-@dataclass(frozen=True, kw_only=True)
-class StreamClockConfig:
-    """How sensor time is mapped to host time.
-
-    Attributes:
-        drift: Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog
-            that grows more slowly than this is taken for drift.
-        leap_s: A sensor time that runs ahead of host time by this much is a leap, s (ours: filled
-            with empty windows it costs a detector 20 ms; transport varies by less).
-        span_s: A backlog counts once it has lasted this long, s (ours: USB transfers deliver
-            several windows at once, of which the first are late).
-    """
-
-    drift: float = 100e-6
-    leap_s: float = 0.5
-    span_s: float = 0.020
-
-    def __post_init__(self) -> None:
-        if not (0.0 <= self.drift < 1.0 and self.leap_s > 0.0 and self.span_s >= 0.0):
-            raise ConfigError("drift must be in [0, 1), leap_s positive, span_s not negative")
+DRIFT = 100e-6
+"""Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog that grows
+more slowly than this is taken for drift."""
+LEAP_S = 0.1
+"""A sensor time that runs ahead of host time by this much is a leap, s (ours: transport varies by
+less)."""
+SPAN_S = 0.020
+"""A backlog counts once it has lasted this long, s (ours: USB transfers deliver several windows at
+once, of which the first are late)."""
 
 
 class StreamClock:
-    """Follows one stream; both clocks may only go forward.
+    """Follows one stream; both clocks may only go forward."""
 
-    Args:
-        config: What counts as drift, leap and backlog.
-    """
-
-    def __init__(self, config: StreamClockConfig | None = None) -> None:
-        self._config = config or StreamClockConfig()
+    def __init__(self) -> None:
         self._offset_s: float | None = None  # host less sensor time of the fastest transport
         self._usual_s = 0.0  # the same of the usual transport; it changes with the drift only
         self._last_s = 0.0
@@ -65,10 +44,10 @@ class StreamClock:
         if self._offset_s is None:
             self._begin(delay_s, host_s)
             return 0.0
-        drift_s = self._config.drift * max(host_s - self._last_s, 0.0)
+        drift_s = DRIFT * max(host_s - self._last_s, 0.0)
         self._last_s = max(host_s, self._last_s)
         ahead_s = self._usual_s - drift_s - delay_s
-        if ahead_s >= self._config.leap_s:
+        if ahead_s >= LEAP_S:
             self._begin(delay_s, host_s)
             return ahead_s
         self._offset_s = min(self._offset_s + drift_s, delay_s)
@@ -94,6 +73,6 @@ class StreamClock:
             host_s: Host time now, s.
         """
         self._lags.append((host_s, self.lag_s(sensor_us, host_s)))
-        while len(self._lags) > 1 and self._lags[1][0] <= host_s - self._config.span_s:
+        while len(self._lags) > 1 and self._lags[1][0] <= host_s - SPAN_S:
             self._lags.popleft()
         return min(lag_s for _, lag_s in self._lags)

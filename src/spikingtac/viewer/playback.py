@@ -18,11 +18,11 @@ from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.events.source_health import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
-from spikingtac.live.event_store import EventStore
-from spikingtac.live.tracker_history import TrackerHistory
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
+from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.tracker_history import TrackerHistory
 
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import socket
@@ -15,20 +14,14 @@ from typing import Any
 
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import DeviceError
-from spikingtac.live import real_time
-from spikingtac.live.factory import Factory
-from spikingtac.live.guard.arrivals import catch_up
-from spikingtac.live.guard.contact_loop import (
-    Arrival,
-    ContactLoop,
-    GuardReport,
-    Subscriber,
-    failure_words,
-)
-from spikingtac.live.ring import SharedRing
-from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
+from spikingtac.stream import real_time
+from spikingtac.stream.arrivals import catch_up
+from spikingtac.stream.clock import StreamClock
+from spikingtac.stream.guard_loop import Arrival, ContactLoop, GuardReport, failure_words
+from spikingtac.stream.host import Asker, Factory, Host
+from spikingtac.stream.ring import SharedRing
 
 STATUS_BYTES = 1 << 14
 LONGEST_REASON = 1_000
@@ -54,7 +47,6 @@ class ContactProcess:
         detector: Makes the detector.
         arm: Makes the arm's driver: the stop command passes through no other process.
         watchdog: When the stream counts as lost.
-        recorder: A bounded queue of processes; windows that it does not take are counted.
     """
 
     def __init__(
@@ -63,23 +55,27 @@ class ContactProcess:
         detector: Factory[ContactDetector],
         arm: Factory[Arm],
         watchdog: WatchdogConfig | None = None,
-        recorder: Any = None,
     ) -> None:
-        context = multiprocessing.get_context("spawn")
         self._ring = SharedRing.create(STATUS_BYTES)
         self._seen, self._closed = 0, False
         self._last: dict[str, Any] = {}
-        work = (arrivals, detector, arm, watchdog or WatchdogConfig(), recorder, self._ring.name)
-        self._process = context.Process(target=_guard, args=work, daemon=True, name="contact")
-        self._process.start()
+        given = {
+            "arrivals": arrivals,
+            "make_detector": detector,
+            "make_arm": arm,
+            "config": watchdog or WatchdogConfig(),
+            "ring_name": self._ring.name,
+        }
+        self._host = Host(Factory(function=_guard, arguments=given))
 
     def status(self) -> dict[str, Any]:
         """Return the latest state without waiting; empty before the first.
 
-        ``phase`` is ``ready`` (the self-test has passed, the guard watches), ``tripped`` (the arm
-        was commanded to stop, the loop may hang), ``ended`` or ``failed``; ``reason`` says why, and
-        ``stop_failure`` whether the arm is not known to rest. ``precedes`` says whether the system
-        lets the guard run before ordinary work; a busy machine may trip one that does not.
+        ``phase`` is ``starting`` (``reason`` says what is waited for), ``ready`` (the self-test has
+        passed, the guard watches), ``tripped`` (the arm was commanded to stop, the loop may hang),
+        ``ended`` or ``failed``; ``reason`` says why, and ``stop_failure`` whether the arm is not
+        known to rest. ``connected`` says whether an arm was reached. ``precedes`` says whether the
+        system lets the guard run before ordinary work; a busy machine may trip one that does not.
         The rest are the fields of :class:`GuardReport`, and ``at_s`` on the monotonic clock.
         """
         found = self._ring.latest(self._seen)
@@ -88,57 +84,50 @@ class ContactProcess:
             self._last = json.loads(message)
         return self._last
 
-    @real_time.ordinary_priority()
     def alive(self) -> bool:
         """Return whether the process runs."""
-        return self._process.is_alive()
+        return self._host.alive()
 
-    @real_time.ordinary_priority()
     def kill(self) -> None:
         """End the process at once; the robot's own watchdog then has to stop the arm."""
-        self._process.kill()
-        self._process.join(SHUTDOWN_S)
+        self._host.kill()
 
-    @real_time.ordinary_priority()
     def close(self) -> None:
         """Let the process stop the arm and end, if it still runs, and release the shared memory.
 
         Harmless when repeated.
         """
-        if self._closed:
-            return
-        self._closed = True
-        self._process.terminate()
-        self._process.join(SHUTDOWN_S)
-        if self._process.is_alive():
-            self.kill()
-        self._ring.close()
+        if not self._closed:
+            self._closed = True
+            self._host.close(SHUTDOWN_S)
+            self._ring.close()
 
 
 class GuardStatus:
-    """Publishes the guard's state, and checks regularly that controller and parent are there.
+    """Publishes the guard's state, and checks regularly that controller and asker are there.
 
     Args:
-        ring: Where the parent reads the state; its slots hold :data:`STATUS_BYTES`.
+        ring: Where the asker reads the state; its slots hold :data:`STATUS_BYTES`.
+        asker_gone: Set once the process that asked for the guard has ended.
 
     Attributes:
+        connected: Whether an arm was reached.
         precedes: Whether the guard runs before ordinary work.
     """
 
-    def __init__(self, ring: SharedRing) -> None:
-        self._ring = ring
+    def __init__(self, ring: SharedRing, asker_gone: threading.Event) -> None:
+        self._ring, self._asker_gone = ring, asker_gone
         self._lock = threading.Lock()  # the watchdog's thread publishes too
         self._fields: dict[str, Any] = {}
         self._due_s = 0.0
-        self.precedes = False
-        self._parent = multiprocessing.parent_process()
+        self.connected = self.precedes = False
 
     def check(self, loop: ContactLoop, arm: Arm, watchdog: Watchdog) -> None:
-        """Look at controller and parent and publish, once in a period; to be called per window."""
+        """Look at controller and asker and publish, once in a period; to be called per window."""
         if time.monotonic() < self._due_s:
             return
         self._due_s = time.monotonic() + STATUS_PERIOD_S
-        if self._parent is not None and not self._parent.is_alive():
+        if self._asker_gone.is_set():
             watchdog.disconnected("the process that asked for the guard is gone")
         state = arm.state()
         if state in (ArmState.PROTECTIVE_STOP, ArmState.DISCONNECTED):
@@ -176,7 +165,8 @@ class GuardStatus:
 
     def _publish(self, state: dict[str, Any]) -> None:
         with self._lock:
-            known = {"precedes": self.precedes, "at_s": time.monotonic()}
+            known = {"precedes": self.precedes, "connected": self.connected}
+            known["at_s"] = time.monotonic()
             self._ring.publish(status_message({**state, **known}))
 
 
@@ -189,29 +179,32 @@ def status_message(state: dict[str, Any]) -> bytes:
 
 
 def _guard(
+    asker: Asker,
     arrivals: Factory[Iterator[Arrival]],
     make_detector: Factory[ContactDetector],
     make_arm: Factory[Arm],
     config: WatchdogConfig,
-    recorder: Any,
     ring_name: str,
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    status = GuardStatus(SharedRing.attach(ring_name, STATUS_BYTES))
+    asker.grace_s = SHUTDOWN_S
+    status = GuardStatus(SharedRing.attach(ring_name, STATUS_BYTES), asker.gone)
     try:
-        detector, stream = make_detector(), arrivals()
+        detector = make_detector()
+        status.publish("starting", reason="the camera's events")
+        stream = arrivals()
         _prepare(stream, detector)
+        status.publish("starting", reason="the arm")
         arm = make_arm()
-    except Exception as error:  # the parent has no other way to learn of it
+    except Exception as error:  # the asker has no other way to learn of it
         status.publish("failed", reason=f"{type(error).__name__}: {error}")
         return
-    subscribers = [] if recorder is None else [Subscriber(recorder)]
+    status.connected = True
     watchdog = Watchdog(
         config, arm.stop, time.monotonic, lambda: status.tripped(watchdog), arm.confirm_stop
     )
     rests = _obey_sigterm(watchdog)
     clock = StreamClock()
-    loop = ContactLoop(detector, watchdog, arm.stop, subscribers, stream_clock=clock)
+    loop = ContactLoop(detector, watchdog, arm.stop, stream_clock=clock)
     try:
         watchdog.self_test()  # a stop takes longer than the allowed silence, so it comes first
         status.rehearse(loop, arm)
@@ -225,9 +218,6 @@ def _guard(
         watchdog.disconnected(f"{type(error).__name__}: {error}")
         status.publish("failed", loop.report())
         raise
-    finally:
-        if recorder is not None:
-            recorder.cancel_join_thread()  # a recorder that hangs must not keep the process
 
 
 def _confirm_stop(loop: ContactLoop, arm: Arm, watchdog: Watchdog, rests: threading.Event) -> None:

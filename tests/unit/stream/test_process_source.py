@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from spikingtac.errors import DeviceError, RecordingError
-from spikingtac.live.factory import Factory
-from spikingtac.live.process_source import ProcessSource
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import RemoteSource
 from spikingtac.types import EventPacket
 
 SIZE = (12, 10)
@@ -30,7 +30,7 @@ def refused() -> Iterator[tuple[EventPacket, Any]]:
 
 def test_the_size_is_told_first_and_is_no_packet() -> None:
     beside: list[Any] = []
-    source = ProcessSource(Factory(function=told), None, beside.append)
+    source = RemoteSource(Factory(function=told), None, beside.append)
     assert source.size == SIZE
     (only,) = source
     assert (only.t_start_us, only.t_end_us) == (5_000, 6_000)
@@ -41,4 +41,4 @@ def test_the_size_is_told_first_and_is_no_packet() -> None:
 @pytest.mark.parametrize(("stream", "error"), [(nothing, RecordingError), (refused, DeviceError)])
 def test_what_cannot_be_opened_says_so_at_once(stream: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
-        ProcessSource(Factory(function=stream), None)
+        RemoteSource(Factory(function=stream), None)

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Iterator
 
 from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
-from spikingtac.live.guard.contact_loop import Arrival
-from spikingtac.live.stream_clock import StreamClock
 from spikingtac.robot.watchdog import Watchdog
+from spikingtac.stream.clock import StreamClock
+from spikingtac.stream.guard_loop import Arrival
 
 ROOM_WINDOWS = 1 << 16
 """Most windows that may wait: a minute of them. A consumer that far behind has stopped reading."""

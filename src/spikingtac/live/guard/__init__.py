@@ -1,1 +1,0 @@
-"""The contact path of a robot: detector, watchdog and arm in a process of their own."""

@@ -1,0 +1,230 @@
+"""Processes: a function of a module runs in an interpreter of its own, and ends with its asker.
+
+The other interpreter imports what it needs by name and never the asker's main script, so that a
+plain script without a guard around its main part may start one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Generic, TypeVar
+
+from spikingtac.errors import DeviceError, SpikingTacError
+from spikingtac.stream.real_time import ordinary_priority
+
+T = TypeVar("T")
+
+TERMINATE_S = 2.0
+"""Wait between the request to end and the kill of a process that hangs, s (ours)."""
+LONGEST_GRACE_S = 30.0
+"""Longest time that a process may take to complete its files once its asker is gone, s (ours)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factory(Generic[T]):
+    """A function of a module with its keyword arguments; both can travel to another process.
+
+    Attributes:
+        function: A function of a module, called once in the other process.
+        arguments: Its keyword arguments.
+    """
+
+    function: Callable[..., T]
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    def __call__(self) -> T:
+        """Return what the function makes."""
+        return self.function(**self.arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    error: Exception
+
+
+class Host:
+    """Runs ``work`` in a process of its own; it ends when this object is closed or this process is.
+
+    Args:
+        work: Called there as ``function(asker, **arguments)`` with an :class:`Asker`.
+    """
+
+    def __init__(self, work: Factory[None]) -> None:
+        self._channel, theirs = multiprocessing.Pipe()
+        number = theirs.fileno()
+        paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
+            stdin=None,  # a source may be standard input
+            pass_fds=(number,),
+            env={**os.environ, "PYTHONPATH": paths},
+        )
+        theirs.close()
+        self._failed: Exception | None = None
+        try:
+            self._channel.send(work)
+        except BrokenPipeError:
+            pass  # it has ended already, which is told by the first question
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def pid(self) -> int:
+        """The process's id."""
+        return self._process.pid
+
+    @property
+    def killed(self) -> bool:
+        """True once a signal has ended the process, from here or from elsewhere."""
+        return (self._process.poll() or 0) < 0
+
+    @property
+    def ended_well(self) -> bool:
+        """True once the work is complete."""
+        return self._process.poll() == 0
+
+    @ordinary_priority()
+    def alive(self) -> bool:
+        """Return whether the process runs."""
+        return self._process.poll() is None
+
+    def tell(self, item: Any) -> bool:
+        """Tell the work something, without waiting; False where it takes nothing now."""
+        try:
+            if not select.select([], [self._channel], [], 0.0)[1]:
+                return False
+            self._channel.send(item)
+        except (OSError, ValueError):  # it has ended
+            return False
+        return True
+
+    def receive(self, timeout_s: float = 0.0) -> Any:
+        """Return the next thing that the work told, or None where it told nothing in time.
+
+        Raises:
+            EOFError: The process has ended, and everything that it told was returned.
+            Exception: What the work raised, once.
+        """
+        try:
+            item = self._channel.recv() if self._channel.poll(timeout_s) else None
+        except OSError as error:  # reset, or closed here
+            raise EOFError from error
+        if isinstance(item, _Failure):
+            raise item.error
+        return item
+
+    @ordinary_priority()
+    def wait(self, seconds: float) -> bool:
+        """Wait until the process has ended, but not longer; True where it has."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(seconds)
+        return self._process.poll() is not None
+
+    @ordinary_priority()
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self._process.wait()
+
+    @ordinary_priority()
+    def close(self, patience_s: float = TERMINATE_S) -> None:
+        """Ask the process to end, kill it where it does not, and release the channel."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            if not self.wait(patience_s):
+                self.kill()
+        self._channel.close()
+
+
+class Asker:
+    """The process that asked for this one's work, as the work sees it.
+
+    Once it is gone, ``gone`` is set, and this process ends by force after :attr:`grace_s`.
+
+    Attributes:
+        gone: Set when the asker has ended or closed its side.
+        grace_s: Time for the work to end by itself then, s; work that completes files sets it.
+    """
+
+    def __init__(self, channel: Connection) -> None:
+        self.gone = threading.Event()
+        self.grace_s = 0.0
+        self._channel, self._lock = channel, threading.Lock()
+        self._said: deque[Any] = deque()
+        # It waits in a read, and costs the work nothing.
+        threading.Thread(target=self._listen, daemon=True, name="spikingtac-asker").start()
+
+    def said(self) -> list[Any]:
+        """Return what the asker has told since the last call."""
+        return [self._said.popleft() for _ in range(len(self._said))]
+
+    def tell(self, item: Any) -> None:
+        """Tell the asker something; waits while it takes nothing.
+
+        Raises:
+            SystemExit: It is gone.
+        """
+        try:
+            with self._lock:
+                self._channel.send(item)
+        except OSError as error:
+            raise SystemExit(1) from error
+
+    def _listen(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                self._said.append(self._channel.recv())
+        self.gone.set()
+        time.sleep(min(self.grace_s, LONGEST_GRACE_S))
+        os._exit(1)
+
+
+def closed_by(host: Host, what: str) -> DeviceError:
+    """Return the error of a process that has ended without a word."""
+    how = "was killed; the machine may have run out of memory" if host.killed else "ended"
+    return DeviceError(f"the process of {what} {how}; start it again")
+
+
+def portable(error: Exception) -> Exception:
+    """Return an error that can be sent to another process."""
+    if isinstance(error, SpikingTacError | OSError):
+        return error
+    return RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def serve(number: int) -> None:
+    """Do the work that arrives at an inherited channel; the whole life of a hosted process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the asker's matter
+    channel: Connection = Connection(number)
+    try:
+        work: Factory[None] = channel.recv()
+    except EOFError:
+        return
+    except Exception as error:  # its module cannot be imported here
+        channel.send(_Failure(portable(error)))
+        raise SystemExit(1) from error
+    asker = Asker(channel)
+    try:
+        work.function(asker, **work.arguments)
+    except Exception as error:  # raised by the asker
+        asker.tell(_Failure(portable(error)))
+        raise SystemExit(1) from error
+
+
+if __name__ == "__main__":
+    from spikingtac.stream import host  # the module by its name: what arrives refers to that one
+
+    host.serve(int(sys.argv[1]))
