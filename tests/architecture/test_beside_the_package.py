@@ -53,9 +53,9 @@ def test_there_are_programs_to_read() -> None:
 
 
 def test_a_moved_module_and_a_renamed_function_are_noticed() -> None:
-    source = "from spikingtac.live.guard.nowhere import f\nfrom spikingtac.types import Nothing\n"
+    source = "from spikingtac.stream.nowhere import f\nfrom spikingtac.types import Nothing\n"
     missing = [name for found in own_imports(ast.parse(source)) for name in missing_from(*found)]
-    assert missing == ["spikingtac.live.guard.nowhere", "spikingtac.types.Nothing"]
+    assert missing == ["spikingtac.stream.nowhere", "spikingtac.types.Nothing"]
 
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)

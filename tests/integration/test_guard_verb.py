@@ -9,9 +9,9 @@ import pytest
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import guard
 from spikingtac.events.create import create_events
-from spikingtac.stream.host import Factory
-from spikingtac.stream.guard import ContactProcess
 from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.stream.guard import ContactProcess
+from spikingtac.stream.host import Factory
 from spikingtac.types import EventPacket
 from stand_ins.guarded import SLOWED, NotingArm, detector, paced, stops
 from stand_ins.moving_rims import PERIOD_US, SIZE, calibration, windows

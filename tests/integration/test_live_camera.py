@@ -18,12 +18,11 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.robot import probe_arm
 from spikingtac.events.create import create_events
-from spikingtac.stream.remote_source import camera_packets
-from spikingtac.stream.host import Factory
+from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.arrivals import stream_arrivals
 from spikingtac.stream.guard import ContactProcess
-from spikingtac.stream.remote_source import RemoteSource
-from spikingtac.robot.watchdog import WatchdogConfig
+from spikingtac.stream.host import Factory
+from spikingtac.stream.remote_source import RemoteSource, camera_packets
 from spikingtac.tracks import Tracks
 from spikingtac.viewer.session.events_only import open_view_or_events
 from stand_ins.guarded import NotingArm, detector, stops

@@ -16,7 +16,6 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from spikingtac.errors import SpikingTacError
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.session.wire import decode
@@ -127,13 +126,11 @@ def resident_kb(pid: int | None) -> int:
 def test_a_session_that_cannot_open_says_why() -> None:
     session = SessionProcess(Factory(function=open_nothing))
     try:
-        until_s, error = time.monotonic() + PATIENCE_S, None
-        while error is None and time.monotonic() < until_s:
-            error = session.failure()
+        until_s = time.monotonic() + PATIENCE_S
+        while session.alive and time.monotonic() < until_s:
             time.sleep(0.02)
-        assert isinstance(error, FileNotFoundError)
-        assert not isinstance(error, SpikingTacError)
-        assert error.filename == "nowhere.raw"
+        with pytest.raises(FileNotFoundError, match=r"nowhere\.raw"):
+            session.require_alive()
     finally:
         session.close()
 

@@ -15,9 +15,9 @@ import numpy as np
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.errors import DeviceError
-from spikingtac.stream.host import Factory
-from spikingtac.stream.guard_loop import Arrival
 from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.stream.guard_loop import Arrival
+from spikingtac.stream.host import Factory
 from spikingtac.types import EventPacket, Pose
 from stand_ins.moving_rims import PERIOD_US, calibration, windows
 

@@ -7,10 +7,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from spikingtac.cameras.words import warm_up
 from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.source import CameraSource
+from spikingtac.events.formats.evt.header import ENCODINGS
 from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import open_events
@@ -22,6 +24,8 @@ from spikingtac.types import LossCounters
 SILENCE_US = 500_000
 """Longest silence that is filled with windows, us (ours: the watchdog stops the arm far sooner, and
 the empty windows of a leap would only delay the ones after it)."""
+WARM_UP_SIZE = (320, 320)
+"""Width and height of a sensor whose words are made up, px; kernels are alike for all sizes."""
 LEARNED_WINDOWS = 50
 """Windows before the guard arms: one of them at least arrives without delay (ours)."""
 LEAST_PACE = 0.9
@@ -72,6 +76,9 @@ def _opened(path: str | Path) -> FileSource:
     if not is_stream(Path(path)):
         return open_events(path)
     address = Address.parse(str(path) if is_address(path) else f"pipe:{path}")
+    if address.kind == "pipe":  # before its writer begins; which encoding it sends is not known
+        for encoding in ENCODINGS:
+            warm_up(encoding, WARM_UP_SIZE)
     return CameraSource(address, ReadOptions(), when_lost="raise")
 
 

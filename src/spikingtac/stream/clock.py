@@ -12,21 +12,30 @@ US_PER_S = 1e6
 DRIFT = 100e-6
 """Largest drift between the clocks, s/s (ours: two crystals of 50 ppm each). A backlog that grows
 more slowly than this is taken for drift."""
-LEAP_S = 0.1
-"""A sensor time that runs ahead of host time by this much is a leap, s (ours: transport varies by
-less)."""
+LEAP_S = 0.5
+"""A sensor time that runs ahead of host time by this much is a leap, s (ours: filled with empty
+windows it costs a detector 20 ms; transport varies by less)."""
+SMALL_LEAP_S, SETTLED_S = 0.1, 0.1
+"""What stays ahead by the first for as long as the second is a small leap, s, which is counted
+(ours: transport varies by less, and the windows that fill a leap are read within it)."""
 SPAN_S = 0.020
 """A backlog counts once it has lasted this long, s (ours: USB transfers deliver several windows at
 once, of which the first are late)."""
 
 
 class StreamClock:
-    """Follows one stream; both clocks may only go forward."""
+    """Follows one stream; both clocks may only go forward.
+
+    Attributes:
+        small_leaps: Leaps ahead that were too small to begin the map anew.
+    """
 
     def __init__(self) -> None:
         self._offset_s: float | None = None  # host less sensor time of the fastest transport
         self._usual_s = 0.0  # the same of the usual transport; it changes with the drift only
         self._last_s = 0.0
+        self._ahead_since_s: float | None = None
+        self.small_leaps = 0
         self._lags: deque[tuple[float, float]] = deque()
 
     def arrive(self, sensor_us: int, host_s: float) -> float:
@@ -50,12 +59,23 @@ class StreamClock:
         if ahead_s >= LEAP_S:
             self._begin(delay_s, host_s)
             return ahead_s
+        self._count_small_leap(ahead_s, delay_s, host_s)
         self._offset_s = min(self._offset_s + drift_s, delay_s)
         self._usual_s += min(max(delay_s - self._usual_s, -drift_s), drift_s)
         return 0.0
 
+    def _count_small_leap(self, ahead_s: float, delay_s: float, host_s: float) -> None:
+        if ahead_s < SMALL_LEAP_S:
+            self._ahead_since_s = None
+        elif self._ahead_since_s is None:
+            self._ahead_since_s = host_s
+        elif host_s - self._ahead_since_s >= SETTLED_S:
+            self.small_leaps += 1
+            self._usual_s, self._ahead_since_s = delay_s, None
+
     def _begin(self, delay_s: float, host_s: float) -> None:
         self._offset_s = self._usual_s = delay_s
+        self._ahead_since_s = None
         self._last_s = host_s
         self._lags.clear()
 

@@ -21,9 +21,6 @@ from spikingtac.types import Contact
 RECENT_WINDOWS = 4096
 """Decision times kept for the percentiles: 4 s at 1 kHz."""
 US_PER_S = 1e6
-TRIP_LEAP_S = 0.5
-"""A leap of the sensor's clock by this much stops the arm, s; a smaller one is told (ours: the
-empty windows that fill it reach the detector within 20 ms)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +118,6 @@ class ContactLoop:
         self._detector, self._watchdog, self._stop = detector, watchdog, stop
         self._stream_clock = stream_clock or StreamClock()
         self._losses: Mapping[str, int] | None = None
-        self._leaps = 0
         self._backlog_s = 0.0
         self._clock_s = clock_s
         self._recent_us: deque[float] = deque(maxlen=RECENT_WINDOWS)
@@ -160,7 +156,7 @@ class ContactLoop:
             backlog_s=self._backlog_s,
             decision_p50_us=p50_us,
             decision_p99_us=p99_us,
-            leaps=self._leaps,
+            leaps=self._stream_clock.small_leaps,
             losses=dict(self._losses or {}),
             stop_failure=failure_words(self._watchdog.stop_failure),
         )
@@ -185,12 +181,10 @@ class ContactLoop:
         self._backlog_s = self._stream_clock.backlog_s(arrival.end_us, begun_s)
         self._watchdog.beat(self._backlog_s)
         known, self._losses = self._losses, arrival.losses
-        if leap_s >= TRIP_LEAP_S:
+        if leap_s > 0.0:
             self._watchdog.time_jump(f"the sensor's clock leapt ahead by {leap_s:.1f} s")
         elif known is not None and arrival.losses.get("time_jump", 0) > known.get("time_jump", 0):
             self._watchdog.time_jump("the stream reports that the sensor's clock leapt")
-        else:
-            self._leaps += leap_s > 0.0
 
     def _split(self, arrival: Arrival, decided_s: float, stopped_s: float) -> Latency:
         packets = packets_of(arrival.window)

@@ -1,6 +1,5 @@
 """The contact path: decide first, stop, and never wait for anybody."""
 
-import queue
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
@@ -10,7 +9,7 @@ import pytest
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.contact.window import Window
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
-from spikingtac.stream.guard_loop import Arrival, ContactLoop, Subscriber
+from spikingtac.stream.guard_loop import Arrival, ContactLoop
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import SIZE, windows
 
@@ -26,7 +25,7 @@ class Clock:
 class Bench:
     """A loop over a clock that only the stream moves, 1 ms per window plus a transport."""
 
-    def __init__(self, subscribers: tuple[Subscriber, ...] = ()) -> None:
+    def __init__(self) -> None:
         self.clock, self.order = Clock(), list[str]()
         stop = lambda: self.order.append("stop")  # noqa: E731
         self.watchdog = Watchdog(WatchdogConfig(), stop, self.clock)
@@ -34,7 +33,7 @@ class Bench:
         self.watchdog.arm()
         self.order.clear()
         detector = EventCountDetector(EventCountConfig(threshold=40))
-        self.loop = ContactLoop(detector, self.watchdog, stop, subscribers, self.clock)
+        self.loop = ContactLoop(detector, self.watchdog, stop, self.clock)
 
     def arrivals(self, late_s: float = 0.0, queued_s: float = 0.0) -> Iterator[Arrival]:
         for window in windows(200, seed=1, speed=lambda k: (0.1 * (k >= 100), 0.0)):
@@ -47,35 +46,13 @@ class Bench:
 
 def test_the_stop_is_sent_before_anything_else_is_done_with_the_window() -> None:
     bench = Bench()
-
-    class Consumer:
-        def put_nowait(self, item: EventPacket) -> None:
-            bench.order.append("subscriber")
-
-    bench.loop = ContactLoop(
-        EventCountDetector(EventCountConfig(threshold=40)),
-        bench.watchdog,
-        lambda: bench.order.append("stop"),
-        (Subscriber(Consumer()),),
-        bench.clock,
-    )
     report = bench.loop.guard(bench.arrivals(), lambda _: bench.order.append("show"))
     assert report.contact is not None
     assert report.contact.t_us == 101_000
-    assert bench.order[-3:] == ["stop", "subscriber", "show"]
+    assert bench.order[-2:] == ["stop", "show"]
     assert bench.order.count("stop") == 1
     assert report.windows == 101
     assert report.health is Health.OK
-
-
-def test_a_consumer_that_never_reads_loses_windows_and_delays_nothing() -> None:
-    blocked: queue.Queue[EventPacket] = queue.Queue(maxsize=5)
-    bench = Bench((Subscriber(blocked),))
-    report = bench.loop.guard(bench.arrivals())
-    assert report.contact is not None
-    assert report.contact.t_us == 101_000
-    assert report.lost == (101 - 5,)
-    assert blocked.qsize() == 5
 
 
 def test_the_latency_is_split() -> None:
@@ -127,9 +104,7 @@ def as_they_are_read(clock: Clock, count: int) -> Iterator[Arrival]:
 def test_a_detector_that_is_too_slow_is_an_overload_at_the_configured_backlog() -> None:
     bench = Bench()
     detector = SlowDetector(bench.clock, needs_s=0.002)
-    loop = ContactLoop(
-        detector, bench.watchdog, lambda: bench.order.append("stop"), (), bench.clock
-    )
+    loop = ContactLoop(detector, bench.watchdog, lambda: bench.order.append("stop"), bench.clock)
     report = loop.guard(as_they_are_read(bench.clock, 1000))
     assert report.health is Health.OVERLOAD
     assert bench.order == ["stop"]
@@ -141,7 +116,7 @@ def test_a_detector_that_is_too_slow_is_an_overload_at_the_configured_backlog() 
 def test_a_detector_that_keeps_the_pace_runs_on() -> None:
     bench = Bench()
     detector = SlowDetector(bench.clock, needs_s=0.0009)
-    loop = ContactLoop(detector, bench.watchdog, lambda: None, (), bench.clock)
+    loop = ContactLoop(detector, bench.watchdog, lambda: None, bench.clock)
     report = loop.guard(as_they_are_read(bench.clock, 1000))
     assert (report.health, report.reason) == (Health.DISCONNECTED, "the event stream ended")
     assert report.windows == 1000
@@ -167,8 +142,25 @@ def test_a_leap_of_the_sensors_clock_trips_whatever_fills_it() -> None:
 def test_a_leap_that_the_stream_counts_trips() -> None:
     bench = Bench()
     arrivals = (
-        replace(arrival, time_jumps=3 + (number >= 50))
+        replace(arrival, losses={"time_jump": 3 + (number >= 50)})
         for number, arrival in enumerate(bench.arrivals())
     )
     report = bench.loop.guard(arrivals)
     assert (report.health, report.windows) == (Health.TIME_JUMP, 51)
+
+
+@pytest.mark.parametrize("leap_us", [300_000, 450_000])
+def test_a_small_leap_is_counted_once_and_stops_nothing(leap_us: int) -> None:
+    bench = Bench()
+
+    def leaping() -> Iterator[Arrival]:
+        for window in windows(600, seed=1):
+            bench.clock.now_s = 1000.0 + window.t_end_us * 1e-6
+            late_us = leap_us * (window.t_start_us >= 100_000)
+            span = window.t_start_us + late_us, window.t_end_us + late_us
+            moved = replace(window, t=window.t + late_us, t_start_us=span[0], t_end_us=span[1])
+            yield Arrival(moved, bench.clock.now_s, {"damaged": 2})
+
+    report = bench.loop.guard(leaping())
+    assert (report.reason, report.leaps) == ("the event stream ended", 1)
+    assert report.losses == {"damaged": 2}

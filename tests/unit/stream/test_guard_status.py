@@ -34,7 +34,7 @@ def test_the_guard_keeps_to_a_core_only_where_it_precedes(
     watchdog = Watchdog(WatchdogConfig(), arm.stop, lambda: 0.0)
     ring = SharedRing.create(STATUS_BYTES)
     try:
-        status = GuardStatus(ring)
+        status = GuardStatus(ring, threading.Event())
         status.rehearse(ContactLoop(cast(Any, None), watchdog, arm.stop), arm)
     finally:
         ring.close()

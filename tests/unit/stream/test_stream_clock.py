@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.robot.watchdog import WatchdogConfig
-from spikingtac.stream.clock import StreamClock, StreamClockConfig
+from spikingtac.stream.clock import LEAP_S, StreamClock
 
-CONFIG = StreamClockConfig()
 OFFSET_S = 1234.5
 """Host time less sensor time, of a transport that takes no time."""
 
@@ -90,7 +89,7 @@ def test_windows_that_fill_a_leap_add_up_to_it() -> None:
     run(clock, range(1000))
     for number in range(1000, 2000):  # one second of silence, read at once
         leaps_s.append(clock.arrive((number + 1) * 1000, OFFSET_S + 1.0))
-    assert max(leaps_s) == pytest.approx(CONFIG.leap_s, abs=0.002)
+    assert max(leaps_s) == pytest.approx(LEAP_S, abs=0.002)
     assert 1 <= sum(leap_s > 0.0 for leap_s in leaps_s) <= 2
 
 
@@ -115,7 +114,7 @@ def busy_arrivals(
         yield end_us, free_s
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_minute_beside_a_busy_machine_trips_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     clock, worst_s, leap_s = StreamClock(), 0.0, 0.0
@@ -126,8 +125,8 @@ def test_a_minute_beside_a_busy_machine_trips_nothing(seed: int) -> None:
     assert leap_s == 0.0
 
 
-@pytest.mark.parametrize("seed", range(100))
-def test_each_of_a_hundred_lags_is_seen_in_a_fifth_of_a_second(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(20))
+def test_each_lag_is_seen_in_a_fifth_of_a_second(seed: int) -> None:
     """From some window on, each needs more time than it spans."""
     rng = np.random.default_rng(seed)
     begin, slower = int(rng.integers(200, 1000)), rng.uniform(1.2, 4.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.viewer import event_store
 from spikingtac.types import EventPacket
+from spikingtac.viewer import event_store
 from spikingtac.viewer.session import session as module
 from spikingtac.viewer.session.layers import unpack
 from spikingtac.viewer.session.session import Session

@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.stream.host import Factory
-from spikingtac.stream.remote_source import INHERITING
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.viewer.session import session as loop
 from spikingtac.viewer.session.opening import calibrated_view, open_view_source
-from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.session.session import Session
 from stand_ins.viewer import open_circling
-
-
-@pytest.mark.parametrize(("threads", "method"), [(1, INHERITING), (2, "spawn")])
-def test_a_session_is_forked_only_where_no_thread_is_left_behind(
-    threads: int, method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
-
-    def noted(name: str) -> None:
-        asked.append(name)
-        raise InterruptedError
-
-    monkeypatch.setattr(threading, "active_count", lambda: threads)
-    monkeypatch.setattr(multiprocessing, "get_context", noted)
-    with pytest.raises(InterruptedError):
-        SessionProcess(Factory(function=open_circling))
-    assert asked == [method]
 
 
 def test_the_calibration_of_a_scene_is_its_own_and_any_other_is_compared(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import os
 import signal
 import time
@@ -19,7 +18,9 @@ from uvicorn.server import ServerState
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.session import process
+from spikingtac.viewer.session.process import SessionProcess
 from spikingtac.viewer.web import deadline
+from spikingtac.viewer.web import show as show_module
 from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app
@@ -164,35 +165,45 @@ def test_a_whole_request_is_answered_and_the_next_one_has_its_own_deadline(
     assert answers.count(b"404 Not Found") == 1
 
 
-def shown(disturb: Callable[[int], None]) -> None:
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
     """Show the circling discs and disturb the session's process once the page is served."""
-    others = set(multiprocessing.active_children())  # of whatever this process ran before
+    made: list[SessionProcess] = []
 
-    def ready(line: str) -> None:
-        if line.startswith("open "):
-            (child,) = set(multiprocessing.active_children()) - others
-            assert child.pid is not None
-            disturb(child.pid)
+    def start(*arguments: Any, **options: Any) -> SessionProcess:
+        made.append(SessionProcess(*arguments, **options))
+        return made[-1]
 
-    options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
-    show(Factory(function=open_circling, arguments={"duration_us": 300_000}), options, ready)
+    def run(disturb: Callable[[int], None], failure: str) -> SessionProcess:
+        def ready(line: str) -> None:
+            if line.startswith("open "):
+                disturb(made[0].pid)
+
+        monkeypatch.setattr(show_module, "SessionProcess", start)
+        options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
+        with pytest.raises(DeviceError, match=failure):
+            show(
+                Factory(function=open_circling, arguments={"duration_us": 300_000}), options, ready
+            )
+        return made[0]
+
+    return run
 
 
-def test_a_session_that_was_killed_is_a_failure() -> None:
-    with pytest.raises(DeviceError, match="process was killed"):
-        shown(lambda pid: os.kill(pid, signal.SIGKILL))
+def test_a_session_that_was_killed_is_a_failure(shown: Callable[..., SessionProcess]) -> None:
+    shown(lambda pid: os.kill(pid, signal.SIGKILL), "was killed")
 
 
-def test_ctrl_c_ends_a_session_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_a_session_that_hangs(
+    shown: Callable[..., SessionProcess], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(process, "SHUTDOWN_S", 0.5)
 
     def hang(pid: int) -> None:
         os.kill(pid, signal.SIGSTOP)
         signal.raise_signal(signal.SIGINT)
 
-    others = set(multiprocessing.active_children())
     begun_s = time.monotonic()
-    with pytest.raises(DeviceError, match="did not end"):
-        shown(hang)
+    session = shown(hang, "did not end")
     assert time.monotonic() - begun_s < PATIENCE_S
-    assert set(multiprocessing.active_children()) <= others
+    assert not session.alive

@@ -26,8 +26,6 @@ class Clock:
 class Starting:
     """A session that is alive up to a time and greets at another."""
 
-    killed = False
-
     def __init__(self, clock: Clock, greets_s: float, dies_s: float = float("inf")) -> None:
         self._clock, self._greets_s, self._dies_s = clock, greets_s, dies_s
 
@@ -38,8 +36,9 @@ class Starting:
     def greeting(self, after: int) -> tuple[int, bytes] | None:
         return (1, b"{}") if self._clock.now_s >= self._greets_s else None
 
-    def failure(self) -> Exception | None:
-        return None
+    def require_alive(self) -> None:
+        if not self.alive:
+            raise DeviceError("the session's process ended")
 
 
 def waited(monkeypatch: pytest.MonkeyPatch, **times: float) -> tuple[Clock, list[str]]:
