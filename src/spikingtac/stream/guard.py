@@ -165,7 +165,7 @@ class GuardStatus:
 
     def _publish(self, state: dict[str, Any]) -> None:
         with self._lock:
-            known = {"precedes": self.precedes, "connected": self.connected}
+            known: dict[str, Any] = {"precedes": self.precedes, "connected": self.connected}
             known["at_s"] = time.monotonic()
             self._ring.publish(status_message({**state, **known}))
 

@@ -66,7 +66,9 @@ class RemoteSource:
             SpikingTacError: There is no such camera, where its size was not known.
         """
         losses = LossCounters()
-        opened = Factory(function=camera_packets, arguments={"path": path, "size": size})
+        opened: Factory[Stream] = Factory(
+            function=camera_packets, arguments={"path": path, "size": size}
+        )
         source = cls(opened, size, losses.update)
         source.losses = losses
         return source
