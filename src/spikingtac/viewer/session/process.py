@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.stream.ring import SharedRing
-from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
+from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES, STOP
 
 if TYPE_CHECKING:
     from spikingtac.viewer.session.source import ViewSource
 
 SHUTDOWN_S = 20.0
 """Longest wait for the session to complete its tracks; an idle machine needs 0.1 s."""
-STOP = ("stop", None)
-"""The last command of a session."""
 
 
 class SessionProcess:

@@ -20,6 +20,8 @@ FRAME_BYTES = 2 << 20
 """Largest frame: two packed images of 640x640, and the markers of any grid in use."""
 GREETING_BYTES = 1 << 20
 """Largest description of a view, which a page gets once."""
+STOP = ("stop", None)
+"""The last command of a session; pages cannot send it."""
 MAGIC = b"STV1"
 _PREFIX = struct.Struct("<4sI")
 _ALIGN = 8  # the widest item that a typed array in a browser may start at

@@ -15,7 +15,6 @@ from spikingtac.stream.host import Asker, Factory
 from spikingtac.stream.real_time import meet_deadlines
 from spikingtac.stream.ring import SharedRing
 from spikingtac.viewer.session.own_process.warm_up import warm_up
-from spikingtac.viewer.session.process import SHUTDOWN_S, STOP
 from spikingtac.viewer.session.session import Session
 from spikingtac.viewer.session.snapshot import starting
 from spikingtac.viewer.session.source import Recordings, ViewSource
@@ -24,8 +23,10 @@ from spikingtac.viewer.session.track_recorder import (
     NullTrackRecorder,
     TrackRecorder,
 )
-from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES
+from spikingtac.viewer.session.wire import FRAME_BYTES, GREETING_BYTES, STOP
 
+COMPLETE_S = 20.0
+"""Longest time to complete the tracks once the asker is gone, s; an idle machine needs 0.1 s."""
 COLLECT_AFTER = 10_000
 """Objects made between two collections of garbage. Python's 700 or 2,000 cost 5 to 10 % of the time
 that compiling takes; 10,000 cost 10 MiB (measured)."""
@@ -45,7 +46,7 @@ def run_session(
     Raises:
         SpikingTacError: The view could not be opened, or failed.
     """
-    asker.grace_s = SHUTDOWN_S
+    asker.grace_s = COMPLETE_S
     frames = SharedRing.attach(rings[0], FRAME_BYTES)
     greetings = SharedRing.attach(rings[1], GREETING_BYTES)
     gc.freeze()  # compiling makes much garbage, and each collection would visit all imports
