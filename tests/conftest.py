@@ -9,9 +9,8 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from types import FunctionType
 
 import pytest
 
@@ -49,11 +48,6 @@ FOLDERS = ("naive", "real", "integration")
 would keep one core busy alone."""
 
 
-FRAME_SLOTS = 2**17
-"""Size of the frame that the tests run above: its piece of the stack has 2 MiB, of which they use
-half."""
-
-
 WAITING_SHARE = 0.5
 """Part of all files that the last one of those that wait comes after."""
 
@@ -71,31 +65,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         files = [path for path, waiting in waits.items() if waiting == some]
         place |= {path: end * k / len(files) for k, path in enumerate(files)}
     items.sort(key=lambda item: place[item.path])
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtestloop(session: pytest.Session) -> bool | None:
-    """Run the tests above one large frame.
-
-    CPython keeps the frames of calls in pieces of 16 KiB, and asks the system for the next piece at
-    every call that does not fit into the last one, and gives it back when that call returns. Loops
-    at such a depth took a sixth of the time in which kernels are compiled. A large frame comes with
-    a large piece, which all calls from within it share.
-    """
-    if _running:
-        return None
-    _running.append(session)
-    return _within_large_frame(lambda: session.config.hook.pytest_runtestloop(session=session))
-
-
-_running: list[pytest.Session] = []
-
-
-def _call(function: Callable[[], bool]) -> bool:
-    return function()
-
-
-_within_large_frame = FunctionType(_call.__code__.replace(co_stacksize=FRAME_SLOTS), globals())
 
 
 def _folder(item: pytest.Item) -> str:
@@ -146,7 +115,7 @@ def _nothing_left_open(_nothing_left_open_at_the_end: None) -> Iterator[None]:
     """Collect garbage after each file of tests, so that what it left open fails there.
 
     What outlives its file is set aside, as caches of modules are: to visit all of it again after
-    each of 370 files took a sixth of the suite's time.
+    each file took a sixth of the suite's time.
     """
     yield
     gc.collect()

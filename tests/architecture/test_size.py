@@ -1,0 +1,78 @@
+"""The ratchet: how large the packages may be. The figures only fall."""
+
+from __future__ import annotations
+
+import ast
+import io
+import tokenize
+from dataclasses import astuple, dataclass
+from pathlib import Path
+
+import pytest
+
+from stand_ins.source_trees import SOURCES
+
+PROJECT = SOURCES.parent
+LAYOUT = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
+    tokenize.ENDMARKER, tokenize.ENCODING,
+}  # fmt: skip
+"""Tokens that are no code."""
+Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@dataclass(frozen=True)
+class Size:
+    """Files, lines that hold code (no blank lines, comments, docstrings), and statements."""
+
+    files: int
+    code_lines: int
+    statements: int
+
+
+MOST = {
+    "src/spikingtac": Size(565, 41_000, 36_200),
+    "src/spikingtac_paper": Size(110, 8_700, 6_800),
+    "src/spikingtac_hardware": Size(14, 1_600, 1_450),
+    "integrations": Size(6, 300, 280),
+    "tests": Size(400, 34_000, 29_000),
+    "benchmarks": Size(12, 1_500, 1_300),
+}
+"""Folder -> what it may hold."""
+
+
+def docstring_lines(tree: ast.Module) -> set[int]:
+    lines: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, Documented) and ast.get_docstring(node, clean=False) is not None:
+            first = node.body[0]
+            lines |= set(range(first.lineno, (first.end_lineno or first.lineno) + 1))
+    return lines
+
+
+def size_of(folder: Path) -> Size:
+    files = lines = statements = 0
+    for path in folder.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        tree = ast.parse(text)
+        code: set[int] = set()
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type not in LAYOUT:
+                code |= set(range(token.start[0], token.end[0] + 1))
+        files += 1
+        lines += len(code - docstring_lines(tree))
+        statements += sum(isinstance(node, ast.stmt) for node in ast.walk(tree))
+    return Size(files, lines, statements)
+
+
+@pytest.mark.parametrize("folder", MOST)
+def test_a_package_does_not_grow(folder: str) -> None:
+    found, most = size_of(PROJECT / folder), MOST[folder]
+    over = [n > m for n, m in zip(astuple(found), astuple(most), strict=True)]
+    assert not any(over), f"{folder} has {found}, at most {most}: remove something first"
+
+
+def test_what_counts(tmp_path: Path) -> None:
+    text = '"""Two\nlines."""\n\n# comment\nx = (\n    1\n)\n\ndef f():\n    """Doc."""\n    return x\n'
+    (tmp_path / "a.py").write_text(text)
+    assert size_of(tmp_path) == Size(1, 5, 5)
