@@ -73,6 +73,7 @@ def test_a_package_does_not_grow(folder: str) -> None:
 
 
 def test_what_counts(tmp_path: Path) -> None:
-    text = '"""Two\nlines."""\n\n# comment\nx = (\n    1\n)\n\ndef f():\n    """Doc."""\n    return x\n'
+    head = '"""Two\nlines."""\n\n# comment\nx = (\n    1\n)\n'
+    text = head + '\ndef f():\n    """Doc."""\n    return x\n'
     (tmp_path / "a.py").write_text(text)
     assert size_of(tmp_path) == Size(1, 5, 5)
