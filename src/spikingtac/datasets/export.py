@@ -4,19 +4,38 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
+from spikingtac._version import package_version
 from spikingtac.atomic_files import PARTIAL
 from spikingtac.batch.inputs import find_recordings, outputs_of
 from spikingtac.datasets.episode import Episode
 from spikingtac.datasets.lerobot import INFO, write_lerobot
-from spikingtac.datasets.zarr_store import ROOT, write_zarr
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, MissingExtraError
+from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
 
 Form = Literal["lerobot", "zarr"]
+ROOT = "zarr.json"
+"""What says that a folder is a Zarr store, version 3."""
+ARRAYS = {
+    "t_us": "t_us",
+    "detected_px": "detected_px",
+    "position_px": "position_px",
+    "displacement_px": "displacement_px",
+    "held": "coasted",
+    "confidence": "confidence",
+    "wrench_estimate": "wrench_estimate",
+    "wrench_half_width": "wrench_half_width",
+    "wrench_distance": "wrench_distance",
+}
+"""Name of an array -> field of the tracks; those that a recording lacks are left out."""
+CHUNK_ROWS = 16 * FRAMES_PER_CHUNK
+"""Times of a chunk."""
 MEMBERS = ("displacement_px.npy",)
 """What tells tracks from other archives."""
 MARKS: dict[Form, str] = {"lerobot": INFO, "zarr": ROOT}
@@ -129,3 +148,43 @@ def _require_free(config: ExportConfig, overwrite: bool) -> None:
         raise ConfigError(
             f"{str(output)!r} is there already; choose another name, or give --overwrite"
         )
+
+
+def write_zarr(folder: Path, recordings: Iterable[tuple[str, Path]]) -> dict[str, Any]:
+    """Write tracks into an empty folder, one recording in memory at a time.
+
+    Args:
+        folder: An empty folder.
+        recordings: Name of the group, and tracks.npz.
+
+    Returns:
+        ``recordings`` and ``frames``, their numbers.
+
+    Raises:
+        ConfigError: There is no recording.
+        MissingExtraError: zarr is not installed.
+    """
+    try:
+        import zarr
+    except ImportError as error:
+        raise MissingExtraError("Zarr needs: pip install 'spikingtac[zarr]'") from error
+    root = zarr.create_group(str(folder), zarr_format=3)
+    count = frames = 0
+    for name, path in recordings:
+        tracks = Tracks.load(path)
+        group = root.create_group(name)
+        for array, field in ARRAYS.items():
+            values = getattr(tracks, field)
+            if values is not None:
+                group.create_array(array, data=values, chunks=_chunks(values))
+        group.create_array("reference_px", data=tracks.reference_px)
+        group.attrs.update(tracks.meta)
+        count, frames = count + 1, frames + len(tracks.t_us)
+    if count == 0:
+        raise ConfigError("there are no tracks to write")
+    root.attrs.update({"package_version": package_version(), "recordings": count})
+    return {"recordings": count, "frames": frames}
+
+
+def _chunks(values: np.ndarray) -> tuple[int, ...]:
+    return (max(1, min(len(values), CHUNK_ROWS)), *values.shape[1:])

@@ -7,7 +7,7 @@ Episodes follow each other in files of some 100 MB, one row group each; ``meta``
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import write_json
 from spikingtac.datasets.episode import Episode
-from spikingtac.datasets.statistics import Statistics, merged, statistics_of
 from spikingtac.errors import ConfigError, MissingExtraError
 
 VERSION = "v3.0"
@@ -29,6 +28,11 @@ FILE_MB = 100
 BYTES_PER_MB = 1 << 20
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 INDICES = ("frame_index", "episode_index", "index", "task_index")
+
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+
+Statistics = dict[str, NDArray[np.floating] | NDArray[np.integer]]
+"""Name of a statistic -> ``(k,)`` values; ``count`` is ``(1,)``."""
 
 
 def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str) -> dict[str, Any]:
@@ -189,4 +193,51 @@ def _info(features: Mapping[str, Any], fps: int, episodes: int, frames: int) -> 
         "data_path": f"data/{FILE}",
         "video_path": None,
         "features": dict(features),
+    }
+
+
+def statistics_of(values: NDArray[np.floating] | NDArray[np.integer]) -> Statistics:
+    """Return the statistics of ``(n, k)`` values, column by column, with the names of LeRobot.
+
+    Source: LeRobot 0.6, ``datasets/compute_stats.py``. Quantiles are exact; LeRobot estimates them.
+    """
+    wide = values.astype(np.float64)
+    quantiles = np.quantile(wide, list(QUANTILES.values()), axis=0)
+    return {
+        "min": wide.min(axis=0),
+        "max": wide.max(axis=0),
+        "mean": wide.mean(axis=0),
+        "std": wide.std(axis=0),
+        "count": np.array([len(wide)]),
+        **dict(zip(QUANTILES, quantiles, strict=True)),
+    }
+
+
+def merged(parts: Sequence[Statistics]) -> Statistics:
+    """Return the statistics of all frames from those of the episodes.
+
+    Quantiles are means over episodes weighted by frames, as in LeRobot; the variance is that of
+    Chan, Golub and LeVeque (1979).
+    """
+    counts = np.stack([part["count"] for part in parts]).astype(np.float64)
+    total = counts.sum(axis=0)
+    mean = sum(part["mean"] * count for part, count in zip(parts, counts, strict=True)) / total
+    variance = (
+        sum(
+            (part["std"] ** 2 + (part["mean"] - mean) ** 2) * count
+            for part, count in zip(parts, counts, strict=True)
+        )
+        / total
+    )
+    weighed = {
+        name: sum(part[name] * count for part, count in zip(parts, counts, strict=True)) / total
+        for name in QUANTILES
+    }
+    return {
+        "min": np.min([part["min"] for part in parts], axis=0),
+        "max": np.max([part["max"] for part in parts], axis=0),
+        "mean": np.asarray(mean),
+        "std": np.sqrt(np.asarray(variance)),
+        "count": total.astype(np.int64),
+        **{name: np.asarray(value) for name, value in weighed.items()},
     }

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spikingtac.datasets.statistics import QUANTILES, merged, statistics_of
+from spikingtac.datasets.lerobot import QUANTILES, merged, statistics_of
 
 
 def test_merged_statistics_are_those_of_all_frames() -> None:
