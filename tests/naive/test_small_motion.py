@@ -8,7 +8,7 @@ import pytest
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
 from spikingtac.sim.camera.pixel_records import KEY_SHIFT
 from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
-from spikingtac.sim.free_motion.small_motion import (
+from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EdgePixels,
     edge_distance_kernel,
@@ -18,8 +18,8 @@ from spikingtac.sim.free_motion.small_motion import (
     time_to_threshold_kernel,
     update_band_kernel,
 )
-from spikingtac.sim.free_motion.small_motion_camera import lag_coefficients
-from spikingtac.sim.free_motion.timing_wheel import (
+from spikingtac_paper.free_motion.small_motion_camera import lag_coefficients
+from spikingtac_paper.free_motion.timing_wheel import (
     make_timing_wheel,
     pop_due_kernel,
     schedule_kernel,

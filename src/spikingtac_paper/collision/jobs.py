@@ -22,7 +22,6 @@ from spikingtac.config import digest
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.free_motion.free_rig import FreeRig
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.frame_sampling import (
     FrameSampler,
@@ -48,6 +47,7 @@ from spikingtac_paper.collision.plan import (
     FreeMotionTask,
 )
 from spikingtac_paper.collision.scene import CollisionScene
+from spikingtac_paper.free_motion.free_rig import FreeRig
 from spikingtac_paper.harness.fingerprint import code_digest
 from spikingtac_paper.harness.quiet_windows import load_windows, save_windows
 from spikingtac_paper.harness.records import Record, load_record

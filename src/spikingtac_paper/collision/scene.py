@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
-from spikingtac.sim.free_motion.free_rig import FreeRig
 from spikingtac.sim.rig.fingers import (
     EDGE_SETTINGS,
     STEP_SETTINGS,
@@ -24,6 +23,7 @@ from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.walls import PlaneWall, RoundBit
 from spikingtac.sim.scene.scene import CameraChoice
+from spikingtac_paper.free_motion.free_rig import FreeRig
 
 Vector = NDArray[np.float64]
 Load = Literal["lateral", "axial", "across"]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,33 +48,9 @@ class Vibration:
     def advance(self, dt_s: float) -> NDArray[np.float64]:
         """Step by ``dt_s`` and return the new displacement ``(3,)``, mm."""
         if self._config.rms_mm > 0.0:
-            transition, noise = _transition(self._config, round(dt_s * 1e9))
-            self._state = transition @ self._state + noise @ self._rng.standard_normal((2, 3))
+            move, noise = transition(self._config, round(dt_s * 1e9))
+            self._state = move @ self._state + noise @ self._rng.standard_normal((2, 3))
         return self.offset_mm
-
-    def path(self, steps: int, dt_s: float) -> NDArray[np.float64]:
-        """Return the displacements ``(steps, 3)`` of as many calls of :meth:`advance`, mm.
-
-        The recursion is solved along the two complex modes of the resonance, which is many times as
-        fast.
-        """
-        if self._config.rms_mm == 0.0:
-            return np.zeros((steps, 3))
-        transition, noise = _transition(self._config, round(dt_s * 1e9))
-        drive = noise @ self._rng.standard_normal((steps, 2, 3))
-        poles, modes = np.linalg.eig(transition)
-        to_modes = np.linalg.inv(modes)
-        before, driven = to_modes @ self._state, to_modes @ drive
-        state = np.stack(
-            [
-                lfilter([1.0], [1.0, -pole], driven[:, k], axis=0, zi=[pole * before[k]])[0]
-                for k, pole in enumerate(poles)
-            ],
-            axis=1,
-        )
-        whole = np.real(modes @ state)
-        self._state = whole[-1]
-        return self._config.rms_mm * whole[:, 0]
 
 
 def _system(config: VibrationConfig) -> NDArray[np.float64]:
@@ -89,9 +64,10 @@ def _stationary(config: VibrationConfig) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=64)
-def _transition(
+def transition(
     config: VibrationConfig, dt_ns: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the exact transition of a step ``(2, 2)`` and a root of its noise's covariance."""
     system, stationary = _system(config), _stationary(config)
     transition = np.asarray(expm(system * dt_ns * 1e-9), np.float64)
     drive = stationary - transition @ stationary @ transition.T

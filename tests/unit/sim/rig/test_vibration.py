@@ -30,11 +30,3 @@ def test_it_starts_in_its_stationary_state() -> None:
 def test_none_is_none() -> None:
     vibration = Vibration(VibrationConfig(rms_mm=0.0), np.random.default_rng(1))
     assert (vibration.advance(0.001) == 0.0).all()
-
-
-def test_a_path_is_what_as_many_steps_give() -> None:
-    one, other = (Vibration(VibrationConfig(), np.random.default_rng(3)) for _ in range(2))
-    for length in (1, 200):
-        path = one.path(length, 0.001)
-        assert np.allclose(path, [other.advance(0.001) for _ in range(length)], atol=1e-12)
-    assert not Vibration(VibrationConfig(rms_mm=0.0), np.random.default_rng(1)).path(5, 0.001).any()

@@ -19,16 +19,19 @@ from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.camera.noise import background_events_kernel
 from spikingtac.sim.camera.pixel_coverage import discs_of
-from spikingtac.sim.free_motion.free_motion import DEGREES_OF_FREEDOM, STEP_S
-from spikingtac.sim.free_motion.small_motion import (
+from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.types import EventPacket
+from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
     EdgePixels,
     small_motion_kernel,
 )
-from spikingtac.sim.free_motion.timing_wheel import EMPTY, make_timing_wheel
-from spikingtac.sim.optics.states import MarkerImage
-from spikingtac.types import EventPacket
+from spikingtac_paper.free_motion.timing_wheel import EMPTY, make_timing_wheel
 
+DEGREES_OF_FREEDOM = 6
+"""Translations and rotations of the rod against the pads."""
+STEP_S = 0.001
+"""Step of the mechanics, s; the same as that of the rig away from the wall."""
 STEP_US = STEP_S * 1e6
 """Step of the motion, us."""
 BLOCK_STEPS = 200

@@ -1,1 +1,0 @@
-"""Motion of a probe without contact, with sparse rendering of its events."""
