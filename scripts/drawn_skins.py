@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.sim.optics.projection import Optics, OpticsConfig
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene.scene import Scene, SkinConfig
 from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac.sim.states import SkinState, image_radius_px
 from spikingtac_paper.touch.bodies import Body
 from spikingtac_paper.touch.slides import KINDS, draw_slide
 

@@ -72,6 +72,18 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise ConfigError(f"{where}: {error}") from error
 
 
+def require_within(config: Any, **limits: tuple[float, float]) -> None:
+    """Check that fields of a configuration lie within limits; None is always valid.
+
+    Raises:
+        ValueError: One does not; names it, its value and the limits.
+    """
+    for name, (low, high) in limits.items():
+        value = getattr(config, name)
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name} is {value:g}, valid are {low:g} to {high:g}")
+
+
 def _former_names(field: dataclasses.Field[Any]) -> tuple[str, ...]:
     """Return the names under which earlier versions wrote a field."""
     return field.metadata.get("former_names", ())

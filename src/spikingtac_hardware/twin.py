@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from spikingtac.schema import merged
-from spikingtac.sim.optics.projection import OpticsConfig
+from spikingtac.sim.optics import OpticsConfig
 from spikingtac.sim.scene.scene import Scene
 from spikingtac_hardware.checks import require_sound
 from spikingtac_hardware.design import Design, load_design

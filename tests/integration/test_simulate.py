@@ -17,7 +17,7 @@ from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.render import simulate
 from spikingtac.sim.scene.scene import Scene
 from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.scene.truth import TruthChunk
+from spikingtac.sim.states import TruthChunk
 from spikingtac.types import EventPacket
 
 SMALL = {

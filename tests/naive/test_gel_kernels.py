@@ -6,21 +6,27 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from spikingtac.sim.gel.creep import advance_creep_kernel, creep_displacement_kernel
-from spikingtac.sim.gel.friction import shear_kernel
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator, layer_response_kernel
-from spikingtac.sim.gel.grid_cells import (
+from spikingtac.sim.gel.gel import advance_creep_kernel, creep_displacement_kernel
+from spikingtac.sim.gel.influence import (
+    Influence,
     attached_displacement_kernel,
     gather_cells_kernel,
+    lateral_displacement_kernel,
+    product_kernel,
     scatter_cells_kernel,
     set_anchors_kernel,
 )
-from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
-from spikingtac.sim.gel.interpolation import interpolate_kernel
-from spikingtac.sim.gel.normal_contact import (
+from spikingtac.sim.gel.layer import (
+    GridConfig,
+    LayerOperator,
+    interpolate_kernel,
+    layer_response_kernel,
+)
+from spikingtac.sim.gel.solvers import (
     dot_kernel,
     pressure_kernel,
     residual_kernel,
+    shear_kernel,
     update_pressure_kernel,
 )
 

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.camera.pixel_coverage import discs_of
-from spikingtac.sim.optics.discs import DiscConfig, draw_discs
-from spikingtac.sim.optics.projection import Optics, OpticsConfig
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.camera.coverage import discs_of
+from spikingtac.sim.optics import DiscConfig, Optics, OpticsConfig, draw_discs
+from spikingtac.sim.states import MarkerImage, SkinState
 
 LENSES = [
     OpticsConfig(),
-    OpticsConfig(k1=-0.06, k2=0.01, p1=0.004, p2=-0.003, center_px=(150.0, 170.0)),
+    OpticsConfig(k1=-0.06, k2=0.01, size=(301, 341)),
     OpticsConfig(discs=DiscConfig(broken=(3, 9), missing=(5,))),
 ]
 
@@ -21,15 +20,11 @@ def plain_distort(lens: OpticsConfig, points_mm: np.ndarray) -> tuple[np.ndarray
     x, y = points_mm[:, :2].T * scale
     square = x**2 + y**2
     radial, slope = 1 + lens.k1 * square + lens.k2 * square**2, 2 * lens.k1 + 4 * lens.k2 * square
-    bent = [
-        x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x**2),
-        y * radial + lens.p1 * (square + 2 * y**2) + 2 * lens.p2 * x * y,
-    ]
-    across = slope * x * y + 2 * (lens.p1 * x + lens.p2 * y)
-    along_x = radial + slope * x**2 + 2 * lens.p1 * y + 6 * lens.p2 * x
-    along_y = radial + slope * y**2 + 6 * lens.p1 * y + 2 * lens.p2 * x
+    bent = [x * radial, y * radial]
+    across = slope * x * y
+    along_x, along_y = radial + slope * x**2, radial + slope * y**2
     jacobian = np.array([[along_x, across], [across, along_y]]).transpose(2, 0, 1)
-    center = lens.center_px or ((lens.size[0] - 1) / 2, (lens.size[1] - 1) / 2)
+    center = np.array([(lens.size[0] - 1) / 2, (lens.size[1] - 1) / 2])
     focal_px = lens.px_per_mm * lens.distance_mm
     return center + focal_px * np.stack(bent, 1), (focal_px * scale)[:, None, None] * jacobian
 

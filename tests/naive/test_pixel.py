@@ -10,10 +10,14 @@ import pytest
 from scipy.special import ndtr
 
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
-from spikingtac.sim.camera.pixel_coverage import (
+from spikingtac.sim.camera.coverage import (
+    SWEEP_PLAN_DTYPE,
+    bounding_box_kernel,
     coverage_image_kernel,
     disc_coverage_kernel,
     discs_of,
+    plan_sweep_kernel,
+    swept_pixel_count_kernel,
 )
 from spikingtac.sim.camera.pixel_records import (
     KEY_SHIFT,
@@ -29,13 +33,7 @@ from spikingtac.sim.camera.pixels import (
     predict_leak_event_kernel,
 )
 from spikingtac.sim.camera.sensor import Sensor, make_sensor, settle_sensor
-from spikingtac.sim.camera.sweep_plan import (
-    SWEEP_PLAN_DTYPE,
-    bounding_box_kernel,
-    plan_sweep_kernel,
-    swept_pixel_count_kernel,
-)
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.states import MarkerImage
 
 NO_PATTERN = np.zeros((1, 1), np.float32)
 TICK_US = 0.5
@@ -242,7 +240,7 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
     moving = rng.random(12) < 0.4
     after["x"][moving] += rng.uniform(-3, 3, moving.sum())
     plan = np.empty(12, SWEEP_PLAN_DTYPE)
-    plan_sweep_kernel(before, after, plan, 2.0, 4000.0, (0.1, 20.0, 1000.0, 0.001))
+    plan_sweep_kernel(before, after, plan, 2.0, 4000.0, 1000.0, 0.001)
     boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in plan]
     expected = plain_groups(boxes, moving)
     assert plan["leader"].tolist() == expected

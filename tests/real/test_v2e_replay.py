@@ -13,7 +13,7 @@ from spikingtac.events.open import open_events
 from spikingtac.events.windows import cut
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import load_camera
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.states import MarkerImage
 from spikingtac.types import EventPacket
 
 PIXELS = 320 * 320

@@ -7,7 +7,7 @@ import numpy as np
 
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import BackgroundConfig, load_camera
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.states import MarkerImage
 from spikingtac.types import EventPacket
 
 SIZE = (128, 128)

@@ -6,11 +6,10 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.creep import SpectrumConfig
-from spikingtac.sim.gel.gel import Gel, GelConfig
-from spikingtac.sim.gel.greens import GridConfig, layer_response
-from spikingtac.sim.gel.indenters import Ellipsoid, EllipsoidConfig, Indenter
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.gel.gel import Gel, GelConfig, SpectrumConfig
+from spikingtac.sim.gel.indenters import Ellipsoid, Indenter
+from spikingtac.sim.gel.layer import GridConfig, layer_response
+from spikingtac.sim.states import SkinState
 from spikingtac.types import Pose
 
 ELASTIC = SpectrumConfig(fractions=(), times_s=())
@@ -42,7 +41,7 @@ def press(gel: Gel, indenter: Indenter, depth: float, x: float = 0.0, steps: int
 
 def thick_ball() -> tuple[Gel, Ellipsoid, float, float]:
     """Return a gel of 8 contact radii with a ball, its Hertz force (N) and approach (mm)."""
-    ball = Ellipsoid(EllipsoidConfig(radius_x_mm=THICK_RADIUS_MM, radius_y_mm=THICK_RADIUS_MM))
+    ball = Ellipsoid(radius_x_mm=THICK_RADIUS_MM, radius_y_mm=THICK_RADIUS_MM)
     force = 16.0 / 3.0 * MODULUS_MPA * THICK_CONTACT_MM**3 / THICK_RADIUS_MM
     approach = THICK_CONTACT_MM**2 / THICK_RADIUS_MM + force * far_compliance()[0]
     return Gel(THICK_GEL, MARKERS), ball, force, approach

@@ -17,7 +17,7 @@ from spikingtac import Calibration, EventPacket, SceneSource, calibrate
 from spikingtac.events.source import PacketSource
 from spikingtac.schema import build
 from spikingtac.sim.scene.scene import Scene
-from spikingtac.sim.scene.truth import TruthChunk
+from spikingtac.sim.states import TruthChunk
 from stand_ins.made_once import made_once
 
 SLIDES_SEED, TOUCHES_SEED = 1, 1

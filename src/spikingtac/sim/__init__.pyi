@@ -17,14 +17,14 @@ from .scene.segments import SegmentConfig as SegmentConfig
 from .scene.source import SceneSource as SceneSource
 from .scene.source import SceneStep as SceneStep
 from .scene.timeline import Timeline as Timeline
-from .scene.truth import TruthChunk as TruthChunk
-from .scene.truth import image_radius_px as image_radius_px
+from .states import TruthChunk as TruthChunk
+from .states import image_radius_px as image_radius_px
 from .scene.variation import VariationConfig as VariationConfig
 from .twin_camera import TwinCamera as TwinCamera
 
 # Gel: contact, friction, elastic layer and creep
 from .gel.contact import FrictionConfig as FrictionConfig
-from .gel.creep import SpectrumConfig as SpectrumConfig
+from .gel.gel import SpectrumConfig as SpectrumConfig
 from .gel.gel import Gel as Gel
 from .gel.gel import GelConfig as GelConfig
 from .gel.indenters import Indenter as Indenter
@@ -32,11 +32,11 @@ from .gel.indenters import IndenterConfig as IndenterConfig
 from .gel.indenters import make_indenter as make_indenter
 
 # Optics: from the skin to the sensor
-from .optics.discs import DiscConfig as DiscConfig
-from .optics.projection import Optics as Optics
-from .optics.projection import OpticsConfig as OpticsConfig
-from .optics.states import MarkerImage as MarkerImage
-from .optics.states import SkinState as SkinState
+from .optics import DiscConfig as DiscConfig
+from .optics import Optics as Optics
+from .optics import OpticsConfig as OpticsConfig
+from .states import MarkerImage as MarkerImage
+from .states import SkinState as SkinState
 
 # Event camera: pixels, light, noise and readout
 from .camera.camera import EventCamera as EventCamera

@@ -20,7 +20,6 @@ from scipy.signal import lfilter, oaconvolve
 
 from spikingtac.arrays import FloatArray
 from spikingtac.events.windows import windows
-from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.rig.fingers import FingerConfig, SensingFinger
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig
@@ -28,6 +27,7 @@ from spikingtac.sim.rig.rig import RigConfig
 from spikingtac.sim.rig.vibration import Vibration, transition
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.sim.scene.scene import CameraChoice
+from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.small_motion_camera import (
     DEGREES_OF_FREEDOM,

@@ -17,9 +17,9 @@ from scipy.signal import lfilter
 
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.noise import background_events_kernel
-from spikingtac.sim.camera.pixel_coverage import discs_of
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.camera.coverage import discs_of
+from spikingtac.sim.camera.readout import background_events_kernel
+from spikingtac.sim.states import MarkerImage
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,

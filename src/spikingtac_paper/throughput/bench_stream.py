@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
-from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac.sim.states import SkinState, image_radius_px
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.fingerprint import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth

@@ -8,9 +8,9 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
-from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene import catalog
+from spikingtac.sim.states import SkinState
 from spikingtac.types import EventPacket
 from spikingtac_paper.throughput.bench_stream import (
     IMAGE_US,

@@ -11,8 +11,8 @@ from spikingtac.calibration.lens import Lens
 from spikingtac.calibration.lens_fit import fit_lens, with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
-from spikingtac.sim.optics.projection import Lens as Pinhole
-from spikingtac.sim.optics.projection import distort_kernel
+from spikingtac.sim.optics import Lens as Pinhole
+from spikingtac.sim.optics import distort_kernel
 from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
 

@@ -12,7 +12,7 @@ import pytest
 
 from spikingtac.cli.main import main
 from spikingtac.events.recording import Recording
-from spikingtac.sim.optics.projection import Optics
+from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.scene import Scene
 from spikingtac_hardware.design import Design, load_design, names

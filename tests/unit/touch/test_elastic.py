@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.errors import ConfigError
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator
+from spikingtac.sim.gel.layer import GridConfig, LayerOperator
 from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
 from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory

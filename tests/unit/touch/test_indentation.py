@@ -9,12 +9,11 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.gel import Gel, GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.optics.projection import Optics, OpticsConfig
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.scene.segments import SegmentConfig
-from spikingtac.sim.scene.truth import image_radius_px
+from spikingtac.sim.states import MarkerImage, SkinState, image_radius_px
 from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures
 from spikingtac.touch.indentation.indentation_law import IndentationLaw, fitted_law

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.full_frame import FullFrameRenderer, needs_full_frame
-from spikingtac.sim.camera.light import texture_field
-from spikingtac.sim.camera.noise import background_events_kernel, make_noise, start_noise
-from spikingtac.sim.camera.pixel_coverage import DISC_DTYPE, coverage_image_kernel, discs_of
-from spikingtac.sim.camera.readout import Readout
-from spikingtac.sim.camera.sensor import make_sensor, settle_sensor
-from spikingtac.sim.camera.sweep import MarkerSweep, sweep_kernel
-from spikingtac.sim.camera.sweep_plan import (
+from spikingtac.sim.camera.coverage import (
+    DISC_DTYPE,
     SWEEP_PLAN_DTYPE,
     bounding_box_kernel,
+    coverage_image_kernel,
+    discs_of,
     plan_sweep_kernel,
     swept_pixel_count_kernel,
 )
-from spikingtac.sim.optics.states import MarkerImage
+from spikingtac.sim.camera.full_frame import FullFrameRenderer
+from spikingtac.sim.camera.readout import Readout, background_events_kernel, make_noise, start_noise
+from spikingtac.sim.camera.sensor import make_sensor, settle_sensor, texture_field
+from spikingtac.sim.camera.sweep import MarkerSweep, sweep_kernel
+from spikingtac.sim.states import MarkerImage
 from spikingtac.types import EventPacket, LossCounters
 
 ReferenceHistory = Literal["rested", "random", "fresh"]
@@ -53,19 +53,17 @@ class EventCamera:
     """
 
     def __init__(self, config: CameraConfig, seed: int = 0, serial: int | None = None) -> None:
-        noise_streams = np.random.default_rng(seed).spawn(6)
-        sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(6)
+        noise_streams = np.random.default_rng(seed).spawn(5)
+        sensor_streams = noise_streams if serial is None else np.random.default_rng(serial).spawn(5)
         self.size = config.size
         self.losses = LossCounters()
         self._config = config
         self._rng = noise_streams[3]
         pattern = texture_field(config.light, sensor_streams[4])
         self._sensor = make_sensor(config, pattern, sensor_streams[0])
-        self._full_frame = (
-            FullFrameRenderer(config, pattern, noise_streams[5])
-            if needs_full_frame(config)
-            else None
-        )
+        light = config.light
+        moving = light.texture > 0 and light.texture_follow != 0
+        self._full_frame = FullFrameRenderer(config, pattern) if moving else None
         self._noise = make_noise(
             config.background, config.size[0] * config.size[1], sensor_streams[1]
         )
@@ -76,15 +74,11 @@ class EventCamera:
         self._out = np.zeros(_INITIAL_OUTBOX, np.int64)
         self._discs = np.empty(0, DISC_DTYPE)
         self._t_us: int | None = None
-        steps = config.steps
         pixels = self._sensor.pixels
-        lowest, log = (
-            float(min(pixels["threshold_on"].min(), pixels["threshold_off"].min())),
-            self._sensor.chip["log_intensity"],
-        )
+        lowest = float(min(pixels["threshold_on"].min(), pixels["threshold_off"].min()))
+        log = self._sensor.chip["log_intensity"]
         self._max_crossings = 1 + int(float(log.max() - log.min()) / lowest)
         self._fastest_leak = float(pixels["mean_leak_per_us"].max()) / lowest
-        self._step_limits = (steps.motion_px, steps.min_us, steps.max_us, steps.still_px)
 
     @property
     def t_us(self) -> int | None:
@@ -105,7 +99,7 @@ class EventCamera:
         coverage = self._coverage_image(self._discs)
         settle_sensor(self._sensor, coverage, float(image.t_us), history, self._rng)
         if self._full_frame is not None:
-            self._full_frame.settle(self._discs, float(image.t_us))
+            self._full_frame.settle(self._discs)
         self._readout.reset(int(image.t_us))
         start_noise(self._noise, float(image.t_us))
         self._t_us = int(image.t_us)
@@ -145,7 +139,8 @@ class EventCamera:
         )
         reach_px = float(self._sensor.chip["edge_half_width_px"][0])
         span_us = sweep.end_us - sweep.start_us
-        plan_sweep_kernel(self._discs, after, plan, reach_px, span_us, self._step_limits)
+        steps = self._config.steps
+        plan_sweep_kernel(self._discs, after, plan, reach_px, span_us, steps.max_us, steps.still_px)
         self._reserve_outbox(swept_pixel_count_kernel(plan, *self.size), span_us)
         if self._full_frame is None:
             sweep_kernel(self._sensor, sweep, self._out)

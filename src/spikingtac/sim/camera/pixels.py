@@ -20,8 +20,9 @@ from spikingtac.sim.camera.pixel_records import (
     exponential_decay_kernel,
     inverse_time_constant_kernel,
     log_intensity_kernel,
+    normal_pair_kernel,
+    pixel_counter_kernel,
 )
-from spikingtac.sim.camera.random import normal_pair_kernel, pixel_counter_kernel
 
 SETTLED_LEVEL = 5e-4
 """Log distance from its target at which a level has settled; 1/500 of a threshold."""

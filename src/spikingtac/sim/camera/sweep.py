@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.pixel_coverage import disc_coverage_kernel, edge_coverage_kernel
+from spikingtac.sim.camera.coverage import disc_coverage_kernel, edge_coverage_kernel
 from spikingtac.sim.camera.pixel_records import intensity_kernel, same_light_kernel
 from spikingtac.sim.camera.pixels import (
     advance_constant_light_kernel,
@@ -29,7 +29,7 @@ class MarkerSweep(NamedTuple):
         before: ``(m,)`` discs as last rendered; overwritten by the discs at the end.
         after: ``(m,)`` discs at the end.
         now: ``(m,)`` work space for the discs at the present step.
-        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.sweep_plan.plan_sweep_kernel`.
+        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep_kernel`.
         start_us: Time of the first image, us.
         end_us: Time of the second image, us.
     """

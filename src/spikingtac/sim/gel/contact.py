@@ -13,18 +13,20 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
-from spikingtac.sim.gel.friction import shear_kernel
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator
-from spikingtac.sim.gel.grid_cells import (
+from spikingtac.schema import require_within
+from spikingtac.sim.gel.indenters import Indenter, SoftLayer
+from spikingtac.sim.gel.influence import (
+    Influence,
     attached_displacement_kernel,
     gather_cells_kernel,
+    lateral_displacement_kernel,
+    product_kernel,
     scatter_cells_kernel,
     set_anchors_kernel,
 )
-from spikingtac.sim.gel.indenters import Indenter, SoftLayer
-from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
-from spikingtac.sim.gel.normal_contact import pressure_kernel
-from spikingtac.sim.optics.contact_patch import ContactPatch
+from spikingtac.sim.gel.layer import GridConfig, LayerOperator
+from spikingtac.sim.gel.solvers import pressure_kernel, shear_kernel
+from spikingtac.sim.states import ContactPatch
 from spikingtac.types import Pose
 
 KPA_PER_MPA = 1e3
@@ -61,8 +63,8 @@ class FrictionConfig:
     tolerance_mm: float = 1e-4
 
     def __post_init__(self) -> None:
-        if self.static < 0 or not 0 < self.kinetic_ratio <= 1 or not self.tolerance_mm > 0:
-            raise ValueError("static must be >= 0, kinetic_ratio in (0, 1], tolerance_mm > 0")
+        require_within(self, static=(0.0, 100.0), kinetic_ratio=(0.01, 1.0))
+        require_within(self, tolerance_mm=(1e-9, 0.1))
 
 
 class GelContact:

@@ -1,25 +1,123 @@
 """The gel: displacement of the markers under an indenter's motion, with friction and creep.
 
+Creep of the gel: a Kelvin chain that is driven by the history of the traction.
+
+A linear gel whose surface sticks to a body shows no creep, because its modulus cancels. Creep
+appears as a residual displacement after unloading. The chain therefore takes the traction as its
+input, not the displacement: u = J0 G q + sum w_i, tau_i dw_i/dt = J_i G q - w_i.
+
+The gel: displacement of the markers under an indenter's motion, with friction and creep.
+
 The model is a layer of shear modulus mu and thickness h, bonded to the window of the camera. The
 markers move with its free surface (the black skin is part of the layer).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from spikingtac.arrays import FloatArray
+from spikingtac.schema import require_within
 from spikingtac.sim.gel.contact import KPA_PER_MPA, FrictionConfig, GelContact
-from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator
 from spikingtac.sim.gel.indenters import Indenter
-from spikingtac.sim.gel.inertia import InertiaConfig, Ringing, shear_resonance_hz
-from spikingtac.sim.gel.interpolation import MarkerInterpolation
-from spikingtac.sim.optics.contact_patch import ContactPatch
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.gel.layer import GridConfig, LayerOperator, MarkerInterpolation
+from spikingtac.sim.states import ContactPatch, SkinState
 from spikingtac.types import Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectrumConfig:
+    """Retarded compliances of the gel (a Kelvin chain).
+
+    Attributes:
+        fractions: J_i / J0, the retarded compliances divided by the instantaneous one. The default
+            values are a declared fit: no spectrum of the paper's gel is published.
+        times_s: Retardation times tau_i, s.
+    """
+
+    fractions: tuple[float, ...] = (0.05, 0.05, 0.12)
+    times_s: tuple[float, ...] = (0.02, 0.3, 8.0)
+
+    def __post_init__(self) -> None:
+        if len(self.fractions) != len(self.times_s):
+            raise ValueError("fractions and times_s must have equal length")
+        sound = all(0 <= fraction <= 10 for fraction in self.fractions)
+        if not sound or any(not 1e-6 <= time <= 1e6 for time in self.times_s):
+            raise ValueError("valid are fractions from 0 to 10 and times_s from 1e-6 to 1e6")
+
+
+@njit(cache=True, nogil=True)
+def creep_displacement_kernel(decay: FloatArray, retarded: FloatArray, out: FloatArray) -> None:
+    """Fill ``out[c] = sum_i decay[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
+    out[:] = 0.0
+    for i in range(len(decay)):
+        for cell in range(len(out)):
+            out[cell] += decay[i] * retarded[i, cell]
+
+
+@njit(cache=True, nogil=True)
+def advance_creep_kernel(
+    decay: FloatArray, gain: FloatArray, elastic: FloatArray, retarded: FloatArray
+) -> None:
+    """Set ``retarded[i, c]`` to ``decay[i] retarded[i, c] + gain[i] elastic[c]``, in place."""
+    for i in range(len(decay)):
+        for cell in range(len(elastic)):
+            retarded[i, cell] = decay[i] * retarded[i, cell] + gain[i] * elastic[cell]
+
+
+class CreepChain:
+    """Retarded displacement fields. A step is exact if the traction is constant in it.
+
+    All displacements are given per instantaneous compliance: ``elastic`` is J0 G q.
+
+    Args:
+        config: Spectrum of the gel.
+        shape: Shape of a displacement field.
+    """
+
+    def __init__(self, config: SpectrumConfig, shape: tuple[int, ...]) -> None:
+        self._fractions = np.array(config.fractions)
+        self._times_s = np.array(config.times_s)
+        self._retarded = np.zeros((len(self._times_s), *shape))
+        self._flat = self._retarded.reshape(len(self._times_s), math.prod(shape))
+
+    def compliance(self, dt_s: float) -> float:
+        """Return the compliance over the coming step, divided by J0."""
+        return 1.0 + float(self._fractions @ -np.expm1(-dt_s / self._times_s))
+
+    def history(self, dt_s: float) -> FloatArray:
+        """Return the displacement that former tractions leave at the end of the coming step, mm."""
+        out = np.empty(self._retarded.shape[1:])
+        creep_displacement_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
+        return out
+
+    def advance(self, dt_s: float, elastic: FloatArray | None) -> None:
+        """Advance by one step under a constant traction.
+
+        Args:
+            dt_s: Length of the step, s.
+            elastic: Instantaneous displacement under that traction, mm; None if the traction is
+                zero.
+        """
+        decay = np.exp(-dt_s / self._times_s)
+        if elastic is None:
+            self._flat *= decay[:, None]
+        else:
+            gain = (1.0 - decay) * self._fractions
+            advance_creep_kernel(decay, gain, elastic.reshape(-1), self._flat)
+
+    def largest_mm(self) -> float:
+        """Return an upper bound of the stored displacement, mm."""
+        return float(sum(np.abs(part).max() for part in self._retarded))
+
+    def reset(self) -> None:
+        """Set all stored displacements to zero."""
+        self._retarded[:] = 0.0
+
 
 NEGLIGIBLE_CREEP_MM = 1e-5
 """Stored creep below this is set to zero (1.6e-4 px, a thousandth of any tracker's error)."""
@@ -36,7 +134,6 @@ class GelConfig:
         spectrum: Retarded compliances.
         friction: Friction between skin and indenter.
         grid: Cells of the mechanics.
-        inertia: Oscillation after a sudden release.
     """
 
     shear_modulus_kpa: float = 30.0
@@ -44,12 +141,9 @@ class GelConfig:
     spectrum: SpectrumConfig = field(default_factory=SpectrumConfig)
     friction: FrictionConfig = field(default_factory=FrictionConfig)
     grid: GridConfig = field(default_factory=GridConfig)
-    inertia: InertiaConfig = field(default_factory=InertiaConfig)
 
     def __post_init__(self) -> None:
-        for name in ("shear_modulus_kpa", "thickness_mm"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+        require_within(self, shear_modulus_kpa=(0.1, 1e5), thickness_mm=(0.1, 50.0))
 
 
 class Gel:
@@ -76,8 +170,6 @@ class Gel:
         self._creep = CreepChain(config.spectrum, (3, grid.cells, grid.cells))
         self._markers = MarkerInterpolation(grid, marker_rest_mm)
         self._rest = np.column_stack((marker_rest_mm, np.zeros(len(marker_rest_mm))))
-        resonance = shear_resonance_hz(config.shear_modulus_kpa, config.thickness_mm)
-        self._ringing = Ringing(resonance, config.inertia.damping, self._rest.shape)
         self._displacement = np.zeros((3, grid.cells, grid.cells))
         self.reset()
 
@@ -88,7 +180,6 @@ class Gel:
         self._displacement[:] = 0.0
         self._contact.release()
         self._creep.reset()
-        self._ringing.reset()
 
     @property
     def pressure_mpa(self) -> FloatArray:
@@ -124,7 +215,7 @@ class Gel:
         """Advance the gel and return its markers.
 
         Args:
-            dt_s: Length of the step, s (ours: 2 to 4 ms; a quarter period to show ringing).
+            dt_s: Length of the step, s (ours: 2 to 4 ms).
             indenter: The body that may touch, or None.
             pose: Pose of that body at the end of the step, or None.
 
@@ -139,7 +230,7 @@ class Gel:
             self._recover(dt_s)
         else:
             self._advance(dt_s, indenter, pose)
-        return self._state(dt_s, pose)
+        return self._state(pose)
 
     def _lowest_mm(self) -> float:
         return 0.0 if self._resting else float(self._displacement[2].min())
@@ -167,10 +258,8 @@ class Gel:
             self._displacement[:] = 0.0
             self._resting = True
 
-    def _state(self, dt_s: float, pose: Pose | None) -> SkinState:
+    def _state(self, pose: Pose | None) -> SkinState:
         moved, gradient = self._markers.at_markers(self._displacement)
-        if self._config.inertia.enabled:
-            moved = self._ringing.step(dt_s, moved)
         force, torque = self._load()
         return SkinState(
             t_us=round(self._t_s * US_PER_S),

@@ -7,6 +7,7 @@ of the gel: an incompressible layer on a rigid core.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -15,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import build
+from spikingtac.errors import named
+from spikingtac.schema import build, require_within
 
+LENGTH_MM = (0.01, 1e3)
+"""Valid lengths of a body, mm."""
 NO_SURFACE_MM = -1e3
 """Height where the body has no surface, far away from any skin, mm."""
 
@@ -35,19 +38,16 @@ class SoftLayer:
     thickness_mm: float
 
     def __post_init__(self) -> None:
-        for name in ("shear_modulus_kpa", "thickness_mm"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, it must be positive")
+        require_within(self, shear_modulus_kpa=(0.1, 1e6), thickness_mm=(0.1, 100.0))
 
 
 class Indenter(Protocol):
-    """A body that can be pressed into the skin.
+    """A body that can be pressed into the skin."""
 
-    Attributes:
-        soft: Compliance of the body, or None where it is rigid.
-    """
-
-    soft: SoftLayer | None
+    @property
+    def soft(self) -> SoftLayer | None:
+        """Compliance of the body, or None where it is rigid."""
+        ...
 
     def heights_mm(
         self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
@@ -67,8 +67,10 @@ class Indenter(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EllipsoidConfig:
-    """A smooth cap, given by its curvature at the deepest point.
+class Ellipsoid:
+    """A ball, a finger tip or a spoon's head: an ellipsoid in any orientation.
+
+    It is given by its curvature at the deepest point.
 
     Attributes:
         radius_x_mm: Radius of curvature along its own x, mm.
@@ -82,16 +84,14 @@ class EllipsoidConfig:
     half_height_mm: float | None = None
     soft: SoftLayer | None = None
 
+    def __post_init__(self) -> None:
+        require_within(self, radius_x_mm=LENGTH_MM, radius_y_mm=LENGTH_MM, half_height_mm=LENGTH_MM)
 
-class Ellipsoid:
-    """A ball, a finger tip or a spoon's head: an ellipsoid in any orientation."""
-
-    def __init__(self, config: EllipsoidConfig) -> None:
-        height = config.half_height_mm or config.radius_x_mm
+    @functools.cached_property
+    def _squares_mm2(self) -> FloatArray:
+        height = self.half_height_mm or self.radius_x_mm
         # At the pole of an ellipsoid with semi-axes (a, b, c) the curvature radii are a²/c, b²/c.
-        axes = config.radius_x_mm * height, config.radius_y_mm * height, height**2
-        self._squares_mm2 = np.array(axes)
-        self.soft = config.soft
+        return np.array((self.radius_x_mm * height, self.radius_y_mm * height, height**2))
 
     def heights_mm(
         self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
@@ -110,8 +110,8 @@ class Ellipsoid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PunchConfig:
-    """A flat-ended cylinder with a rounded rim.
+class Punch:
+    """A flat punch with a rounded rim. A tilt turns its face into an inclined plane.
 
     Attributes:
         radius_mm: Outer radius, mm.
@@ -123,33 +123,30 @@ class PunchConfig:
     rim_mm: float = 0.5
     soft: SoftLayer | None = None
 
-
-class Punch:
-    """A flat punch. A tilt turns its face into an inclined plane."""
-
-    def __init__(self, config: PunchConfig) -> None:
-        self._config = config
-        self.soft = config.soft
+    def __post_init__(self) -> None:
+        require_within(self, radius_mm=LENGTH_MM, rim_mm=(0.0, self.radius_mm))
 
     def heights_mm(
         self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
     ) -> FloatArray:
         """Return the surface's height below the deepest point; see :class:`Indenter`."""
-        flat = self._config.radius_mm - self._config.rim_mm
+        flat = self.radius_mm - self.rim_mm
         plane = _plane_mm(x_mm, y_mm, rotation)
         beyond = np.maximum(np.hypot(x_mm, y_mm) - flat, 0.0)
-        rim = _arc_mm(beyond, self._config.rim_mm)
+        rim = _arc_mm(beyond, self.rim_mm)
         return plane + rim + self.center_mm(rotation)
 
     def center_mm(self, rotation: NDArray[np.float64]) -> float:
         """Return the face centre's height below the deepest point; see :class:`Indenter`."""
-        flat = self._config.radius_mm - self._config.rim_mm
+        flat = self.radius_mm - self.rim_mm
         return -flat * math.hypot(rotation[0, 2], rotation[1, 2]) / rotation[2, 2]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RodsConfig:
-    """Parallel rods that lie in the gel: a comb's teeth, or one probe.
+class Rods:
+    """Parallel rods with round ends that lie in the gel: a comb's teeth, or one probe.
+
+    Heights are of second order in a tilt.
 
     Attributes:
         count: Number of rods.
@@ -165,32 +162,26 @@ class RodsConfig:
     length_mm: float = 6.0
     soft: SoftLayer | None = None
 
-
-class Rods:
-    """Parallel rods with round ends. Heights are of second order in a tilt."""
-
-    def __init__(self, config: RodsConfig) -> None:
-        self._config = config
-        self.soft = config.soft
+    def __post_init__(self) -> None:
+        require_within(self, count=(1, 1000), pitch_mm=LENGTH_MM, radius_mm=LENGTH_MM)
+        require_within(self, length_mm=(0.0, 1e3))
 
     def heights_mm(
         self, x_mm: FloatArray, y_mm: FloatArray, rotation: NDArray[np.float64]
     ) -> FloatArray:
         """Return the surface's height below the deepest point; see :class:`Indenter`."""
-        config = self._config
         plane = _plane_mm(x_mm, y_mm, rotation)
         across = rotation[0, 0] * x_mm + rotation[1, 0] * y_mm + rotation[2, 0] * plane
         along = rotation[0, 1] * x_mm + rotation[1, 1] * y_mm + rotation[2, 1] * plane
-        last = 0.5 * (config.count - 1)
-        rod = np.clip(np.round(across / config.pitch_mm + last), 0, config.count - 1) - last
-        beyond = np.maximum(np.abs(along) - 0.5 * config.length_mm, 0.0)
-        distance = np.hypot(across - rod * config.pitch_mm, beyond)
-        return plane + _arc_mm(distance, config.radius_mm) + self.center_mm(rotation)
+        last = 0.5 * (self.count - 1)
+        rod = np.clip(np.round(across / self.pitch_mm + last), 0, self.count - 1) - last
+        beyond = np.maximum(np.abs(along) - 0.5 * self.length_mm, 0.0)
+        distance = np.hypot(across - rod * self.pitch_mm, beyond)
+        return plane + _arc_mm(distance, self.radius_mm) + self.center_mm(rotation)
 
     def center_mm(self, rotation: NDArray[np.float64]) -> float:
         """Return the middle's height below the deepest point; see :class:`Indenter`."""
-        config = self._config
-        corner = np.array([0.5 * (config.count - 1) * config.pitch_mm, 0.5 * config.length_mm])
+        corner = np.array([0.5 * (self.count - 1) * self.pitch_mm, 0.5 * self.length_mm])
         return -float(np.abs(rotation[2, :2]) @ corner)
 
 
@@ -210,7 +201,7 @@ FINGER_PULP = SoftLayer(shear_modulus_kpa=30.0, thickness_mm=6.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FingertipConfig(EllipsoidConfig):
+class Fingertip(Ellipsoid):
     """A finger tip: soft, 7 mm in radius (ours: adult index, 6 to 8 mm)."""
 
     radius_x_mm: float = 7.0
@@ -219,7 +210,7 @@ class FingertipConfig(EllipsoidConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpoonConfig(EllipsoidConfig):
+class Spoon(Ellipsoid):
     """The back of a spoon's head: curvature 15 by 10 mm (ours: a table spoon)."""
 
     radius_x_mm: float = 15.0
@@ -228,7 +219,7 @@ class SpoonConfig(EllipsoidConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LyingProbeConfig(RodsConfig):
+class LyingProbe(Rods):
     """A probe that lies in the gel, as when it is grasped (patch of 7 by 18 mm)."""
 
     count: int = 1
@@ -249,15 +240,15 @@ class IndenterConfig:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-INDENTERS: dict[str, tuple[type, type]] = {
-    "ball": (Ellipsoid, EllipsoidConfig),
-    "finger": (Ellipsoid, FingertipConfig),
-    "spoon": (Ellipsoid, SpoonConfig),
-    "comb": (Rods, RodsConfig),
-    "punch": (Punch, PunchConfig),
-    "probe": (Rods, LyingProbeConfig),
+INDENTERS: dict[str, type[Ellipsoid] | type[Rods] | type[Punch]] = {
+    "ball": Ellipsoid,
+    "finger": Fingertip,
+    "spoon": Spoon,
+    "comb": Rods,
+    "punch": Punch,
+    "probe": LyingProbe,
 }
-"""Name -> (class, config class)."""
+"""Name -> body."""
 
 
 def make_indenter(config: IndenterConfig) -> Indenter:
@@ -266,9 +257,5 @@ def make_indenter(config: IndenterConfig) -> Indenter:
     Raises:
         ConfigError: The name or a setting is unknown. The message names the nearest valid one.
     """
-    if config.kind not in INDENTERS:
-        names = ", ".join(INDENTERS)
-        close = nearest(config.kind, INDENTERS)
-        raise ConfigError(f"unknown indenter {config.kind!r}{close} (valid: {names})")
-    cls, config_cls = INDENTERS[config.kind]
-    return cls(build(config_cls, config.settings, f"indenter {config.kind!r}"))
+    body = named(INDENTERS, config.kind, "indenter")
+    return build(body, config.settings, f"indenter {config.kind!r}")

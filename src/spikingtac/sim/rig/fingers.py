@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
-from spikingtac.sim.optics.projection import Optics, OpticsConfig
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene.scene import CameraChoice
+from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
 VIBRATION_MM = {"clean": 0.0, "typical": 0.01, "noisy": 0.03}

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.optics.states import SkinState
 from spikingtac.sim.rig.pad_response import MODES, PatchConfig, pad_response
 from spikingtac.sim.rig.probe import ProbeState
 from spikingtac.sim.scene.scene import SkinConfig
+from spikingtac.sim.states import SkinState
 
 NORMAL_MODE = 2
 """Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad_response`."""

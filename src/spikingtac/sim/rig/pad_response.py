@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.gel.greens import GridConfig, LayerOperator
+from spikingtac.sim.gel.layer import GridConfig, LayerOperator
 
 MODES = 6
 GRID = GridConfig(cells=128, span_mm=51.2)

@@ -14,13 +14,13 @@ from typing import Protocol
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.rig.pad import Pad, PadConfig
 from spikingtac.sim.rig.pad_response import PatchConfig
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.sim.rig.vibration import Vibration, VibrationConfig
 from spikingtac.sim.rig.walls import Wall
+from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
 WAIT_S = 0.001

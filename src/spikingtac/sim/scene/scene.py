@@ -15,10 +15,10 @@ from spikingtac.schema import build, merged, read_toml, to_mapping
 from spikingtac.sim.camera.config import CameraConfig, load_camera
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.optics.projection import OpticsConfig
-from spikingtac.sim.optics.states import SkinState
+from spikingtac.sim.optics import OpticsConfig
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
 from spikingtac.sim.scene.variation import VariationConfig
+from spikingtac.sim.states import SkinState
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from spikingtac.errors import require_type
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.gel.gel import Gel
-from spikingtac.sim.optics.projection import Optics
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene.prefetch import prefetch
 from spikingtac.sim.scene.scene import LOADED, Scene
 from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
-from spikingtac.sim.scene.truth import TruthChunk, image_radius_px
+from spikingtac.sim.states import MarkerImage, SkinState, TruthChunk, image_radius_px
 from spikingtac.types import EventPacket, LossCounters
 
 PREFETCH_STEPS = 64

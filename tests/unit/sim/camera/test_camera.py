@@ -1,5 +1,4 @@
 import copy
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +7,6 @@ import pytest
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import (
     BackgroundConfig,
-    CameraConfig,
-    LightConfig,
-    PixelConfig,
     ReadoutConfig,
     load_camera,
 )
@@ -42,23 +38,6 @@ def test_events_sit_on_the_edges_and_lead_with_on_for_a_white_marker():
     assert not events.p[first][off_x < -3].any()
     dark = film(camera(contrast=1 / 6.0), images, "fresh")
     assert dark.p.mean() == pytest.approx(1 - events.p.mean(), abs=0.02)
-
-
-@pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
-def test_packets_are_ordered_gapless_and_inside_their_spans(name):
-    sensor = EventCamera(replace(load_camera(name), size=SIZE), seed=2)
-    images = strokes(400.0, 30.0)
-    sensor.settle(images[0])
-    end_us = 0
-    for step in images[1:]:
-        packet = sensor.advance([step])
-        assert (packet.t_start_us, packet.t_end_us) == (end_us, step.t_us)
-        assert (np.diff(packet.t) >= 0).all()
-        if len(packet):
-            assert packet.t_start_us <= packet.t[0] <= packet.t[-1] < packet.t_end_us
-            assert max(packet.x.max(), packet.y.max()) < 128
-        end_us = packet.t_end_us
-    assert sensor.t_us == end_us
 
 
 @pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
@@ -102,34 +81,6 @@ def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
     assert (on - off) / pixels / 2 == pytest.approx(leak_hz, rel=0.05)
     halves = np.histogram(packet.t, 2, (0, span_us))[0]
     assert halves[0] == pytest.approx(halves[1], rel=0.05)
-
-
-def test_leak_alone_makes_on_events_whether_markers_move_or_not():
-    base = CameraConfig(size=SIZE, pixel=PixelConfig(leak_hz=5.0, mismatch=0.03))
-    span_us = 1_000_000
-    images = [image(t) for t in range(0, span_us + 1, 10_000)]
-    still = film(EventCamera(base, seed=6), images, "rested")
-    assert still.p.all()
-    assert len(still) / (128 * 128) == pytest.approx(5.0, rel=0.05)
-    moved = [image(t, (2 * math.sin(t * 6e-6), 0.0)) for t in range(0, span_us + 1, 10_000)]
-    both = film(EventCamera(base, seed=6), moved, "rested")
-    far = np.ones(len(both), bool)
-    for x, y in CENTERS:
-        far &= np.hypot(both.x - x, both.y - y) > RADIUS_PX + 5
-    far_still = np.ones(len(still), bool)
-    for x, y in CENTERS:
-        far_still &= np.hypot(still.x - x, still.y - y) > RADIUS_PX + 5
-    assert columns(both.select(far)) == columns(still.select(far_still))
-
-
-def test_hot_pixels_fire_in_their_range_and_the_rest_stays_silent():
-    background = BackgroundConfig(hot_fraction=1e-3)
-    sensor = EventCamera(CameraConfig(size=SIZE, background=background), seed=1)
-    packet = film(sensor, [image(0), image(4_000_000)], "fresh")
-    pixel, counts = np.unique(packet.y.astype(int) * 128 + packet.x, return_counts=True)
-    assert len(pixel) == 16
-    assert (counts / 4).min() > 5
-    assert (counts / 4).max() < 550
 
 
 def test_latency_carries_events_into_the_next_packet():
@@ -200,24 +151,6 @@ def test_markers_that_meet_are_covered_once():
     assert not inside.any()  # light does not change where both pass
     steady = film(camera(), [image(0, (0, 0), pair), image(50_000, (0, 0), pair)], "fresh")
     assert len(steady) == 0
-
-
-def test_the_ground_may_carry_a_still_texture():
-    light = LightConfig(texture=0.2)
-    plain, textured = (
-        film(EventCamera(CameraConfig(size=SIZE, light=item), seed=1), strokes(40.0, 14.0))
-        for item in (LightConfig(), light)
-    )
-    assert len(textured) == pytest.approx(len(plain), rel=0.1)
-    assert columns(textured) != columns(plain)
-
-
-def test_a_marker_may_leave_the_sensor():
-    edge = np.array([[3.0, 60.0]])
-    images = [image(k * PERIOD_US, (-0.5 * k, 0.0), edge) for k in range(60)]
-    events = film(camera(), images, "fresh")
-    assert len(events) > 0
-    assert events.t[-1] < 25 * PERIOD_US
 
 
 def test_a_marker_may_be_thrown_far_beyond_the_sensor():

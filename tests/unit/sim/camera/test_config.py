@@ -35,9 +35,7 @@ def test_the_presets_hold_the_pinned_values(name):
     ) == PINNED[name]
     assert camera.size == (320, 320)
     assert pixel.threshold_off == pixel.threshold_on
-    assert pixel.noise == pixel.high_pass_hz == camera.readout.loss == 0.0
-    if background.hot_fraction:
-        assert (background.hot_min_hz, background.hot_max_hz) == (10.0, 500.0)
+    assert camera.readout.loss == 0.0
 
 
 def test_an_unknown_name_gets_the_nearest_and_all_valid_ones():
@@ -62,14 +60,12 @@ def test_a_file_is_read_strictly(tmp_path):
     [
         (LightConfig, {"contrast": 0.0}),
         (LightConfig, {"vignetting": 0.6}),
-        (LightConfig, {"flicker_depth": 1.0}),
         (PixelConfig, {"threshold_off": 0.0}),
-        (PixelConfig, {"bandwidth_hz": 0.0}),
         (PixelConfig, {"jitter_us": -1.0}),
         (CameraConfig, {"size": (0, 320)}),
         (CameraConfig, {"size": (4096, 4096)}),
     ],
 )
 def test_values_out_of_range_are_refused(kind, values):
-    with pytest.raises(ValueError, match=r"must|exceeds"):
+    with pytest.raises(ValueError, match="valid are"):
         kind(**values)

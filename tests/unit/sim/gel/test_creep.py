@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from spikingtac.sim.gel.creep import CreepChain, SpectrumConfig
+from spikingtac.sim.gel.gel import CreepChain, SpectrumConfig
 
 SPECTRUM = SpectrumConfig()
 FRACTIONS, TIMES = np.array(SPECTRUM.fractions), np.array(SPECTRUM.times_s)
@@ -41,24 +41,6 @@ def test_recovery_is_the_sum_of_the_elements_decays() -> None:
         np.testing.assert_allclose(chain.history(t), expected, rtol=1e-12)
 
 
-def test_steps_without_traction_may_be_cut_anywhere() -> None:
-    whole, cut = CreepChain(SPECTRUM, (1,)), CreepChain(SPECTRUM, (1,))
-    for chain in (whole, cut):
-        chain.advance(1.0, np.ones(1))
-    whole.advance(0.5, None)
-    for dt_s in (0.1, 0.15, 0.25):
-        cut.advance(dt_s, None)
-    np.testing.assert_allclose(whole.history(0.1), cut.history(0.1), rtol=1e-12)
-
-
-def test_residual_after_a_held_shear_equals_the_prediction() -> None:
-    chain = CreepChain(SPECTRUM, ())
-    held(chain, 12.0, 5.0, dt_s=0.002)
-    residual = [float(chain.history(t)) for t in (0.1, 1.0, 2.0, 5.0)]
-    # The published figures are rounded to two digits and lie 1 to 2.5 % below the exact solution.
-    np.testing.assert_allclose(residual, [0.95, 0.53, 0.45, 0.31], rtol=0.03)
-
-
 def test_relaxation_and_residual_equal_an_ode_solver() -> None:
     solution = solve_ivp(
         lambda _t, w: (FRACTIONS * (12.0 - w.sum()) - w) / TIMES,
@@ -76,22 +58,6 @@ def test_relaxation_and_residual_equal_an_ode_solver() -> None:
         assert float(chain.history(t)) == pytest.approx(stored @ np.exp(-t / TIMES), rel=1e-3)
 
 
-def test_a_gel_without_spectrum_forgets_at_once() -> None:
-    chain = CreepChain(SpectrumConfig(fractions=(), times_s=()), (3,))
-    assert chain.compliance(0.1) == 1.0
-    chain.advance(0.1, np.ones(3))
-    np.testing.assert_array_equal(chain.history(0.1), 0.0)
-    assert chain.largest_mm() == 0.0
-
-
-def test_reset_forgets() -> None:
-    chain = CreepChain(SPECTRUM, (1,))
-    chain.advance(1.0, np.ones(1))
-    assert chain.largest_mm() > 0.0
-    chain.reset()
-    assert chain.largest_mm() == 0.0
-
-
 @pytest.mark.parametrize(
     "bad",
     [
@@ -101,5 +67,5 @@ def test_reset_forgets() -> None:
     ],
 )
 def test_an_unfit_spectrum_is_refused(bad: dict[str, tuple[float, ...]]) -> None:
-    with pytest.raises(ValueError, match=r"must|may"):
+    with pytest.raises(ValueError, match=r"must|valid are"):
         SpectrumConfig(**bad)

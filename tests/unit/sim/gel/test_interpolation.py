@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.sim.gel.greens import GridConfig
-from spikingtac.sim.gel.interpolation import MarkerInterpolation
+from spikingtac.sim.gel.layer import GridConfig, MarkerInterpolation
 
 GRID = GridConfig()
 POINTS = np.random.default_rng(1).uniform(-12.0, 12.0, (50, 2))

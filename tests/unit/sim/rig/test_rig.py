@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from spikingtac.sim.optics.states import MarkerImage, SkinState
 from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.vibration import VibrationConfig
 from spikingtac.sim.rig.walls import PlaneWall
+from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 from stand_ins.rigs import press_and_release
 

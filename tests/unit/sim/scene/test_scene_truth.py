@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.optics.states import MarkerImage
 from spikingtac.sim.scene.prefetch import prefetch
 from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.sim.scene.truth import TruthChunk, image_radius_px
+from spikingtac.sim.states import MarkerImage, TruthChunk, image_radius_px
 
 
 def image(t_us: int, center: float, stretch: float = 1.0) -> MarkerImage:

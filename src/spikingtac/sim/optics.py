@@ -1,4 +1,9 @@
-"""The lens: from markers on the skin (mm) to ellipses on the sensor (px)."""
+"""The lens: from markers on the skin (mm) to ellipses on the sensor (px), with their defects.
+
+The painted discs of a skin: fabrication tolerances, broken and missing discs.
+
+The lens: from markers on the skin (mm) to ellipses on the sensor (px).
+"""
 
 from __future__ import annotations
 
@@ -9,8 +14,84 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.optics.discs import DiscConfig, Discs, draw_discs
-from spikingtac.sim.optics.states import MarkerImage, SkinState
+from spikingtac.schema import require_within
+from spikingtac.sim.states import MarkerImage, SkinState
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DiscConfig:
+    """Size and tolerances of the markers, and which are damaged.
+
+    Attributes:
+        radius_mm: Mean radius, mm (the paper gives none; 0.8 to 1.0 mm across is usual).
+        radius_sigma_mm: Standard deviation of the radius from disc to disc, mm (assumed: 0.25 px).
+        position_sigma_mm: Standard deviation of each coordinate about the grid, mm (assumed: 0.8
+            px).
+        broken: Indices of markers of which only ``broken_share`` of the width remains.
+        broken_share: Fraction of the diameter that a broken marker keeps, 0 to 1.
+        missing: Indices of missing markers.
+    """
+
+    radius_mm: float = 0.45
+    radius_sigma_mm: float = 0.016
+    position_sigma_mm: float = 0.05
+    broken: tuple[int, ...] = ()
+    broken_share: float = 0.5
+    missing: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_within(self, radius_mm=(1e-3, 50.0), radius_sigma_mm=(0.0, 50.0))
+        require_within(self, position_sigma_mm=(0.0, 50.0), broken_share=(0.01, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Discs:
+    """The discs of one skin.
+
+    Attributes:
+        radius_mm: ``(m,)`` radii, mm; 0 where a marker is missing.
+        offset_mm: ``(m, 2)`` offsets from the nominal places, in the rest frame, mm.
+        chord: ``(m, 3)`` unit normal and distance (mm) of the line beyond which the paint is
+            missing.
+    """
+
+    radius_mm: NDArray[np.float64]
+    offset_mm: NDArray[np.float64]
+    chord: NDArray[np.float64]
+
+    def chord_px(self, px_per_mm: float) -> NDArray[np.float64] | None:
+        """Return the chords in px as in :class:`MarkerImage`, or None if all discs are whole."""
+        if np.isinf(self.chord[:, 2]).all():
+            return None
+        return self.chord * np.array([1.0, 1.0, px_per_mm])
+
+
+def draw_discs(config: DiscConfig, markers: int, seed: int) -> Discs:
+    """Draw the discs of a skin with ``markers`` markers.
+
+    The tolerances of a marker do not depend on which other markers are broken or missing.
+
+    Args:
+        config: Sizes and damage.
+        markers: Number of markers.
+        seed: Seed of the tolerances.
+
+    Raises:
+        ValueError: A broken or missing index is not a marker.
+    """
+    for index in (*config.broken, *config.missing):
+        if not 0 <= index < markers:
+            raise ValueError(f"marker {index} does not exist, valid are 0 to {markers - 1}")
+    rng = np.random.default_rng([seed, markers])
+    spread = rng.standard_normal(markers).clip(-3, 3)
+    radius_mm = np.maximum(config.radius_mm + config.radius_sigma_mm * spread, 0.0)
+    offset_mm = config.position_sigma_mm * rng.standard_normal((markers, 2)).clip(-3, 3)
+    angle = rng.uniform(0, 2 * np.pi, markers)
+    chord = np.stack([np.cos(angle), np.sin(angle), np.full(markers, np.inf)], axis=1)
+    broken = list(config.broken)
+    chord[broken, 2] = (2 * config.broken_share - 1) * radius_mm[broken]
+    radius_mm[list(config.missing)] = 0.0
+    return Discs(radius_mm=radius_mm, offset_mm=offset_mm, chord=chord)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -23,31 +104,24 @@ class OpticsConfig:
     Attributes:
         size: ``(width, height)`` of the sensor, px (GenX320).
         px_per_mm: Image scale on the optical axis at rest (320 px over the paper's 20.6 mm).
-        center_px: Place of the optical axis on the sensor, px; None is the sensor's centre.
         distance_mm: Distance from the lens's centre of projection to the skin at rest, mm.
         k1: Brown's first radial coefficient, in units of the tangent of the view angle (assumed: a
             mild barrel, 2 % at the middle of an edge of the marker grid).
         k2: Brown's second radial coefficient.
-        p1: Brown's first tangential coefficient.
-        p2: Brown's second tangential coefficient.
         discs: The discs of the markers and their defects.
     """
 
     size: tuple[int, int] = (320, 320)
     px_per_mm: float = 15.5
-    center_px: tuple[float, float] | None = None
     distance_mm: float = 13.0
     k1: float = -0.05
     k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
     discs: DiscConfig = field(default_factory=DiscConfig)
 
     def __post_init__(self) -> None:
         if min(self.size) < 1:
             raise ValueError(f"size is {self.size}, both numbers must be positive")
-        if not (self.px_per_mm > 0 and self.distance_mm > 0):
-            raise ValueError("px_per_mm and distance_mm must be positive")
+        require_within(self, px_per_mm=(0.1, 1e4), distance_mm=(0.5, 1e3))
         corner = np.hypot(*self.size) / 2 / (self.px_per_mm * self.distance_mm)
         tangent_sq = np.linspace(0.0, corner, 100) ** 2
         if (1 + 3 * self.k1 * tangent_sq + 5 * self.k2 * tangent_sq**2 <= 0).any():
@@ -66,8 +140,6 @@ class Lens(NamedTuple):
     distance_mm: float
     k1: float
     k2: float
-    p1: float
-    p2: float
 
 
 class Optics:
@@ -83,11 +155,10 @@ class Optics:
 
     def __init__(self, config: OpticsConfig, seed: int = 0) -> None:
         width, height = config.size
-        center = config.center_px or ((width - 1) / 2, (height - 1) / 2)
         self._config = config
         self._seed = seed
-        terms = config.px_per_mm, config.distance_mm, config.k1, config.k2, config.p1, config.p2
-        self._lens = Lens(*map(float, (*center, *terms)))
+        terms = config.px_per_mm, config.distance_mm, config.k1, config.k2
+        self._lens = Lens(*map(float, ((width - 1) / 2, (height - 1) / 2, *terms)))
         self._discs: Discs | None = None
 
     def project(self, state: SkinState) -> MarkerImage:
@@ -124,19 +195,14 @@ def distort_kernel(
     square = x * x + y * y
     radial = 1 + lens.k1 * square + lens.k2 * square**2
     slope = 2 * (lens.k1 + 2 * lens.k2 * square)
-    distorted_x = x * radial + 2 * lens.p1 * x * y + lens.p2 * (square + 2 * x * x)
-    distorted_y = y * radial + lens.p1 * (square + 2 * y * y) + 2 * lens.p2 * x * y
-    along_x = radial + slope * x * x + 2 * lens.p1 * y + 6 * lens.p2 * x
-    along_y = radial + slope * y * y + 6 * lens.p1 * y + 2 * lens.p2 * x
-    across = slope * x * y + 2 * (lens.p1 * x + lens.p2 * y)
     focal_px = lens.px_per_mm * lens.distance_mm
     steep = focal_px * scale
     return (
-        lens.center_x_px + focal_px * distorted_x,
-        lens.center_y_px + focal_px * distorted_y,
-        steep * along_x,
-        steep * along_y,
-        steep * across,
+        lens.center_x_px + focal_px * (x * radial),
+        lens.center_y_px + focal_px * (y * radial),
+        steep * (radial + slope * x * x),
+        steep * (radial + slope * y * y),
+        steep * (slope * x * y),
     )
 
 
