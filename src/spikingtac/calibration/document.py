@@ -1,45 +1,67 @@
-"""The JSON of a calibration, checked key by key before it becomes a value."""
+"""The JSON of a calibration: one schema, with the plausible range of every field."""
 
 from __future__ import annotations
 
+import base64
+import binascii
+import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import Lens
-from spikingtac.calibration.step_maps import unpack_map
 from spikingtac.errors import CalibrationError
 
 CALIBRATION_SCHEMA = 1
+
 LARGEST_AREA_PX = 1 << 24
-"""Largest sensor that is believed, px: 16 megapixels, of which a map takes 64 MB."""
-BAND_SCALES = ("band_scale_on", "band_scale_off")
-"""Keys that may be absent, both or none."""
-OPTIONAL_NUMBERS = (
-    "step_on",
-    "step_off",
-    "contrast",
-    "edge_px",
-    "lag_us",
-    "px_per_mm",
-    "recovery_s",
-    *BAND_SCALES,
-)
-"""Keys that may be absent; finite and not negative where present."""
-OPTIONAL_MARKER_NUMBERS = (
-    "marker_contrast",
-    "marker_edge_px",
-    "marker_step_on",
-    "marker_step_off",
-)
-"""Keys that may be absent: one positive number for each marker."""
+"""Largest sensor, px: 16 megapixels, of which a map takes 64 MB."""
+
+STEP = (1e-4, 1.0)
+"""Range of what an event stands for, shares of a full swing: one count of a packed map, and all."""
+
+CONTRAST = (1.0001, 1e4)
+"""Range of marker over ground intensity: above one, and the dynamic range of a camera, 80 dB."""
+
+EDGE_PX = (1e-3, 100.0)
+"""Range of a marker's blur: beyond it nothing is an edge."""
+
+NUMBERS = {
+    "step_on": STEP,
+    "step_off": STEP,
+    "contrast": CONTRAST,
+    "edge_px": EDGE_PX,
+    "lag_us": (0.0, 1e5),  # photoreceptors in the dark and USB together take less than 0.1 s
+    "px_per_mm": (1e-2, 1e4),  # from a pixel for 100 mm to 0.1 um a pixel
+    "recovery_s": (1e-3, 100.0),
+    "band_scale_on": (1e-2, 100.0),
+    "band_scale_off": (1e-2, 100.0),
+}
+"""Numbers that may be absent, and their ranges."""
+
+MARKER_NUMBERS = {
+    "marker_contrast": CONTRAST,
+    "marker_edge_px": EDGE_PX,
+    "marker_step_on": STEP,
+    "marker_step_off": STEP,
+}
+"""Lists with a number for each marker that may be absent, and their ranges."""
+
 MEASURED = "marker_measured"
 """Key that may be absent: one true or false for each marker."""
+
 HOT_PIXELS = "hot_px"
 """Key that may be absent: column and row of each hot pixel."""
-OPTIONAL_MAPS = ("step_on_map", "step_off_map")
-"""Keys that may be absent; packed maps (:mod:`spikingtac.calibration.step_maps`)."""
+
+MAPS = ("step_on_map", "step_off_map")
+"""Keys that may be absent: packed maps."""
+
+COUNTS_PER_UNIT = 10_000
+"""One count of a packed map stands for 0.0001 of the full swing: a thousandth of a usual step."""
+
+FORMER_COUNTS_PER_UNIT = 1000
+"""Files of version 0.1 hold one byte per pixel, and one count stands for 0.001."""
 
 
 def checked_document(document: Any, where: str) -> dict[str, Any]:
@@ -59,7 +81,7 @@ def checked_document(document: Any, where: str) -> dict[str, Any]:
     except (TypeError, ValueError, OverflowError, AttributeError) as error:
         what = str(error)
     raise CalibrationError(
-        f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols], "
+        f"{where}: {what}; a calibration needs schema 1, size [w, h], grid [rows, cols] or null, "
         "reference_px [[x, y], ...] row-major and radius_px [...]"
     )
 
@@ -72,14 +94,18 @@ def _checked(document: Any) -> dict[str, Any]:
     polarity = document.get("polarity", "white")
     if polarity not in ("white", "dark"):
         raise ValueError(f"polarity is {polarity!r}, valid are 'white' and 'dark'")
-    grid, size = _pair(document["grid"]), _size(document["size"])
+    size = _whole_pair(document["size"], "size")
+    if size[0] * size[1] > LARGEST_AREA_PX:
+        raise ValueError(f"a sensor of {size[0]}x{size[1]} px is not possible")
+    grid = None if document["grid"] is None else _whole_pair(document["grid"], "grid")
+    markers = _markers(document, grid, size)
     return {
         "size": size,
         "grid": grid,
-        **_markers(document, grid[0] * grid[1], size),
+        **markers,
         **_numbers(document),
-        **_marker_values(document, grid[0] * grid[1]),
-        **_maps(document, size),
+        **_marker_values(document, len(markers["radius_px"])),
+        **{name: unpack_map(document[name], size, name) for name in MAPS if document.get(name)},
         HOT_PIXELS: _pixels(document.get(HOT_PIXELS), size),
         "polarity": polarity,
         "hysteresis": document.get("hysteresis"),
@@ -88,13 +114,21 @@ def _checked(document: Any) -> dict[str, Any]:
     }
 
 
+def _whole_pair(value: Any, name: str) -> tuple[int, int]:
+    first, second = (int(item) for item in value)
+    if [first, second] != list(value) or min(first, second) < 1:
+        raise ValueError(f"{name} is {value}, it must hold two whole numbers that must be positive")
+    return first, second
+
+
 def _markers(
-    document: dict[str, Any], markers: int, size: tuple[int, int]
+    document: dict[str, Any], grid: tuple[int, int] | None, size: tuple[int, int]
 ) -> dict[str, NDArray[np.float64]]:
     reference = np.array(document["reference_px"], np.float64)
     radius = np.array(document["radius_px"], np.float64)
-    if reference.shape != (markers, 2):
-        raise ValueError(f"the grid asks for {markers} points, got shape {reference.shape}")
+    markers = len(reference) if grid is None else grid[0] * grid[1]
+    if reference.shape != (markers, 2) or not markers:
+        raise ValueError(f"the grid asks for {markers or 'some'} points, got {reference.shape}")
     if radius.ndim == 0:
         radius = np.full(markers, float(radius))
     if radius.shape != (markers,):
@@ -133,40 +167,34 @@ def _require_places(
 
 
 def _numbers(document: dict[str, Any]) -> dict[str, float]:
-    given = {name: document.get(name) for name in OPTIONAL_NUMBERS}
-    numbers = {name: float(value) for name, value in given.items() if value is not None}
-    for name, value in numbers.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} is {value}, it must be finite and not negative")
-    scales = [numbers.get(name) for name in BAND_SCALES]
-    if scales != [None, None] and not all(scales):
-        raise ValueError(f"{' and '.join(BAND_SCALES)} must both be positive, or both be absent")
+    numbers = {}
+    for name, (low, high) in NUMBERS.items():
+        if document.get(name) is not None:
+            numbers[name] = float(document[name])
+            if not low <= numbers[name] <= high:
+                raise ValueError(f"{name} is {document[name]}, it must lie in {low:g} to {high:g}")
+    if ("band_scale_on" in numbers) != ("band_scale_off" in numbers):
+        raise ValueError("band_scale_on and band_scale_off must both be given, or both be absent")
     return numbers
 
 
 def _marker_values(document: dict[str, Any], markers: int) -> dict[str, NDArray[Any]]:
     values: dict[str, NDArray[Any]] = {}
-    for name in (*OPTIONAL_MARKER_NUMBERS, MEASURED):
-        given = document.get(name)
-        if given is None:
+    for name in (*MARKER_NUMBERS, MEASURED):
+        if document.get(name) is None:
             continue
-        value = np.array(given)
+        value = np.array(document[name])
         if value.shape != (markers,):
             raise ValueError(f"{name} has shape {value.shape}, expected ({markers},)")
         if name == MEASURED:
             if value.dtype != np.bool_:
                 raise ValueError(f"{name} must hold true or false for each marker")
         else:
-            value = value.astype(np.float64)
-            if not (np.isfinite(value).all() and (value > 0).all()):
-                raise ValueError(f"{name} must be finite and positive")
+            value, (low, high) = value.astype(np.float64), MARKER_NUMBERS[name]
+            if not ((value >= low) & (value <= high)).all():
+                raise ValueError(f"{name} must be positive, each from {low:g} to {high:g}")
         values[name] = value
     return values
-
-
-def _maps(document: dict[str, Any], size: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
-    given = {name: document.get(name) for name in OPTIONAL_MAPS}
-    return {name: unpack_map(text, size, name) for name, text in given.items() if text is not None}
 
 
 def _pixels(value: Any, size: tuple[int, int]) -> NDArray[np.int64] | None:
@@ -182,15 +210,56 @@ def _pixels(value: Any, size: tuple[int, int]) -> NDArray[np.int64] | None:
     return pixels.astype(np.int64)
 
 
-def _size(value: Any) -> tuple[int, int]:
-    width, height = _pair(value)
-    if width * height > LARGEST_AREA_PX:
-        raise ValueError(f"a sensor of {width}x{height} px is not possible")
-    return width, height
+def pack_map(values: NDArray[np.floating]) -> str:
+    """Return a map of steps as text: two bytes per pixel, deflated, in base64.
+
+    Args:
+        values: ``(height, width)`` shares of the full swing, 0 to 1; 0 stands for "no value of its
+            own".
+
+    Example:
+        >>> import numpy as np
+        >>> steps = np.full((2, 3), 0.139, np.float32)
+        >>> bool(np.allclose(unpack_map(pack_map(steps), (3, 2), "step_on_map"), steps))
+        True
+    """
+    counts = np.clip(np.rint(np.asarray(values) * COUNTS_PER_UNIT), 0, COUNTS_PER_UNIT)
+    return base64.b64encode(zlib.compress(counts.astype("<u2").tobytes(), 9)).decode("ascii")
 
 
-def _pair(value: Any) -> tuple[int, int]:
-    first, second = (int(item) for item in value)
-    if first < 1 or second < 1:
-        raise ValueError(f"{[first, second]} must be positive")
-    return first, second
+def unpack_map(text: Any, size: tuple[int, int], name: str) -> NDArray[np.float32]:
+    """Return the map ``(height, width)`` that a text holds.
+
+    Args:
+        text: What the JSON held under ``name``.
+        size: ``(width, height)`` of the sensor, px.
+        name: The key, for errors.
+
+    Raises:
+        ValueError: The text is no base64, does not inflate, or holds another number of pixels.
+    """
+    width, height = size
+    if not isinstance(text, str):
+        raise ValueError(f"{name} must be base64 text, got {type(text).__name__}")
+    try:
+        packed = base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise ValueError(f"{name} is no base64: {error}; leave the key out") from error
+    inflater = zlib.decompressobj()
+    try:
+        # One byte more than fits shows what is too long without inflating all of it.
+        counts = inflater.decompress(packed, 2 * width * height + 1)
+    except zlib.error as error:
+        raise ValueError(f"{name} does not inflate: {error}; leave the key out") from error
+    whole = inflater.eof
+    if whole and len(counts) == 2 * width * height:
+        steps = np.frombuffer(counts, "<u2").astype(np.float32) / np.float32(COUNTS_PER_UNIT)
+    elif whole and len(counts) == width * height:
+        steps = np.frombuffer(counts, np.uint8) / np.float32(FORMER_COUNTS_PER_UNIT)
+    else:
+        found = f"{len(counts)} bytes" if whole else f"more than {2 * width * height} bytes"
+        raise ValueError(
+            f"{name} holds {found} where the size {width}x{height} asks for two bytes for each of "
+            f"its {width * height} pixels; leave the key out"
+        )
+    return steps.reshape(height, width).clip(0.0, 1.0)

@@ -15,15 +15,16 @@ from spikingtac.atomic_files import write_text
 from spikingtac.calibration.document import (
     CALIBRATION_SCHEMA,
     HOT_PIXELS,
+    MAPS,
+    MARKER_NUMBERS,
     MEASURED,
-    OPTIONAL_MAPS,
-    OPTIONAL_MARKER_NUMBERS,
-    OPTIONAL_NUMBERS,
+    NUMBERS,
     checked_document,
+    pack_map,
 )
 from spikingtac.calibration.lens import Lens
+from spikingtac.calibration.pitch import mean_pitch_px
 from spikingtac.calibration.skin_scale import SkinScale
-from spikingtac.calibration.step_maps import pack_map
 from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
 
@@ -35,7 +36,7 @@ class Calibration:
     Attributes:
         reference_px: ``(m, 2)`` rest positions, row-major, px.
         radius_px: ``(m,)`` disc radii, px.
-        grid: ``(rows, columns)``.
+        grid: ``(rows, columns)``, or None where the markers do not fill rows.
         size: ``(width, height)`` of the sensor, px.
         polarity: ``"white"`` markers on dark ground, or ``"dark"`` on light.
         step_on: Share of the full swing that one ON event stands for, or None (use the preset's).
@@ -67,7 +68,7 @@ class Calibration:
 
     reference_px: NDArray[np.float64]
     radius_px: NDArray[np.float64]
-    grid: tuple[int, int]
+    grid: tuple[int, int] | None
     size: tuple[int, int]
     polarity: str = "white"
     step_on: float | None = None
@@ -111,6 +112,18 @@ class Calibration:
         scales = self.provenance.get("step_scale")
         return isinstance(scales, list | tuple) and any(one != scales[0] for one in scales)
 
+    def with_pitch(self, pitch_mm: float) -> Calibration:
+        """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.
+
+        Raises:
+            ValueError: The pitch is not positive.
+            ConfigError: There is one marker only.
+        """
+        if not pitch_mm > 0.0:
+            raise ValueError(f"pitch_mm is {pitch_mm}, it must be positive, in millimetres")
+        scale = mean_pitch_px(self.reference_px) / pitch_mm
+        return dataclasses.replace(self, px_per_mm=scale, lens=None)
+
     @property
     def skin_scale(self) -> SkinScale | None:
         """From pixels to the skin, or None where no pitch was given."""
@@ -121,17 +134,31 @@ class Calibration:
         known: dict[str, Any] = {} if self.px_per_mm is None else {"px_per_mm": self.px_per_mm}
         if self.lens is not None:
             known["lens"] = self.lens.document()
-        return {"grid": list(self.grid), **known}
+        return {"grid": self.rows_and_columns, **known}
+
+    @property
+    def rows_and_columns(self) -> list[int] | None:
+        """``[rows, columns]`` for JSON, or None."""
+        return None if self.grid is None else list(self.grid)
 
     def save(self, path: str | Path) -> None:
-        """Write ``calibration.json``; optional values that are unknown are left out."""
+        """Write ``calibration.json``; optional values that are unknown are left out.
+
+        Raises:
+            CalibrationError: It holds what :meth:`load` refuses; nothing is written.
+        """
+        document = self._document()
+        checked_document(document, where=f"{str(path)!r} is not written")
+        write_text(path, json.dumps(document, indent=1) + "\n")
+
+    def _document(self) -> dict[str, Any]:
         document: dict[str, Any] = {
             "schema": CALIBRATION_SCHEMA,
             "size": list(self.size),
-            "grid": list(self.grid),
+            "grid": self.rows_and_columns,
             "polarity": self.polarity,
         }
-        for name in OPTIONAL_NUMBERS:
+        for name in NUMBERS:
             value = getattr(self, name)
             if value is not None:
                 document[name] = round(float(value), 6)
@@ -143,18 +170,18 @@ class Calibration:
             document[HOT_PIXELS] = self.hot_px.tolist()
         document["reference_px"] = np.round(self.reference_px, 4).tolist()
         document["radius_px"] = np.round(self.radius_px, 4).tolist()
-        for name in OPTIONAL_MARKER_NUMBERS:
+        for name in MARKER_NUMBERS:
             values = getattr(self, name)
             if values is not None:
                 document[name] = np.round(values, 5).tolist()
         if self.marker_measured is not None:
             document[MEASURED] = [bool(value) for value in self.marker_measured]
-        for name in OPTIONAL_MAPS:
+        for name in MAPS:
             values = getattr(self, name)
             if values is not None:
                 document[name] = pack_map(values)
         document["provenance"] = self.provenance
-        write_text(path, json.dumps(document, indent=1) + "\n")
+        return document
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -53,10 +53,10 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
         axes.annotate(str(marker), place, color=color, ha="center", va="center", size=7)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
     axes.set_aspect("equal")
-    rows, columns = calibration.grid
+    shape = calibration.grid or ("free",)
     said = calibration.provenance.get("quality")
     axes.set_title(
-        f"{rows}x{columns} {calibration.polarity} markers, radius "
+        f"{'x'.join(map(str, shape))} {calibration.polarity} markers, radius "
         f"{float(np.mean(calibration.radius_px)):.2f} px" + (f", quality {said}" if said else "")
     )
     handles = [

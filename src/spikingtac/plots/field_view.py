@@ -59,7 +59,7 @@ def draw_values(
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
-    grid = tracks.meta.get("grid", (0, 0))
+    grid = tracks.meta.get("grid") or (0, 0)
     if min(grid) > 1 and grid[0] * grid[1] == len(values):
         corners = cell_corners(tracks.reference_px.reshape(*grid, 2))
         limits = dict(zip(("vmin", "vmax"), bounds, strict=True))

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.calibration.document import pack_map
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.calibration.step_maps import pack_map
 from spikingtac.errors import CalibrationError
 
 SIZE = (7, 5)

@@ -94,7 +94,7 @@ def _of_calibration(path: Path) -> dict[str, Any]:
     return {
         "format": "calibration",
         "size": list(calibration.size),
-        "grid": list(calibration.grid),
+        "grid": calibration.rows_and_columns,
         "polarity": calibration.polarity,
         "quality": calibration.provenance.get("quality"),
         "markers_measured": None if measured is None else int(measured.sum()),

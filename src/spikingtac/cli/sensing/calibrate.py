@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from spikingtac.events.source import EventSource
     from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
+MOST_NAMED = 8
+"""Stray spots that are named one by one."""
+
 
 def run(args: Args) -> int:
     """Calibrate, write the file, and say what was found; or check."""
@@ -35,6 +38,7 @@ def run(args: Args) -> int:
         pitch_mm=args.pitch_mm,
         lens=args.lens,
         polarity=args.polarity,
+        layout=args.layout,
         method=args.method,
         allow_missing=args.allow_missing,
     )
@@ -78,7 +82,7 @@ def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> Event
 
     if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
         return source
-    guide = CalibrationGuide(source.size, config.grid, config.polarity)
+    guide = CalibrationGuide(source.size, config.grid, config.polarity, config.layout)
     return GuidedSource(
         source, guide, lambda view: remark(progress_line(view)), until_ready=args.until_ready
     )
@@ -102,7 +106,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
     return {
-        "grid": list(calibration.grid),
+        "grid": calibration.rows_and_columns,
         "size": list(calibration.size),
         "polarity": calibration.polarity,
         "markers": len(calibration.radius_px),
@@ -125,6 +129,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
             for name in ("missing", "doubtful", "explained", "events", "swings", "residual")
         },
         "scatter_px": notes["scatter_px"],
+        **{name: notes.get(name) for name in ("left_out_px", "stray_px", "fitting_grid")},
     }
 
 
@@ -135,7 +140,7 @@ def _print(calibration: Calibration, args: Args) -> None:
     shown = f"{found['measured']} of {found['markers']} markers measured"
     rows = [
         ("quality", found["quality"], f"{shown}; discs explain {explained:.0%} of the changes"),
-        ("grid", "x".join(map(str, calibration.grid)), f"rows x columns, {calibration.polarity}"),
+        ("grid", _shape(calibration.grid), f"rows x columns, {calibration.polarity}"),
         ("radius", f"{radii.mean():.2f}", f"px, {radii.min():.2f} to {radii.max():.2f}"),
         ("edge", f"{found['edge_px']:.2f}", "px, logistic scale"),
         ("contrast", f"{found['contrast']:.2f}", "ratio, at a threshold of 0.25"),
@@ -163,6 +168,8 @@ def _print(calibration: Calibration, args: Args) -> None:
         remark(f"No lens: {found['no_lens']}.")
     if found["hot_px"]:
         remark(f"Hot pixels, whose events are ignored: {len(found['hot_px'])}.")
+    for note in _notes_of_layout(found):
+        remark(note)
     for marker in found["missing"]:
         remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
     if found["doubtful"]:
@@ -175,6 +182,24 @@ def middle_of(values: list[float]) -> float:
     return float(sorted(values)[len(values) // 2])
 
 
+def _shape(grid: tuple[int, int] | list[int] | None) -> str:
+    return "none" if grid is None else "x".join(map(str, grid))
+
+
+def _notes_of_layout(found: dict[str, Any]) -> list[str]:
+    notes = []
+    if found["left_out_px"]:
+        notes.append(f"Left out, since they lie beyond the border: {len(found['left_out_px'])}.")
+    if stray := found["stray_px"]:
+        places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
+        notes.append(f"{len(stray)} spots move like markers and belong to no row: {places}.")
+    if found["fitting_grid"]:
+        fits = _shape(found["fitting_grid"])
+        notes.append(f"The grid {fits} fits all that moves: give --grid {fits}.")
+    return notes
+
+
 def _named(calibration: Calibration, marker: int) -> str:
-    row, column = divmod(marker, calibration.grid[1])
-    return f"row {row + 1} column {column + 1}"
+    from spikingtac.markers.calibration.finding.sighting import marker_name
+
+    return marker_name(marker, calibration.grid)

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from spikingtac.cli.many import ManyArgs
+from spikingtac.markers.calibration.layout import LayoutKind
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
 
@@ -36,6 +37,9 @@ class Args(ManyArgs):
     """File to write; with --check the folder for many."""
     grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
     """Size of the grid, as 8x8; found by itself unless given."""
+    layout: LayoutKind = "auto"
+    """How the markers lie: in rows and columns, in rows of which every second one is shifted, or
+    freely (their neighbours decide, there are no rows). Grids and staggered rows are told apart."""
     pitch_mm: float | None = None
     """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
     lens: bool = False

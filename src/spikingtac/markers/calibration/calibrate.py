@@ -26,7 +26,6 @@ from spikingtac.markers.calibration.buffered_events import (
 )
 from spikingtac.markers.calibration.course import Course
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
-from spikingtac.markers.calibration.finding.grid import expected_places
 from spikingtac.markers.calibration.finding.rest import RestConfig
 from spikingtac.markers.calibration.finding.sighting import (
     FindingConfig,
@@ -35,6 +34,7 @@ from spikingtac.markers.calibration.finding.sighting import (
     refuse_gaps,
 )
 from spikingtac.markers.calibration.first_course import first_course
+from spikingtac.markers.calibration.layout import LayoutKind, expected_places
 from spikingtac.markers.calibration.quality import (
     Quality,
     judge,
@@ -46,7 +46,6 @@ from spikingtac.markers.calibration.quality import (
 from spikingtac.markers.calibration.reference import (
     Method,
     displaced_before,
-    mean_pitch_px,
     reference,
 )
 from spikingtac.markers.calibration.refinement.recovery import with_recovery
@@ -71,6 +70,10 @@ FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
 FIRST_RADIUS_SHARE = 0.95
 """Radius from which it begins, as a share of that of the blobs, which the blur makes larger."""
 
+BEYOND_RADII = 0.5
+"""A marker whose centre lies further beyond the border, in radii, is left out: the part in sight,
+less than a fifth of it, does not tell its place."""
+
 PIXEL_SHARE = 0.3
 """Share of a pixel's own deviation from its marker's step that the tracker is given. In few swings
 pixels differ by where the rim stops as well as by their thresholds (simulated: with all of it the
@@ -83,6 +86,7 @@ class CalibrationConfig:
 
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
+        layout: What the markers are; "auto" tells grids from staggered rows, "free" are any.
         pitch_mm: Distance of neighbouring markers on the skin, mm, for ``px_per_mm``.
         lens: Whether to fit a lens to the grid, which must be flat and needs ``pitch_mm``.
         polarity: White markers on dark ground, dark on light, or "auto" to find out.
@@ -99,6 +103,7 @@ class CalibrationConfig:
     """
 
     grid: tuple[int, int] | None = None
+    layout: LayoutKind = "auto"
     pitch_mm: float | None = None
     lens: bool = False
     polarity: Literal["auto", "white", "dark"] = "auto"
@@ -124,7 +129,11 @@ class CalibrationConfig:
     def finding(self) -> FindingConfig:
         """The part that the search for markers reads."""
         return FindingConfig(
-            grid=self.grid, polarity=self.polarity, rest=self.rest, blobs=self.blobs
+            grid=self.grid,
+            layout=self.layout,
+            polarity=self.polarity,
+            rest=self.rest,
+            blobs=self.blobs,
         )
 
 
@@ -153,15 +162,20 @@ def calibrate(
     noise = look.noise(_reach_px(refined.discs))
     quality = judge(level_changes(look.events, refined), refined.events, noise)
     refuse_without_grid(quality)
-    missing = np.flatnonzero(~quality.measured)
-    refuse_gaps(look.sighting.grid, look.events.size, missing, config.allow_missing)
+    layout = look.sighting.layout
+    if layout.shape is not None:
+        missing = np.flatnonzero(~quality.measured)
+        refuse_gaps(layout, look.events.size, missing, config.allow_missing)
     calibration = replace(_assembled(look, (refined, learned), quality, config), hot_px=hot_px)
-    if config.lens and config.pitch_mm is not None:
-        calibration = with_lens(calibration, config.pitch_mm)
     calibration = with_step_scale(look.events, refined, calibration)
     if config.method == "rest-mean":
         rests_us = look.rests_us[look.unloaded]
         calibration = with_tracked_reference(look.events, calibration, rests_us)
+    calibration = within_sight(calibration)
+    if config.pitch_mm is not None and len(calibration.radius_px) > 1:
+        calibration = calibration.with_pitch(config.pitch_mm)
+        if config.lens:
+            calibration = with_lens(calibration, config.pitch_mm, staggered=layout.staggered)
     own = round(own_contradiction(look.events, calibration), 4)
     calibration = replace(calibration, provenance={**calibration.provenance, "contradiction": own})
     seen = look.events if look.polarity == "white" else look.events.inverted()
@@ -194,6 +208,56 @@ def _explained(look: Look, config: CalibrationConfig) -> tuple[Refined, LearnedS
     return with_recovery(events, refine(events, start, *about), *about), learned
 
 
+def within_sight(calibration: Calibration) -> Calibration:
+    """Return a calibration without markers beyond the border, and without rows that they leave.
+
+    Where there are no rows, markers that were not measured are left out, too: nothing tells their
+    places.
+    """
+    place_px, size = calibration.reference_px, np.array(calibration.size)
+    reach_px = BEYOND_RADII * calibration.radius_px[:, np.newaxis]
+    keep = ((place_px >= -reach_px) & (place_px <= size - 1 + reach_px)).all(axis=1)
+    notes, measured = calibration.provenance, calibration.marker_measured
+    if calibration.grid is None and measured is not None:
+        keep &= measured
+    if keep.all() or not keep.any():
+        return calibration
+    of_markers = (
+        "reference_px", "radius_px", "marker_measured", "marker_contrast", "marker_edge_px",
+        "marker_step_on", "marker_step_off",
+    )  # fmt: skip
+    kept = {name: getattr(calibration, name) for name in of_markers}
+    lists = {k: v for k, v in notes.items() if isinstance(v, list) and len(v) == len(keep)}
+    provenance = {
+        **notes,
+        **{
+            name: [one for one, stays in zip(v, keep, strict=True) if stays]
+            for name, v in lists.items()
+        },
+        **{
+            name: [int(keep[:one].sum()) for one in notes[name] if keep[one]]
+            for name in ("missing", "doubtful")
+        },
+        "left_out_px": place_px[~keep].round(2).tolist(),
+    }
+    return replace(
+        calibration,
+        grid=_whole_grid(keep, calibration.grid),
+        provenance=provenance,
+        **{name: value[keep] for name, value in kept.items() if value is not None},
+    )
+
+
+def _whole_grid(keep: NDArray[np.bool_], grid: tuple[int, int] | None) -> tuple[int, int] | None:
+    # What is left of a grid that has lost whole rows or columns; None where it has lost parts.
+    if grid is None:
+        return None
+    there = keep.reshape(grid)
+    rows, columns = there.any(axis=1), there.any(axis=0)
+    whole = there[np.ix_(rows, columns)].all()
+    return (int(rows.sum()), int(columns.sum())) if whole else None
+
+
 def _cells(look: Look) -> NDArray[np.int64]:
     return nearest_marker(look.sighting.center_px, look.events.size).ravel().astype(np.int64)
 
@@ -212,21 +276,18 @@ def _assembled(
     measured = quality.measured
     rest_px = refined.course.center_px[choose_samples(look)[1][look.unloaded, 1]]
     reference_px = _reference_px(look, refined.course, rest_px, config.method)
-    reference_px[~measured] = expected_places(reference_px, measured, look.sighting.grid.shape)[
-        ~measured
-    ]
-    scale = None
-    if config.pitch_mm is not None and len(reference_px) > 1:
-        scale = mean_pitch_px(reference_px, look.sighting.grid.shape) / config.pitch_mm
+    layout = look.sighting.layout
+    if layout.shape is not None and not layout.staggered:
+        expected_px = expected_places(reference_px, measured, layout.shape)
+        reference_px[~measured] = expected_px[~measured]
     scatter_px = np.sqrt(((rest_px - reference_px) ** 2).sum(axis=2).mean(axis=0))
     unloaded_us = look.events.t_start_us + look.rests_us[look.unloaded]
     return Calibration(
         reference_px=reference_px,
-        grid=look.sighting.grid.shape,
+        grid=layout.shape,
         size=look.events.size,
         polarity=look.polarity,
         marker_measured=measured,
-        px_per_mm=scale,
         recovery_s=refined.recovery_s or None,
         **_appearance(refined, learned, measured, _cells(look)),
         provenance={
@@ -237,6 +298,8 @@ def _assembled(
             "residual": np.round(refined.residual, 4).tolist(),
             "scatter_px": np.round(scatter_px, 4).tolist(),
             **provenance(quality),
+            "stray_px": look.sighting.stray_px.round(1).tolist(),
+            "fitting_grid": layout.fits,
         },
     )
 

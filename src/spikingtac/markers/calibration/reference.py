@@ -143,11 +143,3 @@ def weighted_median(values: NDArray[np.float64], weight: NDArray[Any]) -> NDArra
     flat = zip(middle.reshape(len(values), -1).T, ordered.reshape(len(values), -1).T, strict=True)
     found = [np.interp(0.5, place, value) for place, value in flat]
     return np.array(found).reshape(values.shape[1:])
-
-
-def mean_pitch_px(position_px: NDArray[np.float64], shape: tuple[int, int]) -> float:
-    """Return the mean distance of neighbours in rows and columns, px; infinite for one marker."""
-    cells = position_px.reshape(*shape, 2)
-    steps = [np.diff(cells, axis=axis).reshape(-1, 2) for axis in (0, 1)]
-    length = np.hypot(*np.concatenate(steps).T)
-    return float(length.mean()) if len(length) else np.inf

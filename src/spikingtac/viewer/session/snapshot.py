@@ -51,7 +51,7 @@ def greeting(view: ViewSource, playback: Playback, config: Any) -> dict[str, Any
         "size": list(store.size),
         "view_size": list(view_size(store.size)),
         "view_step": view_step(store.size),
-        "grid": list(calibration.grid),
+        "grid": calibration.rows_and_columns,
         "reference_px": np.round(calibration.reference_px, 3).tolist(),
         "radius_px": np.round(calibration.radius_px, 3).tolist(),
         "px_per_mm": calibration.px_per_mm,

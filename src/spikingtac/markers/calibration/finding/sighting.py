@@ -1,4 +1,4 @@
-"""Where the markers are seen at rest, and whether they are a grid at all."""
+"""Where the markers are seen at rest, and whether they are markers at all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents, with_support
-from spikingtac.markers.calibration.finding.grid import Grid, find_grid
 from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, mean_steps
 from spikingtac.markers.calibration.finding.rest import (
     RestConfig,
@@ -19,6 +18,7 @@ from spikingtac.markers.calibration.finding.rest import (
     unloaded_rests,
 )
 from spikingtac.markers.calibration.finding.starting_levels import starting_levels
+from spikingtac.markers.calibration.layout import Layout, LayoutKind, find_layout
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector, Blobs
 
 SMOOTH_PX = 1.0
@@ -50,16 +50,18 @@ EVEN_LOOKS = 16
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """The grid as it is seen at rest.
+    """The markers as they are seen at rest.
 
     Attributes:
-        grid: Which blob is which marker.
-        center_px: ``(rows * columns, 2)`` where each marker was seen; missing ones: is expected.
+        layout: Which blob is which marker.
+        center_px: ``(m, 2)`` where each marker was seen; missing ones: is expected.
+        stray_px: ``(k, 2)`` where blobs are that belong to no marker.
         radius_px: Typical radius of the markers, px.
     """
 
-    grid: Grid
+    layout: Layout
     center_px: NDArray[np.float64]
+    stray_px: NDArray[np.float64]
     radius_px: float
 
 
@@ -69,12 +71,14 @@ class FindingConfig:
 
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
+        layout: What the markers are; "auto" tells grids from staggered rows.
         polarity: White markers on dark ground, dark on light, or "auto" to find out.
         rest: How silence is told.
         blobs: What counts as a candidate.
     """
 
     grid: tuple[int, int] | None = None
+    layout: LayoutKind = "auto"
     polarity: Literal["auto", "white", "dark"] = "auto"
     rest: RestConfig = field(default_factory=RestConfig)
     blobs: BlobConfig = field(
@@ -84,6 +88,8 @@ class FindingConfig:
     def __post_init__(self) -> None:
         if self.grid is not None and min(self.grid) < 1:
             raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
+        if self.grid is not None and self.layout == "free":
+            raise ConfigError("a free layout has no rows and columns; give no grid")
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +176,7 @@ def _look(
     length_us = np.diff(looks_us, axis=1)[:, 0]
     unloaded = unloaded_rests(maps, length_us)
     level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
-    sighting = sight_markers(level.astype(np.float32), events.size, config.blobs, config.grid)
+    sighting = sight_markers(level.astype(np.float32), events.size, config)
     return Look(seen, polarity, mean, looks_us, unloaded, maps, sighting)
 
 
@@ -198,23 +204,19 @@ def _smoothed(level: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def sight_markers(
-    level: NDArray[np.float32],
-    size: tuple[int, int],
-    blobs: BlobConfig,
-    shape: tuple[int, int] | None,
+    level: NDArray[np.float32], size: tuple[int, int], config: FindingConfig
 ) -> Sighting:
-    """Find the grid in a map of the skin at rest.
+    """Find the markers in a map of the skin at rest.
 
     Args:
         level: ``(height, width)`` mean of the maps at rest.
         size: ``(width, height)``.
-        blobs: What counts as a candidate.
-        shape: ``(rows, columns)`` where it is known; None finds it.
+        config: What is known beforehand.
 
     Raises:
-        CalibrationError: No grid is there; says what was seen instead.
+        CalibrationError: No markers are there; says what was seen instead.
     """
-    seen = BlobDetector(size, blobs).detect(_smoothed(level))
+    seen = BlobDetector(size, config.blobs).detect(_smoothed(level))
     found = _alike(seen)
     if len(found) < FEWEST_MARKERS:
         raise CalibrationError(
@@ -222,27 +224,30 @@ def sight_markers(
             f"least {FEWEST_MARKERS}; record the sensor while something presses or slides on all "
             "of its skin, so that every marker moves by more than its diameter"
         )
-    grid = find_grid(found.center_px, size, shape)
-    there = grid.point >= 0
+    layout = find_layout(found.center_px, size, config.grid, config.layout)
+    there = layout.point >= 0
     count = int(there.sum())
-    if count < FEWEST_MARKERS or len(grid.stray) > MOST_STRAY_SHARE * count:
+    fits = layout.fits is not None
+    if count < FEWEST_MARKERS or (len(layout.stray) > MOST_STRAY_SHARE * count and not fits):
         raise CalibrationError(
             f"no grid of markers: of {len(found)} spots only {count} lie in rows and columns; "
-            "the recording seems to show something else than a marker sensor"
+            "the recording seems to show something else than a marker sensor. If its markers lie "
+            "in no rows, give --layout free"
         )
-    center_px = grid.expected_px.copy()
-    center_px[there] = found.center_px[grid.point[there]]
+    center_px = layout.expected_px.copy()
+    center_px[there] = found.center_px[layout.point[there]]
     whole = found.area_px[~found.cut] if (~found.cut).any() else found.area_px
-    return Sighting(grid, center_px, float(np.sqrt(np.median(whole) / np.pi)))
+    radius_px = float(np.sqrt(np.median(whole) / np.pi))
+    return Sighting(layout, center_px, found.center_px[layout.stray], radius_px)
 
 
 def refuse_gaps(
-    grid: Grid, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
+    layout: Layout, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
 ) -> None:
-    """Refuse a grid of which too many markers are missing.
+    """Refuse a layout of which too many markers are missing.
 
     Args:
-        grid: The grid.
+        layout: The layout.
         size: ``(width, height)``.
         missing: Indices of the markers that the recording does not show.
         allowed: How many may be; None allows a third.
@@ -250,28 +255,41 @@ def refuse_gaps(
     Raises:
         CalibrationError: More are missing; names them and says where to touch.
     """
-    most = int(MOST_MISSING_SHARE * len(grid.point)) if allowed is None else allowed
+    most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
     if len(missing) > most:
-        raise CalibrationError(missing_markers_text(grid, size, missing))
+        raise CalibrationError(missing_markers_text(layout, size, missing))
 
 
-def missing_markers_text(grid: Grid, size: tuple[int, int], missing: NDArray[np.int64]) -> str:
-    """Say which markers of a grid are missing, where they should be, and where to touch."""
-    rows, columns = grid.shape
+def missing_markers_text(layout: Layout, size: tuple[int, int], missing: NDArray[np.int64]) -> str:
+    """Say which markers of a layout are missing, where they should be, and where to touch."""
+    place = layout.expected_px
     named = [
-        f"row {index // columns + 1}, column {index % columns + 1} "
-        f"(expected near x {grid.expected_px[index][0]:.0f}, y {grid.expected_px[index][1]:.0f} px)"
+        f"{marker_name(index, layout.shape)} "
+        f"(expected near x {place[index][0]:.0f}, y {place[index][1]:.0f} px)"
         for index in missing[:MOST_NAMED]
     ]
     more = len(missing) - len(named)
-    regions = sorted({region(grid.expected_px[index], size) for index in missing})
+    regions = sorted({region(place[index], size) for index in missing})
+    shape = "free layout" if layout.shape is None else "{}x{} grid".format(*layout.shape)
     return (
-        f"{len(missing)} of {rows * columns} markers of the {rows}x{columns} grid were not "
+        f"{len(missing)} of {len(place)} markers of the {shape} were not "
         f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
         f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "
         f"diameter, and record again; if they are broken, give --allow-missing {len(missing)}; if "
         "the grid is another, give --grid ROWSxCOLUMNS"
     )
+
+
+def marker_name(index: int, shape: tuple[int, int] | None) -> str:
+    """Return how a person finds a marker: ``row 1, column 2``, or its number where none are.
+
+    Example:
+        >>> marker_name(9, (8, 8)), marker_name(9, None)
+        ('row 2, column 2', 'marker 9')
+    """
+    if shape is None:
+        return f"marker {index}"
+    return f"row {index // shape[1] + 1}, column {index % shape[1] + 1}"
 
 
 def _alike(blobs: Blobs) -> Blobs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spikingtac.calibration.pitch import FEWEST_MARKERS, marker_pitch_px
 from spikingtac.markers.calibration.finding.sighting import region
 from spikingtac.markers.calibration.guide.coverage import OPPOSITE
 from spikingtac.markers.calibration.guide.guide import ENOUGH_SHARE, FEWEST_RESTS, GuideView
@@ -28,24 +29,23 @@ def advice(view: GuideView) -> list[str]:
     Args:
         view: What the guide knows.
     """
-    if view.grid is None:
+    if not len(view.place_px):
         return [FIRST]
     lines = [*_unmoved(view), *_unseen(view)]
     if view.rests < FEWEST_RESTS:
         lines.append("Take everything off the skin and wait half a second.")
     if not lines:
-        rows, columns = view.grid
-        lines.append(f"All {rows * columns} markers have moved enough: calibrate now.")
+        lines.append(f"All {len(view.place_px)} markers have moved enough: calibrate now.")
     return lines
 
 
 def progress_line(view: GuideView) -> str:
     """Return where a calibration stands and what it needs next, in one line."""
     begun = f"{view.t_us / 1e6:.1f} s"
-    if view.grid is None:
+    if not len(view.place_px):
         return f"{begun}: no grid yet. {advice(view)[0]}"
-    rows, columns = view.grid
-    moved = f"grid {rows}x{columns}, {int(view.enough.sum())} of {rows * columns} markers moved"
+    shape = "no rows" if view.grid is None else "grid {}x{}".format(*view.grid)
+    moved = f"{shape}, {int(view.enough.sum())} of {len(view.place_px)} markers moved"
     return f"{begun}: {moved} enough. {advice(view)[0]}"
 
 
@@ -75,29 +75,19 @@ def _unmoved(view: GuideView) -> list[str]:
 
 
 def _unseen(view: GuideView) -> list[str]:
-    # Where the grid ends well before the image does.
-    assert view.grid is not None
-    rows, columns = view.grid
-    place = view.place_px.reshape(rows, columns, 2)
-    pitch = _pitch_px(view)
-    if pitch is None:
+    # Where the markers end well before the image does.
+    if len(view.place_px) < FEWEST_MARKERS:
         return []
+    low, high = view.place_px.min(axis=0), view.place_px.max(axis=0)
     gaps = {
-        "left": place[:, 0, 0].mean(),
-        "right": view.size[0] - 1 - place[:, -1, 0].mean(),
-        "upper": place[0, :, 1].mean(),
-        "lower": view.size[1] - 1 - place[-1, :, 1].mean(),
+        "left": low[0],
+        "right": view.size[0] - 1 - high[0],
+        "upper": low[1],
+        "lower": view.size[1] - 1 - high[1],
     }
-    ends = [side for side, gap in gaps.items() if gap > NEAR_BORDER_PITCHES * pitch]
+    far_px = NEAR_BORDER_PITCHES * marker_pitch_px(view.place_px)
+    ends = [side for side, gap in gaps.items() if gap > far_px]
     if not ends:
         return []
     named = " and the ".join(ends)
     return [f"No marker has appeared near the {named} edge: if there are any, slide there too."]
-
-
-def _pitch_px(view: GuideView) -> float | None:
-    assert view.grid is not None
-    place = view.place_px.reshape(*view.grid, 2)
-    steps = [np.hypot(*np.diff(place, axis=axis).reshape(-1, 2).T) for axis in (0, 1)]
-    both = np.concatenate(steps)
-    return float(np.median(both)) if len(both) else None

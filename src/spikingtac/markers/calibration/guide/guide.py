@@ -18,6 +18,7 @@ from spikingtac.markers.calibration.finding.sighting import (
 from spikingtac.markers.calibration.guide.coverage import Coverage, coverage
 from spikingtac.markers.calibration.guide.rest_watch import RestWatch
 from spikingtac.markers.calibration.guide.streamed_levels import StreamedLevels
+from spikingtac.markers.calibration.layout import LayoutKind
 from spikingtac.types import EventPacket, Polarity
 
 LOOK_US = 500_000
@@ -45,16 +46,16 @@ it, 0.096 px from all of six seconds.)"""
 
 @dataclass(frozen=True, slots=True)
 class GuideView:
-    """The grid as far as it has appeared.
+    """The markers as far as they have appeared.
 
     Attributes:
         size: ``(width, height)``, px.
         t_us: Time of the last event that was taken.
-        grid: ``(rows, columns)``, or None while there is none.
-        place_px: ``(rows * columns, 2)`` where each marker is seen or expected, px.
+        grid: ``(rows, columns)``, or None where the markers fill no rows.
+        place_px: ``(m, 2)`` where each marker is seen or expected, px.
         radius_px: Typical radius of the markers, px.
-        share: ``(rows * columns,)`` share of each disc that has been seen to change.
-        sides: ``(rows * columns, 4)`` the same by
+        share: ``(m,)`` share of each disc that has been seen to change.
+        sides: ``(m, 4)`` the same by
             :data:`~spikingtac.markers.calibration.guide.coverage.SIDES`.
         rests: How often the skin has rested.
         resting: Whether it rests now.
@@ -76,12 +77,12 @@ class GuideView:
 
     @property
     def enough(self) -> NDArray[np.bool_]:
-        """``(rows * columns,)`` which markers have moved enough."""
+        """``(m,)`` which markers have moved enough."""
         return self.share >= ENOUGH_SHARE
 
     @property
     def doubtful(self) -> NDArray[np.bool_]:
-        """``(rows * columns,)`` which markers the calibration would hardly measure."""
+        """``(m,)`` which markers the calibration would hardly measure."""
         return self.share < DOUBTFUL_SHARE
 
     @property
@@ -89,7 +90,7 @@ class GuideView:
         """Whether a calibration from these events would know nearly every marker of the grid."""
         few = MOST_UNMOVED_SHARE * len(self.share)
         rested = self.rests >= FEWEST_RESTS
-        return self.grid is not None and rested and bool((~self.enough).sum() <= few)
+        return len(self.place_px) > 0 and rested and bool((~self.enough).sum() <= few)
 
 
 class CalibrationGuide:
@@ -99,6 +100,7 @@ class CalibrationGuide:
         size: ``(width, height)`` of the sensor, px.
         grid: ``(rows, columns)``, or None to find it.
         polarity: White or dark markers, or "auto" to find out.
+        layout: What the markers are; "auto" tells grids from staggered rows.
     """
 
     def __init__(
@@ -106,8 +108,9 @@ class CalibrationGuide:
         size: tuple[int, int],
         grid: tuple[int, int] | None = None,
         polarity: Literal["auto"] | Polarity = "auto",
+        layout: LayoutKind = "auto",
     ) -> None:
-        self._config = FindingConfig(grid=grid, polarity=polarity)
+        self._config = FindingConfig(grid=grid, polarity=polarity, layout=layout)
         self._size = size
         self.reset()
 
@@ -157,7 +160,7 @@ class CalibrationGuide:
         return GuideView(
             self._size,
             self._t_us,
-            seen.grid.shape,
+            seen.layout.shape,
             seen.center_px,
             seen.radius_px,
             known.share,
@@ -178,11 +181,11 @@ class CalibrationGuide:
             self._polarity, self._sighting, self._known = polarity, None, 0
         config = self._config
         try:
-            seen = sight_markers(self.level, self._size, config.blobs, config.grid)
+            seen = sight_markers(self.level, self._size, config)
         except CalibrationError as error:
             self._missing = str(error)
             return
-        found = len(seen.grid.point) - len(seen.grid.missing)
+        found = len(seen.layout.point) - len(seen.layout.missing)
         # While markers move they are seen elsewhere; only what is new is worth that.
         if found > self._known or (self._rests.resting and found >= 0.9 * self._known):
             self._sighting, self._known = seen, found

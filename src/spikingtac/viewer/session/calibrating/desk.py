@@ -138,6 +138,7 @@ class CalibrationDesk:
             "result": self._result,
             "running_s": round(self._clock() - self._begun_s, 1) if self._run else None,
             "grid": view.grid and list(view.grid),
+            "markers": len(view.place_px),
             "radius_px": round(view.radius_px, 2),
             "enough": int(view.enough.sum()),
             "doubtful": int(view.doubtful.sum()),
@@ -167,7 +168,7 @@ class CalibrationDesk:
 
 
 def _arrays(view: GuideView) -> dict[str, NDArray[Any]]:
-    if view.grid is None:
+    if not len(view.place_px):
         return {}
     ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
     return {
@@ -182,7 +183,7 @@ def _figures(calibration: Calibration) -> dict[str, Any]:
     explained = float(np.median(notes["explained"]))
     return {
         "quality": notes["quality"],
-        "grid": list(calibration.grid),
+        "grid": calibration.rows_and_columns,
         "polarity": calibration.polarity,
         "markers": len(calibration.radius_px),
         "measured": len(calibration.radius_px) - len(notes["missing"]),

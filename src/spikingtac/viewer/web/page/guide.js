@@ -26,15 +26,15 @@ export function showGuide(guide, hello) {
   if ($("guide").hidden === Boolean(guide)) $("guide").hidden = !guide;
   if (!guide) return;
   $("guide").dataset.state = guide.state;
-  const total = guide.grid ? guide.grid[0] * guide.grid[1] : 0;
+  const total = guide.markers;
   write("guide-advice", { calibrating: "Calibrating. You may go on watching.", failed: "The calibration failed.", done: "Calibrated." }[guide.state] ?? guide.advice[0]);
   write("guide-more", guide.state === "guide" ? guide.advice.slice(1).join(" ") : guide.state === "calibrating" ? runningText(guide.running_s ?? 0) : guide.said);
   const live = guide.state === "guide" || guide.state === "failed";
   $("guide-progress").hidden = $("guide-count").hidden = !live;
   Object.assign($("guide-progress"), { max: Math.max(total, 1), value: guide.enough });
-  write("guide-count", guide.grid
-    ? `${guide.enough} of ${total} markers have moved enough, grid ${guide.grid.join(" × ")}, ${guide.rests} ${guide.rests === 1 ? "rest" : "rests"}`
-    : "no grid yet");
+  write("guide-count", total
+    ? `${guide.enough} of ${total} markers have moved enough, ${guide.grid ? `grid ${guide.grid.join(" × ")}` : "no rows"}, ${guide.rests} ${guide.rests === 1 ? "rest" : "rests"}`
+    : "no markers yet");
   $("calibrate").hidden = $("begin-anew").hidden = !live;
   $("calibrate").classList.toggle("ready", guide.ready);
   write("calibrate", guide.state === "failed" ? "Calibrate again" : "Calibrate");
@@ -48,7 +48,7 @@ function showResult(result, hello) {
   $("guide-result").dataset.shown = JSON.stringify(result);
   const rows = [
     ["quality", result.quality],
-    ["grid", `${result.grid.join(" × ")}, ${result.polarity} markers`],
+    ["grid", `${result.grid ? result.grid.join(" × ") : "no rows"}, ${result.polarity} markers`],
     ["markers measured", `${result.measured} of ${result.markers}`],
     ["explained by discs", `${(100 * result.explained).toFixed(0)} % of the changes`],
     ["radius", `${result.radius_px.toFixed(2)} px`],
@@ -66,7 +66,9 @@ function runningText(seconds) {
   return `${seconds.toFixed(0)} s${seconds > SLOW_S ? "; the first one on a machine compiles, which may take a minute" : ""}`;
 }
 
-function names(markers, [, columns]) {
+function names(markers, grid) {
+  if (!grid) return markers.join(", ");
+  const columns = grid[1];
   return markers.map((marker) => `row ${Math.floor(marker / columns) + 1} column ${marker % columns + 1}`).join(", ");
 }
 

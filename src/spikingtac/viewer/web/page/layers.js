@@ -8,7 +8,7 @@ export class FieldLayers {
   }
 
   greet(hello) {
-    const [rows, columns] = hello.grid;
+    const [rows, columns] = hello.grid ?? [0, 0];
     this.whole = rows > 1 && columns > 1 && rows * columns === hello.reference_px.length;
     if (!this.whole) return;
     [this.small.width, this.small.height] = [columns, rows];
