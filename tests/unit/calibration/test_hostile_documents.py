@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,3 +54,29 @@ def test_unfit_numbers_are_refused(tmp_path: Path, changes: dict[str, Any]) -> N
 def test_a_plain_document_is_read(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(json.dumps(document()))
     assert len(Calibration.load(tmp_path / "c.json").radius_px) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("lag_us", 1e18), ("step_on", 1e300), ("contrast", 0.5), ("px_per_mm", 0.0), ("edge_px", 1e9)],
+)
+def test_implausible_numbers_are_refused_with_their_range(name: str, value: float) -> None:
+    with pytest.raises(CalibrationError, match=f"{name} is .* must lie in"):
+        Calibration.from_document(document(**{name: value}))
+
+
+def test_grids_are_whole_numbers_or_none() -> None:
+    with pytest.raises(CalibrationError, match="two whole numbers"):
+        Calibration.from_document(document(grid=[1.5, 2]))
+    free = Calibration.from_document(document(grid=None))
+    assert free.scale() == {"grid": None}
+    assert free.with_pitch(2.0).px_per_mm == 50.0
+    with pytest.raises(ValueError, match="pitch_mm"):
+        free.with_pitch(0.0)
+
+
+def test_what_could_not_be_loaded_is_not_written(tmp_path: Path) -> None:
+    free = Calibration.from_document(document(grid=None))
+    with pytest.raises(CalibrationError, match="off the sensor"):
+        replace(free, reference_px=free.reference_px + 1e4).save(tmp_path / "c.json")
+    assert not (tmp_path / "c.json").exists()

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.document import MARKER_NUMBERS, MEASURED
 from spikingtac.calibration.lens_fit import with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
@@ -216,36 +217,30 @@ def within_sight(calibration: Calibration) -> Calibration:
     """
     place_px, size = calibration.reference_px, np.array(calibration.size)
     reach_px = BEYOND_RADII * calibration.radius_px[:, np.newaxis]
-    keep = ((place_px >= -reach_px) & (place_px <= size - 1 + reach_px)).all(axis=1)
-    notes, measured = calibration.provenance, calibration.marker_measured
-    if calibration.grid is None and measured is not None:
-        keep &= measured
+    inside = (place_px >= -reach_px) & (place_px <= size - 1 + reach_px)
+    keep = np.asarray(inside.all(axis=1), bool)
+    if calibration.grid is None and calibration.marker_measured is not None:
+        keep &= calibration.marker_measured
     if keep.all() or not keep.any():
         return calibration
-    of_markers = (
-        "reference_px", "radius_px", "marker_measured", "marker_contrast", "marker_edge_px",
-        "marker_step_on", "marker_step_off",
-    )  # fmt: skip
-    kept = {name: getattr(calibration, name) for name in of_markers}
-    lists = {k: v for k, v in notes.items() if isinstance(v, list) and len(v) == len(keep)}
-    provenance = {
-        **notes,
-        **{
-            name: [one for one, stays in zip(v, keep, strict=True) if stays]
-            for name, v in lists.items()
-        },
-        **{
-            name: [int(keep[:one].sum()) for one in notes[name] if keep[one]]
-            for name in ("missing", "doubtful")
-        },
-        "left_out_px": place_px[~keep].round(2).tolist(),
+    left_out = {"left_out_px": place_px[~keep].round(2).tolist()}
+    provenance = {name: _kept(value, keep, name) for name, value in calibration.provenance.items()}
+    of_markers = {
+        name: value[keep]
+        for name in ("reference_px", "radius_px", *MARKER_NUMBERS, MEASURED)
+        if (value := getattr(calibration, name)) is not None
     }
-    return replace(
-        calibration,
-        grid=_whole_grid(keep, calibration.grid),
-        provenance=provenance,
-        **{name: value[keep] for name, value in kept.items() if value is not None},
-    )
+    grid = _whole_grid(keep, calibration.grid)
+    return replace(calibration, grid=grid, provenance=provenance | left_out, **of_markers)
+
+
+def _kept(value: Any, keep: NDArray[np.bool_], name: str) -> Any:
+    # What a note says of the markers that are kept: numbers of markers, or a value for each.
+    if name in ("missing", "doubtful"):
+        return [int(np.count_nonzero(keep[:one])) for one in value if keep[one]]
+    if isinstance(value, list) and len(value) == len(keep):
+        return [one for one, stays in zip(value, keep, strict=True) if stays]
+    return value
 
 
 def _whole_grid(keep: NDArray[np.bool_], grid: tuple[int, int] | None) -> tuple[int, int] | None:

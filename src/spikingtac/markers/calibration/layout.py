@@ -253,7 +253,7 @@ def _shortest_steps(
     # The two shortest steps between neighbours that many pairs of neighbours share.
     from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
 
-    _, near = KDTree(points).query(points, min(NEIGHBOURS, len(points) - 1) + 1)
+    near = np.asarray(KDTree(points).query(points, min(NEIGHBOURS, len(points) - 1) + 1)[1])
     steps = (points[near[:, 1:]] - points[:, np.newaxis]).reshape(-1, 2)
     steps = steps[:: -(-len(steps) // MOST_STEPS)]
     first = _voted(steps, np.ones(len(steps), bool))

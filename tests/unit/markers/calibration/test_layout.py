@@ -108,7 +108,8 @@ def test_staggered_rows_are_rows(turn_deg: float, phase: float) -> None:
     ]) + 100.0  # fmt: skip
     order = np.random.default_rng(0).permutation(30)
     layout = find_layout(points[order], SIZE)
-    assert layout.shape == (5, 6) and layout.staggered
+    assert layout.shape == (5, 6)
+    assert layout.staggered
     np.testing.assert_array_equal(order[layout.point], np.arange(30))
     assert find_layout(np.delete(points, 5, axis=0), SIZE).shape is None
 
@@ -122,7 +123,9 @@ def test_free_markers_have_no_rows() -> None:
 
 def test_another_shape_than_asked_for_is_proposed() -> None:
     layout = find_layout(lattice(8, 8), SIZE, (7, 8))
-    assert layout.shape == (7, 8) and layout.fits == (8, 8) and len(layout.stray) == 8
+    assert layout.shape == (7, 8)
+    assert layout.fits == (8, 8)
+    assert len(layout.stray) == 8
     assert find_layout(lattice(7, 8), SIZE, (7, 8)).fits is None
 
 
