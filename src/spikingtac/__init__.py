@@ -12,7 +12,7 @@ import lazy_loader
 
 from spikingtac.kernel_cache import provide_kernel_cache
 
-_public_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public_name, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 
 provide_kernel_cache()
@@ -25,3 +25,8 @@ def __getattr__(name: str) -> Any:
 
         return package_version()
     return _public_name(name)
+
+
+def __dir__() -> list[str]:
+    """List the public names, imported or not."""
+    return list(__all__)
