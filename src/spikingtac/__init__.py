@@ -24,6 +24,8 @@ def __getattr__(name: str) -> Any:
         from spikingtac._version import package_version
 
         return package_version()
+    if name not in __all__:
+        raise AttributeError(f"module 'spikingtac' has no attribute {name!r}")
     return _public_name(name)
 
 
