@@ -18,7 +18,7 @@ FORMATS = [
     pytest.param("a.raw", "evt2", id="evt2"),
     pytest.param("a.raw", "evt21", id="evt21"),
     pytest.param("a.raw", "evt3", id="evt3"),
-    *(pytest.param(f"a.{end}", None, id=end) for end in ("npz", "csv", "es", "h5", "aedat4")),
+    *(pytest.param(f"a.{end}", None, id=end) for end in ("npz", "csv", "h5", "aedat4")),
 ]
 every_format = pytest.mark.parametrize(("name", "encoding"), FORMATS)
 
@@ -109,8 +109,6 @@ def test_no_events(tmp_path: Path, name: str, encoding: str | None) -> None:
 @every_format
 def test_times_beyond_the_counters(tmp_path: Path, name: str, encoding: str | None) -> None:
     first_us = (1 << 35) + (1 << 24) + 12_345
-    if name.endswith("es"):
-        first_us = 3_000_000  # every 127 us before the first event cost a byte
     write(tmp_path / name, encoding, [sample(300, first_us)])
     assert_equal(whole(open_events(tmp_path / name)), sample(300, first_us))
 

@@ -22,7 +22,6 @@ DIGESTS = {
     "evt3": "073e836c66ac5ca8",
     "npz": "c16b46f6893ab740",
     "csv": "5eaebf4a9ffd23bd",
-    "es": "333a8b26e06f810a",
     "aedat4": "ddbeae9d60bf7f9c",
 }
 

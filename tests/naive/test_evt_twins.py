@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spikingtac.events.formats import es_kernels
+from spikingtac.events.formats import es
 from spikingtac.events.formats.evt import evt2, evt3, evt21, salvage
 from spikingtac.events.formats.evt.clock import new_state
 from spikingtac.events.formats.evt.decoder import Columns, WordDecoder, read_only
@@ -216,6 +216,6 @@ def test_es_kernel_equals_twin() -> None:
             i += 5
     room = len(data)
     columns = [np.empty(room, kind) for kind in (np.int64, np.int64, np.bool_, np.int64)]
-    n, end = es_kernels.decode_kernel(data, *columns, np.zeros(1, np.int64))
+    n, end = es.decode_kernel(data, *columns, np.zeros(1, np.int64))
     x, y, p, t_column = (column[:n] for column in columns)
     assert (as_tuples(t_column, x, y, p), end) == (twin, i)

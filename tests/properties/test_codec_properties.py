@@ -144,7 +144,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> "Files":
     t = np.cumsum(rng.integers(0, 12, n))
     packet = packet_of(t, rng.integers(0, 320, n), rng.integers(0, 240, n), rng.random(n) < 0.5)
     files = Files()
-    for name in (*ENCODINGS, "npz", "csv", "es", "h5", "aedat4"):
+    for name in (*ENCODINGS, "npz", "csv", "h5", "aedat4"):
         path = tmp_path_factory.mktemp("sound") / f"a.{'raw' if name in ENCODINGS else name}"
         encoding = name if name in ENCODINGS else None
         with create_events(path, SIZE, encoding=encoding) as writer:
@@ -187,7 +187,7 @@ def test_random_files_survive(tmp_path: Path, data: bytes) -> None:
         survive(path)
 
 
-@pytest.mark.parametrize("ending", ["npz", "csv", "es", "h5", "aedat4"])
+@pytest.mark.parametrize("ending", ["npz", "csv", "h5", "aedat4"])
 @settings(parent=many, max_examples=max(EXAMPLES // 4, 50))
 @given(orders=damage())
 def test_mutated_files_survive(tmp_path: Path, sound, ending: str, orders) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,9 @@ from stand_ins.bags import cdr, mcap_file, packet_words, ros1_bag, write_db3
 SIZE = (320, 320)
 SEED_EVENTS = 4_000
 RAW_KINDS = ("evt2", "evt21", "evt3")
-CONTAINERS = ("npz", "csv", "es", "dat", "aedat4", "h5", "mcap", "bag", "db3")
+CONTAINERS = (
+    "npz", "npy", "csv", "es", "dat", "aedat", "aedat4", "h5", "mcap", "bag", "db3", "gz",
+)  # fmt: skip
 KINDS = (*RAW_KINDS, *CONTAINERS)
 
 FILE_NAMES = {kind: "a.raw" for kind in RAW_KINDS} | {kind: f"a.{kind}" for kind in CONTAINERS}
@@ -28,8 +31,13 @@ def seed_file(kind: str, folder: Path) -> Path:
     path = folder / FILE_NAMES[kind]
     if kind in RAW_KINDS:
         _write(path, kind)
-    elif kind == "dat":
-        path.write_bytes(_dat())
+    elif kind in _OTHERS:
+        path.write_bytes(_OTHERS[kind]())
+    elif kind == "npy":
+        np.save(path, np.column_stack([getattr(_events(), name) for name in "txyp"]))
+    elif kind == "gz":
+        _write(path.with_name("b.raw"), None)
+        path.write_bytes(gzip.compress(path.with_name("b.raw").read_bytes(), mtime=0))
     elif kind in ("mcap", "bag", "db3"):
         ros1 = kind == "bag"
         messages = [cdr(k, b"evt3", packet_words(50 * k) * 4, ros1=ros1) for k in range(200)]
@@ -133,3 +141,29 @@ def _dat() -> bytes:
     body["address"] = events.x.astype("u4") | events.y.astype("u4") << 14
     body["address"] |= events.p.astype("u4") << 28
     return b"% Version 2\n% Height 320\n% Width 320\n\x0c\x08" + body.tobytes()
+
+
+def _es() -> bytes:
+    events = _events()
+    overflows, rest = np.divmod(np.diff(events.t, prepend=0), 127)
+    out = bytearray(b"Event Stream\x02\x00\x00\x01" + struct.pack("<HH", *SIZE))
+    for k in range(len(events)):
+        out += b"\xff" * int(overflows[k])
+        row = SIZE[1] - 1 - int(events.y[k])
+        out += struct.pack("<BHH", int(rest[k]) << 1 | int(events.p[k]), int(events.x[k]), row)
+    return bytes(out)
+
+
+def _aedat3() -> bytes:
+    events = _events()
+    body = np.empty(len(events), [("data", "<u4"), ("t", "<u4")])
+    body["t"] = events.t
+    body["data"] = events.x.astype("u4") << 17 | events.y.astype("u4") << 2 | 1
+    packets = (body[first : first + 100] for first in range(0, len(body), 100))
+    head = b"#!AER-DAT3.1\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
+    for packet in packets:
+        head += struct.pack("<hhiiiiii", 1, 1, 8, 4, 0, *(3 * [len(packet)])) + packet.tobytes()
+    return head
+
+
+_OTHERS = {"dat": _dat, "es": _es, "aedat": _aedat3}

@@ -9,7 +9,8 @@ MODULE = '''
 import numpy as np
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.events.formats.npz import NpzSource, NpzWriter
+from spikingtac.events.formats.arrays import ArraySource
+from spikingtac.events.formats.writers import NpzWriter
 from spikingtac.types import MarkerFrame
 
 
@@ -38,7 +39,7 @@ def build_detector(config, calibrations, quiet):
     return EventCountDetector(EventCountConfig(threshold=len(list(quiet))))
 
 
-class MineSource(NpzSource):
+class MineSource(ArraySource):
     """Reads .mine files."""
 
     format = "MINE"

@@ -9,7 +9,7 @@ from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.plugins import with_plugins
 
-WRITABLE = (".raw", ".npz", ".csv", ".txt", ".es", ".h5", ".hdf5", ".aedat4")
+WRITABLE = (".raw", ".npz", ".csv", ".txt", ".h5", ".hdf5", ".aedat4")
 """Endings that can be written."""
 
 
@@ -38,23 +38,19 @@ def create_events(
 
         return RawWriter(path, size, encoding or "evt3")
     if ending == ".npz":
-        from spikingtac.events.formats.npz import NpzWriter
+        from spikingtac.events.formats.writers import NpzWriter
 
         return NpzWriter(path, size)
     if ending in (".csv", ".txt"):
-        from spikingtac.events.formats.csv import CsvWriter
+        from spikingtac.events.formats.writers import TextWriter
 
-        return CsvWriter(path, size)
-    if ending == ".es":
-        from spikingtac.events.formats.es import EsWriter
-
-        return EsWriter(path, size)
+        return TextWriter(path, size)
     if ending in (".h5", ".hdf5"):
         from spikingtac.events.formats.hdf5_writer import Hdf5Writer
 
         return Hdf5Writer(path, size)
     if ending == ".aedat4":
-        from spikingtac.events.formats.aedat4_writer import Aedat4Writer
+        from spikingtac.events.formats.writers import Aedat4Writer
 
         return Aedat4Writer(path, size)
     foreign = with_plugins({}, plugins.WRITERS)

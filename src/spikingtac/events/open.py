@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import io
+import re
+import zipfile
+from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
+from spikingtac.events.formats.evt.header import read_header
 from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
+from spikingtac.events.manifest import name_of
 from spikingtac.file_kinds import told_kind
 from spikingtac.plugins import with_plugins
 
 READABLE = (
-    ".raw", ".npz", ".csv", ".txt", ".es", ".dat", ".aedat4", ".h5", ".hdf5",
-    ".db3", ".mcap", ".bag",
+    ".raw", ".npz", ".npy", ".csv", ".txt", ".tsv", ".es", ".dat", ".aedat", ".aedat4", ".h5",
+    ".hdf5", ".db3", ".mcap", ".bag", ".gz", ".zip",
 )  # fmt: skip
-"""Endings that can be read."""
+"""Endings of what can be read; the content decides first."""
 
 FOREIGN = (".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md")
 """Endings of what is no slip of the pen."""
 RECORDING_NAME = "events.raw"
+SAMPLE_BYTES = 1 << 16
+"""First bytes by which a file of an unknown ending is told."""
 MOST_NAMED = 3
 """Recordings of a folder that an error names."""
 
@@ -35,7 +44,7 @@ def open_events(
     *,
     strict: bool = False,
     chunk_events: int = CHUNK_EVENTS,
-    sensor: int = 0,
+    sensor: int | None = None,
     encoding: str | None = None,
     size: tuple[int, int] | None = None,
 ) -> FileSource:
@@ -47,7 +56,8 @@ def open_events(
             ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.
-        sensor: In a folder, the sensor: 1 opens ``events_1.raw``, on the first sensor's clock.
+        sensor: Which camera of a file or folder that holds several, from 0 on; 1 of a recording
+            folder opens ``events_1.raw``, on the first sensor's clock.
         encoding: RAW words to assume whatever the header says: evt2, evt21 or evt3.
         size: ``(width, height)`` to assume whatever the file says, px.
 
@@ -58,22 +68,38 @@ def open_events(
     Raises:
         RecordingError: The file is missing or cannot be read; FormatError where its content does
             not fit its header or ending.
-        ConfigError: The ending or an argument is unknown.
+        ConfigError: The ending or an argument is unknown, or a camera has to be chosen.
         MissingExtraError: The format needs a library of the extra ``[formats]``, or the camera one
             of its own.
         DeviceError: There is no such camera, or it refuses.
     """
     if chunk_events < 1:
         raise ConfigError(f"chunk_events is {chunk_events}, it must be at least 1")
-    options = ReadOptions(strict=strict, chunk_events=chunk_events, encoding=encoding, size=size)
+    options = ReadOptions(
+        strict=strict, chunk_events=chunk_events, encoding=encoding, size=size, sensor=sensor
+    )
     if is_address(path):
         from spikingtac.events.cameras.source import CameraSource
 
         return CameraSource(Address.parse(path), options)
-    file = _file(Path(path), sensor)
-    if Path(path).is_dir() and file.suffix == ".raw":
-        return _of_folder(Path(path), file, sensor, options)
-    return _opener(file)(file, options)
+    place = Path(path)
+    if not place.is_dir():
+        refuse_url(place)
+        if not place.exists() and not is_stream(place):
+            raise RecordingError(f"there is no file {str(place)!r}; check the path")
+        return _opener(place)(place, options)
+    name = name_of(RECORDING_NAME, sensor or 0)
+    if (place / name).is_file():
+        return _of_folder(place, place / name, sensor or 0, options)
+    bags = _bags(place)
+    if not bags:
+        raise RecordingError(
+            f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
+            f"(events_1.raw for a second sensor){_named_inside(place)}"
+        )
+    from spikingtac.events.formats.bags.source import RosSource
+
+    return RosSource(bags[0], options, tuple(bags[1:]))
 
 
 def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> FileSource:
@@ -86,21 +112,6 @@ def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> F
     source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)
     time_map = time_base_of(folder, sensor)
     return source if time_map is None else RetimedSource(source, time_map, options)
-
-
-def _file(path: Path, sensor: int) -> Path:
-    if path.is_dir():
-        name = RECORDING_NAME if sensor == 0 else f"events_{sensor}.raw"
-        if not (path / name).is_file() and not _is_ros2_folder(path):
-            raise RecordingError(
-                f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
-                f"(events_1.raw for a second sensor){_named_inside(path)}"
-            )
-        return path / name if (path / name).is_file() else _ros2_storage(path)
-    refuse_url(path)
-    if not path.exists() and not is_stream(path):
-        raise RecordingError(f"there is no file {str(path)!r}; check the path")
-    return path
 
 
 def first_event_us(path: str | Path) -> int | None:
@@ -122,76 +133,127 @@ def refuse_url(path: Path) -> None:
         raise RecordingError(f"{address!r} is an address on the net; download it, name the file")
 
 
-def _is_ros2_folder(path: Path) -> bool:
-    return (path / "metadata.yaml").is_file() and bool(_storages(path))
+def _bags(folder: Path) -> list[Path]:
+    """Return the files of a bag in a folder, in the order of their recording."""
+    if (folder / "metadata.yaml").is_file():
+        files = [*folder.glob("*.db3"), *folder.glob("*.mcap")]
+    else:
+        files = list(folder.glob("*.bag"))
+    return sorted(files, key=_by_numbers)
 
 
-def _storages(path: Path) -> list[Path]:
-    return sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
-
-
-def _ros2_storage(path: Path) -> Path:
-    storages = _storages(path)
-    if len(storages) > 1:
-        raise RecordingError(
-            f"{str(path)!r} is a bag of {len(storages)} files; open one of them: "
-            + ", ".join(item.name for item in storages)
-        )
-    return storages[0]
+def _by_numbers(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts the numbers in a name by their value."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdigit() else (0, part) for part in parts]
 
 
 def _opener(path: Path) -> _Opener:
     if is_stream(path):
         return RawStream
     with path.open("rb") as file:
-        start = file.read(64)
+        start = file.read(SAMPLE_BYTES)
     if not start:
         raise RecordingError(f"{str(path)!r} is empty (0 bytes): nothing was recorded into it")
-    kind = _kind_by_content(start)
+    kind = _kind_by_signature(path, start)
+    ending = path.suffix.lower()
     if kind is None:
-        foreign, ending = with_plugins({}, plugins.READERS), path.suffix.lower().removeprefix(".")
-        if ending in foreign:
-            return foreign[ending]
-    return _own_opener(kind or _kind_by_ending(path), path)
+        foreign = with_plugins({}, plugins.READERS)
+        if ending.removeprefix(".") in foreign:
+            return foreign[ending.removeprefix(".")]
+        kind = _KINDS.get(ending) or _kind_by_values(path, start)
+    return _own_opener(kind, path)
+
+
+def _kind_by_signature(path: Path, start: bytes) -> str | None:
+    for signature, kind in _SIGNATURES:
+        if start.startswith(signature):
+            return kind
+    if start.startswith(b"PK\x03\x04"):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+        except ARCHIVE_DAMAGE:
+            return "npz"
+        return "npz" if any(name.endswith(".npy") for name in names) else "packed"
+    if start.startswith(b"%"):
+        fields = read_header(io.BytesIO(start)).fields
+        if fields.keys() & _RAW_FIELDS:
+            return "raw"
+        return "dat" if "Version" in fields or path.suffix.lower() == ".dat" else None
+    return None
+
+
+def _kind_by_values(path: Path, start: bytes) -> str:
+    """Return the kind of a file of an unknown ending, by what its first bytes look like.
+
+    Raises:
+        FormatError: They look like nothing that is known; says what is valid.
+    """
+    from spikingtac.events.formats.evt.plausible import SOUND_SHARE, best_candidate
+    from spikingtac.events.formats.text import looks_like_text
+
+    if looks_like_text(start):
+        return "text"
+    ending, told = path.suffix.lower(), told_kind(path)
+    if told is not None:
+        raise FormatError(f"{path.name!r} holds no events: {told}")
+    if ending not in FOREIGN and best_candidate(start, None)[1] <= SOUND_SHARE:
+        return "raw"
+    meant = nearest(ending, READABLE) if ending not in FOREIGN else ""
+    raise FormatError(
+        f"{path.name!r} is no event file that this version knows{meant} "
+        f"(valid endings: {', '.join(READABLE)}); give it the ending of its format, or convert "
+        "it with the software of its camera"
+    )
 
 
 def _own_opener(kind: str, path: Path) -> _Opener:
-    if kind == "raw":
-        from spikingtac.events.formats.evt.raw import RawSource as Source
-    elif kind == "npz":
-        from spikingtac.events.formats.npz import NpzSource as Source
-        from spikingtac.events.formats.recorders.openmv_npz import OpenMvNpzSource, is_openmv
+    if kind == "packed":
+        from spikingtac.events.formats.packed import open_packed
 
-        if is_openmv(path):
-            return OpenMvNpzSource
-    elif kind == "csv":
-        from spikingtac.events.formats.csv import CsvSource as Source
-    elif kind == "es":
-        from spikingtac.events.formats.es import EsSource as Source
-    elif kind == "dat":
-        from spikingtac.events.formats.dat import DatSource as Source
-    elif kind == "aedat4":
-        from spikingtac.events.formats.aedat4 import Aedat4Source as Source
-    elif kind == "hdf5":
-        from spikingtac.events.formats.hdf5 import Hdf5Source as Source
-    else:
-        from spikingtac.events.formats.bags.source import RosSource as Source
-    return Source
+        return lambda path, options: open_packed(path, lambda file: _opener(file)(file, options))
+    if kind == "aedat":
+        from spikingtac.events.formats import aedat
+
+        version = aedat.aedat_version(path)
+        return aedat.Aedat2Source if version == 2 else aedat.Aedat3Source
+    module, name = _READERS[kind]
+    return getattr(import_module(f"spikingtac.events.formats.{module}"), name)
 
 
+_READERS = {
+    "raw": ("evt.raw", "RawSource"),
+    "npz": ("arrays", "ArraySource"),
+    "text": ("text", "TextSource"),
+    "es": ("es", "EsSource"),
+    "dat": ("dat", "DatSource"),
+    "aedat4": ("aedat4", "Aedat4Source"),
+    "hdf5": ("hdf5", "Hdf5Source"),
+    "ros": ("bags.source", "RosSource"),
+}
+"""Kind -> module and class that reads it."""
 _SIGNATURES = (
-    (b"PK\x03\x04", "npz"),
+    (b"\x93NUMPY", "npz"),
+    (b"\x1f\x8b", "packed"),
     (b"Event Stream", "es"),
     (b"#!AER-DAT4.0", "aedat4"),
+    (b"#!AER-DAT", "aedat"),
     (b"\x89HDF\r\n\x1a\n", "hdf5"),
     (b"SQLite format 3\x00", "ros"),
     (b"\x89MCAP", "ros"),
     (b"#ROSBAG", "ros"),
 )
+_RAW_FIELDS = {
+    "evt", "format", "integrator_name", "camera_integrator_name", "plugin_name", "system_ID",
+    "serial_number", "firmware_version", "sensor_generation",
+}  # fmt: skip
+"""Fields of a header that only RAW files of cameras have."""
 _KINDS = {
-    ".raw": "raw", ".npz": "npz", ".csv": "csv", ".txt": "csv", ".es": "es", ".dat": "dat",
-    ".aedat4": "aedat4", ".h5": "hdf5", ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros",
-    ".bag": "ros",
+    ".raw": "raw", ".npz": "npz", ".npy": "npz", ".csv": "text", ".txt": "text", ".tsv": "text",
+    ".es": "es", ".dat": "dat", ".aedat4": "aedat4", ".aedat": "aedat", ".h5": "hdf5",
+    ".hdf5": "hdf5", ".db3": "ros", ".mcap": "ros", ".bag": "ros", ".gz": "packed",
+    ".zip": "packed",
 }  # fmt: skip
 
 
@@ -206,27 +268,3 @@ def _named_inside(folder: Path) -> str:
         return ""
     more = f", ... ({len(inside)} in all)" if len(inside) > MOST_NAMED else ""
     return f"; it holds {', '.join(map(str, inside[:MOST_NAMED]))}{more}: give one of these"
-
-
-def _kind_by_content(start: bytes) -> str | None:
-    for signature, kind in _SIGNATURES:
-        if start.startswith(signature):
-            return kind
-    if start.startswith((b"% evt", b"% format", b"% camera_integrator")):
-        return "raw"
-    return None
-
-
-def _kind_by_ending(path: Path) -> str:
-    ending = path.suffix.lower()
-    if ending not in _KINDS:
-        told = told_kind(path)
-        if told is not None:
-            raise FormatError(f"{path.name!r} holds no events: {told}")
-        meant = nearest(ending, READABLE) if ending not in FOREIGN else ""
-        raise FormatError(
-            f"{path.name!r} is no event file that this version knows{meant} "
-            f"(valid endings: {', '.join(READABLE)}); give it the ending of its format, or convert "
-            "it with the software of its camera"
-        )
-    return _KINDS[ending]

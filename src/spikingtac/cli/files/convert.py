@@ -39,7 +39,7 @@ class Args(ManyArgs):
     """Exchange ON and OFF, so that dark markers read as white ones."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a .raw file; EVT3 unless given."""
-    sensor: int = 0
+    sensor: int | None = None
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     strict: bool = False
     """Refuse a damaged file instead of repairing it."""

@@ -33,7 +33,7 @@ class Args:
     file: tyro.conf.Positional[Path]
     """Event file, recording folder, tracks.npz, calibration.json, or a camera: its address, a named
     pipe, or -."""
-    sensor: int = 0
+    sensor: int | None = None
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a RAW file; it overrides the header."""

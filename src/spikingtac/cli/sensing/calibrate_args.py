@@ -54,7 +54,7 @@ class Args(ManyArgs):
     may be missing unless given."""
     plot: Path | None = None
     """Picture to write: the markers as circles, good and doubtful ones in different colours."""
-    sensor: int = 0
+    sensor: int | None = None
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     guide: bool = False
     """Say every two seconds which markers still have to move, as is always done for a camera."""

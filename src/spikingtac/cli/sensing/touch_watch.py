@@ -35,7 +35,7 @@ class WatchArgs(ManyArgs):
     """Tracker: default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
-    sensor: int = 0
+    sensor: int | None = None
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     vibration: bool = False
     """Report the strongest line of vibration in every second, measured from the events."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,7 +19,7 @@ import numpy as np
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.checks.decompress import decompressed
 from spikingtac.events.formats.checks.limits import refuse_piece
-from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(
@@ -37,6 +37,10 @@ COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
 STREAM_LIMIT = 1 << 10
 """Numbers of streams that are believed."""
 
+EDGES = {1: (0, True), 2: (0, False), 3: (0, True), 4: (1, True), 5: (1, False)}
+"""Type of a trigger -> channel (0 the external input, 1 the camera's generator) and whether the
+signal rose, which begins a pulse; other types are no edges of a signal."""
+
 SEARCH_BYTES = 1 << 20
 _MARKS = {"lz4": (b"\x04\x22\x4d\x18", 8), "zstd": (b"\x28\xb5\x2f\xfd", 8)}
 """How a packet's bytes begin, and how far behind its head; uncompressed ones name their type."""
@@ -50,36 +54,43 @@ class Aedat4Head:
     """What the head of a file names.
 
     Attributes:
-        stream: Number of the first event stream.
-        size: ``(width, height)``, px.
+        streams: Number, size (px) and name of each stream of events.
+        triggers: Numbers of the streams of trigger edges.
         compression: 0 none, 1 and 2 LZ4, 3 and 4 Zstandard.
         table_position: Where the index at the end begins, or -1.
         length: Bytes before the first packet.
     """
 
-    stream: int
-    size: tuple[int, int]
+    streams: list[tuple[int, tuple[int, int], str]]
+    triggers: list[int]
     compression: int
     table_position: int
     length: int
 
 
+_Take = Callable[[bytes, bool], Iterator[Rows]]
+
+
 class Aedat4Source(FileSource):
-    """Events of the first event stream of an AEDAT4 file.
+    """Events of one camera in an AEDAT4 file, and the trigger edges.
 
     Raises:
         MissingExtraError: The file is compressed and the library for it is not installed.
         FormatError: The file cannot be read, holds no events, or a packet is beyond the limit.
+        ConfigError: It holds several cameras, and none was chosen.
     """
 
     format = "AEDAT4"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._head = read_head(path)
+        streams = self._head.streams
+        cameras = [f"{name}, {size[0]}x{size[1]} px" for _, size, name in streams]
+        self._stream, self._named_size, _ = streams[chosen_sensor(cameras, options.sensor, path)]
         super().__init__(path, options)
 
     def _size(self) -> tuple[int, int]:
-        return self._head.size
+        return self._named_size
 
     def _columns(self) -> Iterator[Rows]:
         total = max(self.path.stat().st_size, 1)
@@ -89,31 +100,43 @@ class Aedat4Source(FileSource):
             while place < min(end, total):
                 head = _packet_at(file, place, total)
                 if head is None:
-                    found = _next_packet(file, place + 1, total, self._head)
+                    found = _next_packet(file, place + 1, total, self._head, self._stream)
                     self.losses.add("truncated" if found is None else "bad_record")
                     if found is not None:
                         place = found
                         continue
-                stream, length = head or (self._head.stream, total - place - PACKET_HEAD.size)
+                stream, length = head or (self._stream, total - place - PACKET_HEAD.size)
                 place += PACKET_HEAD.size + length
                 self.progress = place / total
-                if stream == self._head.stream and length > 0:
+                if stream in (self._stream, *self._head.triggers) and length > 0:
                     file.seek(place - length)
-                    yield from self._events(file, length, cut=head is None)
+                    take = self._events if stream == self._stream else self._take_triggers
+                    yield from self._taken(file, length, head is None, take)
 
-    def _events(self, file: BinaryIO, length: int, cut: bool) -> Iterator[Rows]:
+    def _taken(self, file: BinaryIO, length: int, cut: bool, take: _Take) -> Iterator[Rows]:
         """Yield the events of the packet whose bytes come next; damage is counted."""
         where = f"{str(self.path)!r}: a packet"
         refuse_piece(where, length)
         kind = COMPRESSIONS.get(self._head.compression, "unknown")
         try:
-            events, whole = _events_of(decompressed(file.read(length), kind, where))
+            yield from take(decompressed(file.read(length), kind, where), cut)
         except (struct.error, ValueError):
             self.losses.add("bad_record", int(not cut))
-            return
+
+    def _events(self, data: bytes, cut: bool) -> Iterator[Rows]:
+        events, whole = _events_of(data)
         self.losses.add("bad_record", int(not (whole or cut)))
         x, y = events["x"].astype(np.int64), events["y"].astype(np.int64)
         yield x, y, events["on"], events["t"].astype(np.int64)
+
+    def _take_triggers(self, data: bytes, cut: bool) -> Iterator[Rows]:
+        """Take the edges of a packet; it holds no events."""
+        edges = [(t, kind) for t, kind in _triggers_of(data) if kind in EDGES]
+        self.losses.add("trigger", len(edges))
+        if edges:
+            channels, rising = zip(*(EDGES[kind] for _, kind in edges), strict=True)
+            self.triggers.append([t for t, _ in edges], channels, rising)
+        yield from ()
 
 
 def _packet_at(file: BinaryIO, place: int, total: int) -> tuple[int, int] | None:
@@ -127,7 +150,9 @@ def _packet_at(file: BinaryIO, place: int, total: int) -> tuple[int, int] | None
     return (stream, length) if fits else None
 
 
-def _next_packet(file: BinaryIO, place: int, total: int, head: Aedat4Head) -> int | None:
+def _next_packet(
+    file: BinaryIO, place: int, total: int, head: Aedat4Head, stream: int
+) -> int | None:
     """Return where the next packet of events begins, or None where the rest holds none."""
     mark, before = _MARKS.get(COMPRESSIONS.get(head.compression, ""), (b"EVTS", 16))
     while place < total:
@@ -136,7 +161,7 @@ def _next_packet(file: BinaryIO, place: int, total: int, head: Aedat4Head) -> in
         at = data.find(mark, before)
         while 0 <= at < SEARCH_BYTES + before:
             packet = _packet_at(file, place + at - before, total)
-            if packet is not None and packet[0] == head.stream and packet[1] > 0:
+            if packet is not None and packet[0] == stream and packet[1] > 0:
                 return place + at - before
             at = data.find(mark, at + 1)
         place += SEARCH_BYTES
@@ -159,10 +184,10 @@ def read_head(path: Path) -> Aedat4Head:
             data = file.read(length)
         table = _Table(data)
         info = table.text(2)
-        stream, size = _event_stream(info)
+        streams, triggers = _streams_named(info)
         return Aedat4Head(
-            stream=stream,
-            size=size,
+            streams=streams,
+            triggers=triggers,
             compression=table.number(0, "<i", 0),
             table_position=table.number(1, "<q", -1),
             length=len(SIGNATURE) + 4 + length,
@@ -172,11 +197,11 @@ def read_head(path: Path) -> Aedat4Head:
 
 
 class _Table:
-    """The root table of a FlatBuffer, every offset checked by :mod:`struct`."""
+    """A table of a FlatBuffer, the root one unless told; every offset checked by :mod:`struct`."""
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, place: int = 0) -> None:
         self._data = data
-        (self._at,) = struct.unpack_from("<I", data, 0)
+        self._at = place + struct.unpack_from("<I", data, place)[0]
         self._vtable = self._at - struct.unpack_from("<i", data, self._at)[0]
         if self._vtable < 0:
             raise ValueError("an offset leads out of the buffer")
@@ -209,19 +234,25 @@ class _Table:
         return self._data[start : start + length].decode("utf-8")
 
 
-def _event_stream(info: str) -> tuple[int, tuple[int, int]]:
-    """Return number and size of the first event stream that the XML names."""
+def _streams_named(info: str) -> tuple[list[tuple[int, tuple[int, int], str]], list[int]]:
+    """Return the streams of events that the XML names, and the numbers of those of triggers."""
     if "<!" in info:
         raise ValueError("its XML declares entities, which no recorder does")
+    events, triggers = [], []
     for node in ElementTree.fromstring(info).iter("node"):
         kinds = [attr.text for attr in node.findall("attr") if attr.get("key") == "typeIdentifier"]
+        told = {attr.get("key"): attr.text or "" for attr in node.iter("attr")}
+        if kinds == ["TRIG"]:
+            triggers.append(int(node.get("name") or 0))
         if kinds == ["EVTS"]:
-            sizes = {attr.get("key"): attr.text for attr in node.iter("attr")}
-            width, height = int(sizes.get("sizeX") or 0), int(sizes.get("sizeY") or 0)
+            width, height = int(told.get("sizeX") or 0), int(told.get("sizeY") or 0)
             if not (0 < width <= 1 << 15 and 0 < height <= 1 << 15):
                 raise ValueError(f"a sensor of {width}x{height} px")
-            return int(node.get("name") or 0), (width, height)
-    raise ValueError("it holds no stream of events")
+            name = told.get("source") or told.get("originalModuleName") or "camera"
+            events.append((int(node.get("name") or 0), (width, height), name))
+    if not events:
+        raise ValueError("it holds no stream of events")
+    return events, triggers
 
 
 def _events_of(data: bytes) -> tuple[np.ndarray[Any, np.dtype[Any]], bool]:
@@ -235,3 +266,18 @@ def _events_of(data: bytes) -> tuple[np.ndarray[Any, np.dtype[Any]], bool]:
     if not present:
         return np.empty(0, EVENT), not count
     return np.frombuffer(data, EVENT, present, start + 4), count == present
+
+
+def _triggers_of(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield time and type of each entry of a size-prefixed TriggerPacket.
+
+    Raises:
+        ValueError: The packet is damaged; :class:`struct.error` where an offset leads out of it.
+    """
+    packet = data[4:]
+    start, count = _Table(packet).vector(0)
+    if count > len(packet) // 4:
+        raise ValueError(f"{count} triggers in {len(packet)} bytes")
+    for place in range(start, start + 4 * count, 4):
+        edge = _Table(packet, place)
+        yield edge.number(0, "<q", 0), edge.number(1, "<b", 0)

@@ -25,6 +25,8 @@ KINDS: dict[str, str] = {
     "time_reset": "time restarted; re-based so that it goes on from the last event",
     "time_jump": "time leapt forward by 1 s or more; a leap of 2^24 us is taken back",
     "gap": "a stretch is missing: time words or sequence numbers that always follow do not",
+    "unsorted": "rows that came before their predecessor in time; sorted",
+    "other_data": "frames, samples of an IMU and other data beside the events; left out, no loss",
     "trigger": "external trigger edges; delivered apart, no loss",
     "padding": "padding words; no loss",
     "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
@@ -43,7 +45,9 @@ KINDS: dict[str, str] = {
 }
 """Every kind that a source counts in its ``losses``, and what it means."""
 
-HARMLESS = frozenset({"trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock"})
+HARMLESS = frozenset(
+    {"trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock", "other_data"}
+)
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
 JUMP_US = 1_000_000

@@ -17,10 +17,10 @@ from spikingtac.events.formats.evt.header import RawHeader, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 CD_TYPES = (0x00, 0x0C)
-EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
+DAT_EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
+DAT_VERSION = "2"
 CHUNK_EVENTS = 1 << 17
 TIME_PERIOD_US = 1 << 32
-VERSION = "2"
 
 
 class DatSource(FileSource):
@@ -33,9 +33,9 @@ class DatSource(FileSource):
             self._header: RawHeader = read_header(file)
             kind = file.read(2)
             self._start = file.tell()
-        if self._header.fields.get("Version", VERSION) != VERSION:
+        if self._header.fields.get("Version", DAT_VERSION) != DAT_VERSION:
             raise FormatError(f"{str(path)!r} is a .dat file of version 1; version 2 is read")
-        if len(kind) == 2 and (kind[0] not in CD_TYPES or kind[1] != EVENT.itemsize):
+        if len(kind) == 2 and (kind[0] not in CD_TYPES or kind[1] != DAT_EVENT.itemsize):
             raise FormatError(
                 f"{str(path)!r} holds events of type {kind[0]:#x} with {kind[1]} bytes each; "
                 "CD events (type 0xc, 8 bytes) are read"
@@ -53,10 +53,10 @@ class DatSource(FileSource):
         epoch_us, last = 0, None
         with self.path.open("rb") as file:
             file.seek(self._start)
-            while data := file.read(CHUNK_EVENTS * EVENT.itemsize):
-                usable = len(data) // EVENT.itemsize * EVENT.itemsize
+            while data := file.read(CHUNK_EVENTS * DAT_EVENT.itemsize):
+                usable = len(data) // DAT_EVENT.itemsize * DAT_EVENT.itemsize
                 self.losses.add("truncated", int(usable < len(data)))
-                events = np.frombuffer(data[:usable], EVENT)
+                events = np.frombuffer(data[:usable], DAT_EVENT)
                 t = events["t"].astype(np.int64)
                 if len(t):
                     t, epoch_us, last = unwrapped(t, epoch_us, int(t[0]) if last is None else last)
@@ -72,7 +72,7 @@ def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[n
     near its end falls, too, but nothing led up to it: such steps back and forth cancel.
 
     Args:
-        t: Values of the counter, us.
+        t: Values of the counter of 32 bits, us.
         epoch_us: Time at which the counter's present period began, us.
         last: The counter's value before them.
     """

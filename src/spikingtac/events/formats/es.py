@@ -13,24 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.codec import EventWriter
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.types import EventPacket
 
-SIGNATURE = b"Event Stream"
-VERSION = (2, 0, 0)
-DVS = 1
-OVERFLOW, FILL = 0xFF, 0xFE
-OVERFLOW_US = 127
+MAJOR, DVS = 2, 1
+OVERFLOW, FILL, OVERFLOW_US = 0xFF, 0xFE, 127
 EVENT_BYTES = 5
 CHUNK_BYTES = 1 << 18
-SILENCE_LIMIT_US = 86_400_000_000
-"""Longest pause that is written, one byte for each 127 us: a day."""
-
 _HEADER = struct.Struct("<12s3BBHH")
 
 
@@ -44,8 +36,8 @@ class EsSource(FileSource):
             data = file.read(_HEADER.size)
         if len(data) < _HEADER.size:
             raise FormatError(f"{str(path)!r} ends within the header of an .es file")
-        signature, major, minor, patch, kind, width, height = _HEADER.unpack(data)
-        if signature != SIGNATURE or major != VERSION[0]:
+        _, major, minor, patch, kind, width, height = _HEADER.unpack(data)
+        if major != MAJOR:
             raise FormatError(
                 f"{str(path)!r} is Event Stream version {major}.{minor}.{patch}; version 2 is read"
             )
@@ -61,8 +53,6 @@ class EsSource(FileSource):
         return self._header_size
 
     def _columns(self) -> Iterator[Rows]:
-        from spikingtac.events.formats.es_kernels import decode_kernel
-
         height = self._header_size[1]
         total = max(self.path.stat().st_size, 1)
         state = np.zeros(1, np.int64)
@@ -81,44 +71,31 @@ class EsSource(FileSource):
         self.losses.add("truncated", int(bool(tail)))
 
 
-class EsWriter(EventWriter):
-    """Writes ``.es`` files packet by packet."""
-
-    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
-        self.size = size
-        self._last_us = 0
-        self._target = WholeFile(path)
-        self._file = self._target.begin(_HEADER.pack(SIGNATURE, *VERSION, DVS, *size))
-
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet.
-
-        Raises:
-            FormatError: Time goes back, is negative, or pauses for more than a day.
-        """
-        steps = np.diff(packet.t, prepend=self._last_us)
-        if len(steps) and (steps.min() < 0 or steps.max() > SILENCE_LIMIT_US):
-            raise FormatError("an .es file needs times from zero on, in order, without a day's gap")
-        self._file.write(_encoded(steps, packet, self.size[1]).tobytes())
-        if len(packet):
-            self._last_us = int(packet.t[-1])
-
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        if not self._file.closed:
-            self._target.commit(self._file)
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._target.abandon(self._file)
-
-
-def _encoded(steps: NDArray[np.int64], packet: EventPacket, height: int) -> NDArray[Any]:
-    overflows, rest = np.divmod(steps, OVERFLOW_US)
-    starts = np.cumsum(overflows + EVENT_BYTES) - EVENT_BYTES
-    out = np.full(int((overflows + EVENT_BYTES).sum()), OVERFLOW, np.uint8)
-    row = height - 1 - packet.y.astype(np.int64)
-    out[starts] = (rest << 1) | packet.p
-    out[starts + 1], out[starts + 2] = packet.x & 0xFF, packet.x >> 8
-    out[starts + 3], out[starts + 4] = row & 0xFF, row >> 8
-    return out
+@njit(cache=True, nogil=True)
+def decode_kernel(
+    data: NDArray[np.uint8],
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    p: NDArray[np.bool_],
+    t: NDArray[np.int64],
+    state: NDArray[np.int64],
+) -> tuple[Any, Any]:
+    """Decode whole events; return their number and the bytes used. ``state`` is the time, us."""
+    n, i = 0, 0
+    while i < len(data):
+        first = np.int64(data[i])
+        if first == OVERFLOW:
+            state[0] += OVERFLOW_US
+            i += 1
+        elif first == FILL:
+            i += 1
+        elif i + 5 <= len(data):
+            state[0] += first >> 1
+            x[n] = np.int64(data[i + 1]) | (np.int64(data[i + 2]) << 8)
+            y[n] = np.int64(data[i + 3]) | (np.int64(data[i + 4]) << 8)
+            p[n], t[n] = (first & 1) == 1, state[0]
+            n += 1
+            i += 5
+        else:
+            break
+    return n, i

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import DamageError
+from spikingtac.errors import ConfigError, DamageError
 from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.checks.limits import require_size
 from spikingtac.events.formats.checks.packing import Packer
@@ -40,12 +40,34 @@ class ReadOptions:
         chunk_events: About how many events a packet holds.
         encoding: Encoding of RAW words that overrides the header's, or None.
         size: ``(width, height)`` that overrides the file's, px, or None.
+        sensor: Number of the camera to read, from 0 on; None for the only one.
     """
 
     strict: bool = False
     chunk_events: int = CHUNK_EVENTS
     encoding: str | None = None
     size: tuple[int, int] | None = None
+    sensor: int | None = None
+
+
+def chosen_sensor(names: list[str], sensor: int | None, path: Path) -> int:
+    """Return which of several cameras in a file is read.
+
+    Args:
+        names: The cameras, in the order of their numbers.
+        sensor: The one that was asked for; None where none was.
+        path: The file, for errors.
+
+    Raises:
+        ConfigError: There is no such camera, or there are several and none was asked for.
+    """
+    if sensor is None and len(names) == 1:
+        return 0
+    if sensor is not None and 0 <= sensor < len(names):
+        return sensor
+    listed = ", ".join(f"{number} ({name})" for number, name in enumerate(names))
+    given = "several cameras" if sensor is None else f"no sensor {sensor}"
+    raise ConfigError(f"{str(path)!r} holds {given}; choose one with --sensor (sensor=): {listed}")
 
 
 class FileSource:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.errors import FormatError, RecordingError
+from spikingtac.errors import FormatError
 from spikingtac.events import open_events
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
@@ -30,7 +30,6 @@ def rows(source: FileSource) -> list[tuple[int, int, int, int]]:
 @pytest.mark.parametrize(
     "text",
     [
-        "10,1,2,1\n20,3,4,0\n20,319,100,1\n",
         "t,x,y,p\n10,1,2,1\n20,3,4,0\n20,319,100,1",
         "# a remark\n# size 320 320\ntimestamp;x;y;polarity\n10;1;2;1\n20;3;4;-1\n20;319;100;1\n",
         "x\ty\tpolarity\tt\n1\t2\t1\t10\n3\t4\t0\t20\n319\t100\t1\t20\n",
@@ -56,7 +55,7 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
 
 def test_a_table_without_a_column_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x,p\n1,2,1\n")
-    with pytest.raises(FormatError, match="name the columns"):
+    with pytest.raises(FormatError, match="lacks y"):
         open_events(tmp_path / "a.csv")
 
 
@@ -66,10 +65,10 @@ def test_archives_with_foreign_types(tmp_path: Path) -> None:
     source = open_events(tmp_path / "a.npz")
     assert (rows(source), source.size) == (ROWS, (320, 320))
     np.savez(tmp_path / "b.npz", t=t, x=x)
-    with pytest.raises(FormatError, match="no column 'y'"):
+    with pytest.raises(FormatError, match="no columns of time"):
         rows(open_events(tmp_path / "b.npz", size=(320, 320)))
     np.savez(tmp_path / "c.npz", t=np.array([{}], object), x=x, y=y, p=p)
-    with pytest.raises(FormatError, match="one row of numbers"):
+    with pytest.raises(FormatError, match="Python objects"):
         rows(open_events(tmp_path / "c.npz", size=(320, 320)))
 
 
@@ -203,7 +202,7 @@ def test_other_encodings_and_topics_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="'libcaer_cmp', which is not read"):
         open_events(tmp_path / "a.db3")
     write_db3(tmp_path / "b.db3", [b"1234"], kind="sensor_msgs/msg/Image")
-    with pytest.raises(FormatError, match="no readable event_camera_msgs"):
+    with pytest.raises(FormatError, match="no readable messages of events"):
         open_events(tmp_path / "b.db3")
 
 
@@ -250,8 +249,7 @@ def test_a_bag_folder_opens_its_storage(tmp_path: Path) -> None:
     write_db3(tmp_path / "bag_0.db3", MESSAGES)
     assert rows(open_events(tmp_path)) == DECODED
     write_db3(tmp_path / "bag_1.db3", MESSAGES)
-    with pytest.raises(RecordingError, match="2 files"):
-        open_events(tmp_path)
+    assert len(rows(open_events(tmp_path))) == 2 * len(DECODED)
 
 
 def test_es_files_of_other_types_are_refused(tmp_path: Path) -> None:
@@ -285,9 +283,7 @@ def test_aedat4_reads_as_the_library_does(tmp_path: Path) -> None:
     np.testing.assert_array_equal(theirs["on"], packet.p)
 
 
-@pytest.mark.parametrize(
-    "text", ["1e17,1,2,1\n2.5,3,4,0\n", "-1e300 1 2 1\n9e15 3 4 0\n", "1.5 1 2 1\n"]
-)
+@pytest.mark.parametrize("text", ["1e17,1,2,1\n2.5,3,4,0\n", "-1e300 1 2 1\n9e15 3 4 0\n"])
 def test_absurd_times_are_no_crash(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text)
     found = [row[0] for row in rows(open_events(tmp_path / "a.csv"))]

@@ -45,21 +45,22 @@ class _Reader:
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, _Channel] = {}
 
-    def take(self, kind: int, content: bytes) -> Iterator[RawMessage]:
+    def take(self, opcode: int, content: bytes) -> Iterator[RawMessage]:
         """Yield the messages in a record; damage is counted."""
         try:
-            if kind == CHUNK:
+            if opcode == CHUNK:
                 yield from self._chunk(content)
-            elif kind == MESSAGE:
+            elif opcode == MESSAGE:
                 channel, _, _, _ = MESSAGE_HEAD.unpack_from(content)
                 known = self._channels.get(channel)
-                if known is not None and self._schemas.get(known.schema) in self._types:
+                kind = self._schemas.get(known.schema, "") if known is not None else ""
+                if known is not None and kind in self._types:
                     data = content[MESSAGE_HEAD.size :]
-                    yield RawMessage(known.topic, data, cdr=known.encoding != "ros1")
-            elif kind == SCHEMA:
+                    yield RawMessage(known.topic, data, known.encoding != "ros1", kind)
+            elif opcode == SCHEMA:
                 (number,) = struct.unpack_from("<H", content)
                 self._schemas[number] = _text(content, 2)[0]
-            elif kind == CHANNEL:
+            elif opcode == CHANNEL:
                 number, schema = struct.unpack_from("<HH", content)
                 topic, place = _text(content, 4)
                 self._channels[number] = _Channel(topic, schema, _text(content, place)[0])

@@ -15,3 +15,4 @@ class RawMessage(NamedTuple):
     topic: str
     data: bytes
     cdr: bool
+    kind: str

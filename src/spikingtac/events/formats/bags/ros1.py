@@ -79,7 +79,7 @@ class _Reader:
             elif kind == MESSAGE:
                 topic, name = self._connections.get(fields[b"conn"], ("", ""))
                 if name in self._types:
-                    yield RawMessage(topic, data, cdr=False)
+                    yield RawMessage(topic, data, cdr=False, kind=name)
         except (struct.error, DamagedPieceError, KeyError):
             self._count("bad_record")
 

@@ -30,14 +30,15 @@ def database_messages(path: Path, types: tuple[str, ...], count: Count) -> Itera
         _require_tables(database, path)
         marks = ",".join("?" * len(types))
         rows = database.execute(
-            "SELECT topics.name, messages.data FROM messages "
+            "SELECT topics.name, topics.type, messages.data FROM messages "
             "JOIN topics ON messages.topic_id = topics.id "
             f"WHERE topics.type IN ({marks}) ORDER BY messages.timestamp, messages.id",
             types,
         )
-        for topic, data in rows:
+        for topic, kind, data in rows:
             if isinstance(data, bytes) and isinstance(topic, bytes):
-                yield RawMessage(topic.decode("utf-8", "replace"), data, cdr=True)
+                name, told = topic.decode("utf-8", "replace"), bytes(kind).decode("latin-1")
+                yield RawMessage(name, data, cdr=True, kind=told)
             else:
                 count("bad_record")
     except (sqlite3.Error, MemoryError, OverflowError):

@@ -1,7 +1,8 @@
-"""ROS bags with ``event_camera_msgs/EventPacket``: ROS 1, ROS 2 sqlite3 and MCAP.
+"""ROS bags of events: ROS 1, ROS 2 sqlite3 and MCAP, whole or split into several files.
 
-The message is read by its published layout, so bags without type definitions (or with ones in
-ros2idl) are read as well. Source: event_camera_msgs, ``msg/EventPacket.msg`` (public).
+Messages are read by their published layout, so bags without type definitions (or with ones in
+ros2idl) are read as well. Source: ``event_camera_msgs/EventPacket`` (words of a camera), and
+``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``, which share one layout (public).
 """
 
 from __future__ import annotations
@@ -16,16 +17,29 @@ import numpy as np
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.bags.messages import messages_of
 from spikingtac.events.formats.bags.raw_message import RawMessage
-from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
 
 MONO_EVENT = np.dtype("<u8")
 """Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p."""
 
-MESSAGE_TYPES = ("event_camera_msgs/msg/EventPacket", "event_camera_msgs/EventPacket")
-ENCODINGS = ("evt3", "evt2", "evt21", "mono")
+PACKETS = ("event_camera_msgs/msg/EventPacket", "event_camera_msgs/EventPacket")
+ARRAYS = tuple(
+    f"{package}{kind}/EventArray"
+    for package in ("dvs_msgs", "prophesee_event_msgs")
+    for kind in ("", "/msg")
+)
+ENCODINGS = ("evt3", "evt2", "evt21", "mono", "array")
+"""How the events of a message are written; ``array`` stands for the messages of single events."""
+
 NS_PER_US = 1_000
 PIECE_BYTES = 1 << 18
 """Bytes of a message that are decoded at once: a word may stand for 32 events."""
+
+FIRST_MESSAGES = 256
+"""Messages among which the cameras of a bag are found: each has sent one by then (ours)."""
+
+ARRAY_EVENT_BYTES, ALIGNED_BYTES = 13, 16
+"""Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field."""
 
 
 class _Packet(NamedTuple):
@@ -35,37 +49,55 @@ class _Packet(NamedTuple):
     base_ns: int
     encoding: str
     events: bytes
+    order: str
 
 
 class RosSource(FileSource):
-    """Events of a bag; EVT3 words keep their state from message to message.
+    """Events of one camera in a bag; EVT3 words keep their state from message to message.
 
     Sequence numbers that are left out count as ``gap``; messages that do not parse as
     ``bad_record``, those of other encodings as ``unknown_message``.
 
+    Args:
+        path: A bag, or its first file.
+        options: As of a file.
+        others: The files that follow, in order.
+
     Raises:
-        FormatError: The bag holds no event packets, or only encodings that are not read.
+        FormatError: The bag holds no events, or only encodings that are not read.
+        ConfigError: It holds several cameras, and none was chosen.
         MissingExtraError: The storage needs a library that is not installed.
     """
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
+    def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
         self.format = "ROS bag"
-        first = next(self._packets_of(path), None)
-        if first is None:
+        self._paths = (path, *others)
+        topics = self._topics()
+        if not topics:
             raise FormatError(
-                f"{str(path)!r} holds no readable event_camera_msgs/EventPacket; "
-                "record the camera's packet topic, not a rendered image"
+                f"{str(path)!r} holds no readable messages of events (valid: {PACKETS[1]}, "
+                f"{', '.join(ARRAYS[::2])}); record the camera's packet topic, not a rendered image"
             )
+        self._topic = list(topics)[chosen_sensor(list(topics), options.sensor, path)]
+        self._first = first = topics[self._topic]
         if first.encoding not in ENCODINGS:
             raise FormatError(
                 f"{str(path)!r}: events are encoded as {first.encoding!r}, which is not read "
-                f"(valid: {', '.join(ENCODINGS)}); set the driver to one of these, or convert "
+                f"(valid: {', '.join(ENCODINGS[:-1])}); set the driver to one of these, or convert "
                 "the bag with event_camera_tools"
             )
         self.format = f"ROS bag ({first.encoding})"
-        self._first = first
-        self.checked = first.encoding != "mono"  # decoders of words check what they decode
+        self.checked = first.encoding not in ("mono", "array")  # decoders of words check
         super().__init__(path, options)
+
+    def _topics(self) -> dict[str, _Packet]:
+        """Return the cameras' topics in the order of their names, with a first packet of each."""
+        found: dict[str, _Packet] = {}
+        for number, (topic, packet) in enumerate(self._packets(None)):
+            found.setdefault(topic, packet)
+            if number >= FIRST_MESSAGES:
+                break
+        return dict(sorted(found.items()))
 
     def _size(self) -> tuple[int, int]:
         width, height = self._first.width, self._first.height
@@ -74,27 +106,25 @@ class RosSource(FileSource):
     def _columns(self) -> Iterator[Rows]:
         reader = _reader(self._first.encoding, self)
         following: int | None = None
-        for packet in self._packets_of(self.path):
+        for _, packet in self._packets(self._topic):
             if packet.encoding != self._first.encoding:
                 self.losses.add("unknown_message")
                 continue
             if following is not None and packet.sequence > following:
                 self.losses.add("gap", 1)
-            following = packet.sequence + 1
+            following = packet.sequence + 1 if packet.sequence >= 0 else None
             yield from reader(packet)
 
-    def _packets_of(self, path: Path) -> Iterator[_Packet]:
-        topic: str | None = None
-        for message in messages_of(path, MESSAGE_TYPES, self._count):
-            if topic is None:
-                topic = message.topic
-            if message.topic != topic:
-                self._count("unknown_message")
-                continue
-            try:
-                yield _parsed(message)
-            except (struct.error, UnicodeDecodeError, IndexError, ValueError):
-                self._count("bad_record")
+    def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
+        for path in self._paths:
+            for message in messages_of(path, (*PACKETS, *ARRAYS), self._count):
+                if topic is not None and message.topic != topic:
+                    self._count("unknown_message")
+                    continue
+                try:
+                    yield message.topic, _parsed(message)
+                except (struct.error, UnicodeDecodeError, IndexError, ValueError):
+                    self._count("bad_record")
 
     def _count(self, kind: str) -> None:
         if hasattr(self, "losses"):
@@ -119,7 +149,10 @@ class _Cursor:
 
     def block(self) -> bytes:
         """Read a length and so many bytes."""
-        length = self.number("I")
+        return self.bytes_of(self.number("I"))
+
+    def bytes_of(self, length: int) -> bytes:
+        """Read so many bytes."""
         block = self._data[self._at : self._at + length]
         if len(block) < length:
             raise ValueError("the message ends early")
@@ -128,6 +161,7 @@ class _Cursor:
 
 
 def _parsed(message: RawMessage) -> _Packet:
+    order = "<"
     if message.cdr:
         order = "<" if message.data[1] & 1 else ">"
         cursor = _Cursor(message.data, order, 4, aligned=True)
@@ -138,10 +172,15 @@ def _parsed(message: RawMessage) -> _Packet:
     cursor.number("I")
     cursor.block()
     height, width = cursor.number("I"), cursor.number("I")
+    if message.kind in ARRAYS:
+        count = cursor.number("I")
+        size = ALIGNED_BYTES if message.cdr else ARRAY_EVENT_BYTES
+        length = max(size * count - (size - ARRAY_EVENT_BYTES), 0)
+        return _Packet(width, height, -1, size, "array", cursor.bytes_of(length), order)
     sequence, base_ns = cursor.number("Q"), cursor.number("Q")
     encoding = cursor.block().rstrip(b"\0").decode("ascii")
     cursor.number("B")  # byte order of the sender; the encodings are little-endian
-    return _Packet(width, height, sequence, base_ns, encoding, cursor.block())
+    return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
 
 
 class _Reader(Protocol):
@@ -187,5 +226,29 @@ class _MonoReader:
         yield x, y, (words >> np.uint64(63)).astype(np.bool_), t
 
 
+def _array_reader(packet: _Packet) -> Iterator[Rows]:
+    """Yield the columns of a message of single events: x, y, seconds, nanoseconds, polarity."""
+    order, size = packet.order, packet.base_ns
+    if size == ARRAY_EVENT_BYTES:
+        fields = [("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")]
+        events = np.frombuffer(packet.events, fields)
+        x, y = events["x"], events["y"]
+    else:
+        # Each field is aligned, not each event: x follows the polarity of the event before it.
+        names, offsets = ["y", "s", "ns", "p", "next_x"], [0, 4, 8, 12, 14]
+        kinds = [f"{order}u2", f"{order}i4", f"{order}u4", "u1", f"{order}u2"]
+        kind = np.dtype(
+            {"names": names, "formats": kinds, "offsets": offsets, "itemsize": ALIGNED_BYTES}
+        )
+        events = np.frombuffer(packet.events + bytes(-len(packet.events) % ALIGNED_BYTES), kind)
+        first = np.frombuffer(packet.events, f"{order}u2", min(2, len(packet.events)))
+        x = np.concatenate((first[:1], events["next_x"][:-1])).astype(np.uint16)
+        y = np.concatenate((first[1:], events["y"][1:])).astype(np.uint16)
+    t = events["s"].astype(np.int64) * 1_000_000 + events["ns"].astype(np.int64) // NS_PER_US
+    yield x, y, events["p"] != 0, t
+
+
 def _reader(encoding: str, source: RosSource) -> _Reader:
+    if encoding == "array":
+        return _array_reader
     return _MonoReader() if encoding == "mono" else _WordReader(encoding, source)

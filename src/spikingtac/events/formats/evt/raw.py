@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError, FormatError, nearest
 from spikingtac.events.formats.codec import Place
 from spikingtac.events.formats.evt.header import ENCODINGS, RawHeader, read_header
-from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
-from spikingtac.events.formats.plausible import (
+from spikingtac.events.formats.evt.plausible import (
     FOREIGN_SHARE,
     SOUND_SHARE,
     best_candidate,
     implausible_share,
 )
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.evt.decoder import WordDecoder

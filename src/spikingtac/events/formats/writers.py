@@ -1,4 +1,4 @@
-"""Write AEDAT4 files, uncompressed; the few bytes of FlatBuffers are laid out by hand."""
+"""Writers of event files that need no library: NumPy archives, text tables, AEDAT4."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ import numpy as np
 
 from spikingtac.atomic_files import WholeFile
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
-from spikingtac.events.formats.codec import EventWriter
+from spikingtac.events.formats.array_file import ColumnFile
+from spikingtac.events.formats.arrays import TRIGGERS
+from spikingtac.events.formats.codec import EventWriter, Triggers
 from spikingtac.types import EventPacket
+
+_TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
 
 STREAM = 0
 PACKET_EVENTS = 4_096
@@ -29,6 +33,57 @@ _NODE = (
     '<attr key="sizeX" type="int">{0}</attr><attr key="sizeY" type="int">{1}</attr>'
     '<attr key="source" type="string">spikingtac</attr></node></node></node></dv>'
 )
+
+
+class NpzWriter(EventWriter):
+    """Writes event ``.npz`` files packet by packet."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self.size = size
+        self._file = ColumnFile(path)
+        self._file.append({name: np.empty(0, dtype) for name, dtype in _TYPES.items()})
+        self._file.set("size", np.array(size, np.int64))
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        self._file.append({name: getattr(packet, name) for name in _TYPES})
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Append trigger edges; the file has their columns only where there are any."""
+        if len(triggers):
+            columns = (triggers.t_us, triggers.channel, triggers.edge)
+            self._file.append(dict(zip(TRIGGERS, columns, strict=True)))
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._file.abandon()
+
+
+class TextWriter(EventWriter):
+    """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        self.size = size
+        self._target = WholeFile(path)
+        self._file = self._target.begin(f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
+        np.savetxt(self._file, table, "%d", ",")
+
+    def close(self) -> None:
+        """Complete the file; further calls do nothing."""
+        if not self._file.closed:
+            self._target.commit(self._file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before."""
+        self._target.abandon(self._file)
 
 
 class Aedat4Writer(EventWriter):
