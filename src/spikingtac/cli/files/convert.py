@@ -25,11 +25,11 @@ class Args(ManyArgs):
 
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="IN [OUT]")]
     """Event file, recording folder, or camera to read (its address, a named pipe, or -), and the
-    file to write: .raw, .npz, .csv, .es, .h5 or .aedat4. With -o, all of them are read: files,
+    file to write: .raw, .npz, .csv, .h5 or .aedat4. With -o, all of them are read: files,
     folders of recordings, patterns such as 'day/*.raw'."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Many files: the folder to write."""
-    to: Annotated[str | None, tyro.conf.arg(metavar="raw|npz|csv|es|h5|aedat4")] = None
+    to: Annotated[str | None, tyro.conf.arg(metavar="raw|npz|csv|h5|aedat4")] = None
     """Many files: the format to write."""
     from_us: int | None = None
     """First microsecond to keep."""

@@ -53,7 +53,7 @@ class Args(ManyArgs):
     """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
-    sensor: int = 0
+    sensor: int | None = None
     """In a folder, the sensor to read: 1 reads events_1.raw."""
     force: Path | None = None
     """force.json: estimate the wrench of every frame, too; make one with: spikingtac force fit."""

@@ -1,8 +1,8 @@
 """Which column of a table is x, y, polarity and time: told by its name, else decided by its values.
 
 Values decide like this: polarity holds two values such as 0 and 1; coordinates are whole numbers
-from 0 on, y right behind x; time never falls, or holds what no coordinate can be. A table that can be
-read in two ways is refused.
+from 0 on, y right behind x; time never falls, or holds what no coordinate can be. A table that can
+be read in two ways is refused.
 """
 
 from __future__ import annotations

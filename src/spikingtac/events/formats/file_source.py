@@ -84,6 +84,7 @@ class FileSource:
         notes: What had to be assumed, in plain words.
         progress: Share of the file that the latest iteration has read, 0 to 1.
         place: Where the latest columns ended, if the format can be read on from there.
+        lost_before: What was lost before the file was opened, as in a damaged archive around it.
         begin: Such a place, where iterations begin instead of the start of the file.
     """
 
@@ -99,6 +100,7 @@ class FileSource:
         self.progress = 0.0
         self.place: Place | None = None
         self.begin: Place | None = None
+        self.lost_before: dict[str, int] = {}
         self._counters = HealthMeter(self.losses)
         self._options = options
         where = repr(str(path))
@@ -127,6 +129,7 @@ class FileSource:
             DamageError: Damage was found, and ``strict`` was asked for.
         """
         self.losses.clear()
+        self.losses.update(self.lost_before)
         self.triggers.clear()
         self.progress = 0.0
         self._counters = HealthMeter(self.losses)

@@ -73,8 +73,7 @@ def find_streams(file: Any, path: Path) -> list[EventStream]:
                 groups.append(item)
         found += _streams_of(group, tables)
     if not found:
-        more = f"; {outside[0]!r} is a link into another file: copy it into this one"
-        more = more if outside else ""
+        more = f"; {', '.join(outside)} is a link into another file: copy it" if outside else ""
         raise FormatError(
             f"{str(path)!r} holds no events: neither a group with columns named x, y, p and t, nor "
             f"a table of such fields or of four numbers{more}"
@@ -91,7 +90,7 @@ def _resolved(group: Any, name: str, depth: int = 0) -> tuple[Any, bool]:
         return group[name], depth > 0
     found = group.file if link.path.startswith("/") else group
     for part in filter(None, link.path.split("/")):
-        if not hasattr(found, "keys") or part not in found.keys():
+        if not hasattr(found, "keys") or part not in found:
             return None, True
         found = _resolved(found, part, depth + 1)[0]
     return found, True

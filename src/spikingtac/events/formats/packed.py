@@ -25,7 +25,8 @@ LIMIT_PIECES = 32
 BOMB_RATIO = 100
 """Most that content beyond one piece may be compressed; events gain 2 to 10 (ours)."""
 
-COPY_BYTES = 1 << 20
+COPY_BYTES = 1 << 12
+"""Bytes unpacked at once: what a damaged archive loses of its sound part."""
 
 
 def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
@@ -36,11 +37,11 @@ def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
         opener: Opens the unpacked file.
 
     Raises:
-        FormatError: The archive is damaged, holds several files, or unpacks beyond the limit.
+        FormatError: The archive cannot be read, holds several files, or unpacks beyond the limit.
     """
     folder = Path(tempfile.mkdtemp(prefix="spikingtac-"))
     try:
-        inner = _unpacked(path, folder)
+        inner, damage = _unpacked(path, folder)
         try:
             source = opener(inner)
         except RecordingError as error:
@@ -51,10 +52,14 @@ def open_packed(path: Path, opener: Callable[[Path], FileSource]) -> FileSource:
         raise
     weakref.finalize(source, shutil.rmtree, folder, ignore_errors=True)
     source.notes.append(f"unpacked from {path.name}")
+    if damage:
+        source.notes.append(f"{path.name} is damaged and was unpacked up to there: {damage}")
+        source.lost_before = {"truncated": 1}
     return source
 
 
-def _unpacked(path: Path, folder: Path) -> Path:
+def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
+    """Return the unpacked file, and what ended it early."""
     packed = path.stat().st_size
     try:
         if not zipfile.is_zipfile(path):
@@ -77,10 +82,21 @@ def _unpacked(path: Path, folder: Path) -> Path:
         raise FormatError(f"{str(path)!r} cannot be unpacked: {error}") from error
 
 
-def _copied(content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: Path) -> Path:
+def _copied(
+    content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: Path
+) -> tuple[Path, str]:
+    """Copy content up to the limits; return the file, and what ended it early."""
     limit, written = LIMIT_PIECES * piece_limit_bytes(), 0
     with inner.open("wb") as file:
-        while data := content.read(COPY_BYTES):
+        while True:
+            try:
+                data = content.read(COPY_BYTES)
+            except (OSError, EOFError, ValueError, zlib.error, zipfile.BadZipFile) as error:
+                if not written:
+                    raise
+                return inner, str(error)
+            if not data:
+                return inner, ""
             written += len(data)
             bomb = written > piece_limit_bytes() and written > BOMB_RATIO * packed
             if written > limit or bomb:
@@ -90,4 +106,3 @@ def _copied(content: IO[bytes] | gzip.GzipFile, inner: Path, packed: int, path: 
                     "the limit: SPIKINGTAC_PIECE_LIMIT_MIB=1024"
                 )
             file.write(data)
-    return inner
