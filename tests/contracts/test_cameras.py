@@ -15,8 +15,8 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.cameras.kinds import KINDS, open_camera
 from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.formats.checks.column_check import ColumnCheck
 from spikingtac.events.formats.file_source import ReadOptions
+from spikingtac.events.formats.packing import ColumnCheck
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import COUNTERPARTS, Counterpart, events
 

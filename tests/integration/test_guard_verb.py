@@ -25,7 +25,7 @@ TOUCH = 300
 
 @pytest.fixture
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr("spikingtac.events.formats.evt.raw_stream.is_stream", lambda path: True)
+    monkeypatch.setattr("spikingtac.events.evt.raw_stream.is_stream", lambda path: True)
     files = ["--events", "pipe", "--calibration", "finger.json", "--quiet", "quiet.raw"]
     return ["guard", "--arm", "192.0.2.1", *files, "--json"]
 

@@ -25,7 +25,7 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.clocks.live_pair import live_pair
 from spikingtac.events.create import create_events
-from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
+from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording

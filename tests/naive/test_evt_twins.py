@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from spikingtac.events.evt import evt2, evt3, evt21, salvage
+from spikingtac.events.evt.decoder import Columns, WordDecoder, new_state, read_only
+from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from spikingtac.events.evt.evt2 import Evt2Decoder
+from spikingtac.events.evt.evt3 import Evt3Decoder
+from spikingtac.events.evt.evt21 import Evt21Decoder
 from spikingtac.events.formats import es
-from spikingtac.events.formats.evt import evt2, evt3, evt21, salvage
-from spikingtac.events.formats.evt.clock import new_state
-from spikingtac.events.formats.evt.decoder import Columns, WordDecoder, read_only
-from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.events.formats.evt.encode.evt21 import Evt21Encoder
-from spikingtac.events.formats.evt.evt2 import Evt2Decoder
-from spikingtac.events.formats.evt.evt3 import Evt3Decoder
-from spikingtac.events.formats.evt.evt21 import Evt21Decoder
 
 SIZE = (320, 240)
 Events = list[tuple[int, int, int, bool]]

@@ -26,10 +26,8 @@ import pytest
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.cameras.kinds import open_camera
-from spikingtac.events.formats.evt.encode.evt2 import Evt2Encoder
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.events.formats.evt.encode.evt21 import Evt21Encoder
-from spikingtac.events.formats.evt.header import format_header
+from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from spikingtac.events.evt.header import format_header
 from spikingtac.types import EventPacket
 from stand_ins.camera_modules import DriversDevice, HalDevice, drivers_module, hal_module
 from stand_ins.openmv_board import OpenMvBoard

@@ -9,7 +9,7 @@ MODULE = '''
 import numpy as np
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.events.formats.arrays import ArraySource
+from spikingtac.events.tables.arrays import ArraySource
 from spikingtac.events.formats.writers import NpzWriter
 from spikingtac.types import MarkerFrame
 

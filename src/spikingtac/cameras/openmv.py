@@ -19,7 +19,7 @@ from spikingtac.cameras.words import GENX320_SIZE, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.formats.evt.words import Rows
+from spikingtac.events.evt.words import Rows
 
 T = TypeVar("T")
 

@@ -15,9 +15,9 @@ from spikingtac.cameras.words import warm_up
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.formats.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
-from spikingtac.events.formats.evt.raw import NAMES, word_decoder
-from spikingtac.events.formats.evt.words import Rows, WordStream
+from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
+from spikingtac.events.evt.raw import NAMES, word_decoder
+from spikingtac.events.evt.words import Rows, WordStream
 
 CHUNK_BYTES = 1 << 18
 """Most bytes that one read takes and decodes."""

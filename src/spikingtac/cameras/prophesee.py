@@ -14,7 +14,7 @@ from spikingtac.cameras.words import BareWords
 from spikingtac.errors import CameraLostError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.formats.evt.words import Rows
+from spikingtac.events.evt.words import Rows
 
 POLL_S = 0.0002
 """Sleep between two looks for a buffer, s."""

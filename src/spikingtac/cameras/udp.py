@@ -18,7 +18,7 @@ from spikingtac.cameras.words import WORD_OPTIONS, BareWords
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.formats.evt.words import Rows
+from spikingtac.events.evt.words import Rows
 
 ANY_HOST = "0.0.0.0"  # a camera on a cable of its own sends from another machine
 LARGEST_BYTES = 1 << 16

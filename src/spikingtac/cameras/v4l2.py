@@ -24,7 +24,7 @@ from spikingtac.cameras.words import WORD_OPTIONS, BareWords
 from spikingtac.errors import CameraLostError, ConfigError, DeviceError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
-from spikingtac.events.formats.evt.words import Rows
+from spikingtac.events.evt.words import Rows
 
 FRAME = (4096, 391)
 """Width and height of a frame, bytes."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.header import ENCODINGS
+from spikingtac.events.evt.raw import NAMES, word_decoder
+from spikingtac.events.evt.words import Rows, WordStream
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.formats.evt.header import ENCODINGS
-from spikingtac.events.formats.evt.raw import NAMES, word_decoder
-from spikingtac.events.formats.evt.words import Rows, WordStream
 from spikingtac.types import LossCounters
 
 GENX320_SIZE = (320, 320)

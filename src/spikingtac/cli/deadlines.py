@@ -15,7 +15,7 @@ def require_live(sources: Iterable[Path | str]) -> None:
     Raises:
         ConfigError: A source is a recording.
     """
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
 
     for source in sources:
         if not is_stream(Path(source)):

@@ -34,7 +34,7 @@ def create_events(
     if encoding is not None and ending != ".raw":
         raise ConfigError(f"encoding={encoding!r} is for .raw files, not for {ending!r}")
     if ending == ".raw":
-        from spikingtac.events.formats.evt.encode.raw_writer import RawWriter
+        from spikingtac.events.evt.raw_writer import RawWriter
 
         return RawWriter(path, size, encoding or "evt3")
     if ending == ".npz":

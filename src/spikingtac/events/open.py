@@ -12,9 +12,9 @@ from typing import Protocol
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
 from spikingtac.events.address import Address, is_address
+from spikingtac.events.evt.header import read_header
+from spikingtac.events.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE
-from spikingtac.events.formats.evt.header import read_header
-from spikingtac.events.formats.evt.raw_stream import RawStream, is_stream
 from spikingtac.events.formats.file_source import CHUNK_EVENTS, FileSource, ReadOptions
 from spikingtac.events.manifest import name_of
 from spikingtac.file_kinds import told_kind
@@ -97,7 +97,7 @@ def open_events(
             f"the folder {str(path)!r} holds no {name}; a recording folder has events.raw "
             f"(events_1.raw for a second sensor){_named_inside(place)}"
         )
-    from spikingtac.events.formats.bags.source import RosSource
+    from spikingtac.events.bags.source import RosSource
 
     return RosSource(bags[0], options, tuple(bags[1:]))
 
@@ -106,7 +106,7 @@ def _of_folder(folder: Path, file: Path, sensor: int, options: ReadOptions) -> F
     """Return the events of one sensor of a folder, all its parts, on the first sensor's clock."""
     from spikingtac.events.clocks.recorded import time_base_of
     from spikingtac.events.clocks.retimed import RetimedSource
-    from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
+    from spikingtac.events.evt.raw import RawParts, parts_of
 
     parts = parts_of(file)
     source = RawParts(parts, options) if len(parts) > 1 else _opener(file)(file, options)
@@ -190,8 +190,8 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     Raises:
         FormatError: They look like nothing that is known; says what is valid.
     """
-    from spikingtac.events.formats.evt.plausible import SOUND_SHARE, best_candidate
-    from spikingtac.events.formats.text import looks_like_text
+    from spikingtac.events.evt.header import SOUND_SHARE, best_candidate
+    from spikingtac.events.tables.text import looks_like_text
 
     if looks_like_text(start):
         return "text"

@@ -86,7 +86,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | Path, size: tuple[int, int], sensors: int = 1) -> None:
-        from spikingtac.events.formats.evt.encode.raw_writer import RawWriter
+        from spikingtac.events.evt.raw_writer import RawWriter
 
         self.path = Path(path)
         self.path.mkdir(parents=True, exist_ok=True)

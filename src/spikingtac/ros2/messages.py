@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.types import EventPacket, MarkerFrame
 
 NS_PER_S, NS_PER_US = 1_000_000_000, 1_000

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.ros2.messages import (
     NS_PER_US,
     Layout,

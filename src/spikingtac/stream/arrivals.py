@@ -12,8 +12,8 @@ from spikingtac.contact.window import Window
 from spikingtac.errors import DeviceError
 from spikingtac.events.address import Address, is_address
 from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.formats.evt.header import ENCODINGS
-from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.events.evt.header import ENCODINGS
+from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.windows import windows

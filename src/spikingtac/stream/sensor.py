@@ -13,7 +13,7 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.cameras.source import CameraSource
-from spikingtac.events.formats.evt.raw_stream import RawStream
+from spikingtac.events.evt.raw_stream import RawStream
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.markers.registry import make_tracker

@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
-from spikingtac.events.formats.evt.header import format_header
+from spikingtac.events.evt.encode import Evt3Encoder
+from spikingtac.events.evt.header import format_header
 from spikingtac.types import EventPacket
 
 RETRY_S = 0.2

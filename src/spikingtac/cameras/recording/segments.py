@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.formats.evt.encode.raw_writer import RawWriter
-from spikingtac.events.formats.evt.raw_parts import part_name
+from spikingtac.events.evt.raw import part_name
+from spikingtac.events.evt.raw_writer import RawWriter
 from spikingtac.types import EventPacket
 
 US_PER_S = 1_000_000

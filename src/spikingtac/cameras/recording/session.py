@@ -16,7 +16,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.cameras.health import CameraHealth
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.events.formats.checks.column_check import ColumnCheck
+from spikingtac.events.formats.packing import ColumnCheck
 from spikingtac.events.manifest import MANIFEST, TRUTH, name_of
 from spikingtac.events.source_health import source_health
 from spikingtac.types import EventPacket

@@ -110,7 +110,7 @@ def camera_address(source: Path) -> str:
         ConfigError: It is a file or a folder.
     """
     from spikingtac.events.address import is_address
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
 
     if is_address(source):
         return str(source)

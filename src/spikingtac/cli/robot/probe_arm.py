@@ -177,7 +177,7 @@ def _live_source(
     args: ProbeArgs, stream: Iterator[Window], watchdog: Watchdog
 ) -> ThreadedSource | None:
     """Return a thread that reads the stream of a camera; None for a file, which waits."""
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.stream.arrivals import timed
     from spikingtac.stream.reader import ThreadedSource
 

@@ -62,7 +62,7 @@ def check(args: ProbeArgs) -> None:
 
 
 def _check_arm(args: ProbeArgs) -> None:
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
 
     if args.events is None or args.calibration is None:
         raise ConfigError(

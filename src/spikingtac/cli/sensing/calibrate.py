@@ -75,7 +75,7 @@ def _only_one(args: Args) -> Path:
 
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.markers.calibration.guide.advice import progress_line
     from spikingtac.markers.calibration.guide.guide import CalibrationGuide
     from spikingtac.markers.calibration.guide.guided_source import GuidedSource

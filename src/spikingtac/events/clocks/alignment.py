@@ -14,7 +14,7 @@ from spikingtac.events.clocks.retimed import RetimedSource
 from spikingtac.events.clocks.second import is_same_folder
 from spikingtac.events.clocks.shared_motion import course_of, through_motion
 from spikingtac.events.clocks.time_map import TimeMap
-from spikingtac.events.formats.evt.raw_parts import RawParts, parts_of
+from spikingtac.events.evt.raw import RawParts, parts_of
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
 from spikingtac.events.manifest import MANIFEST, name_of, read_manifest
 from spikingtac.events.open import RECORDING_NAME, open_events

@@ -17,9 +17,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.checks.decompress import decompressed
-from spikingtac.events.formats.checks.limits import refuse_piece
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
+from spikingtac.events.formats.limits import decompressed, refuse_piece
 
 SIGNATURE = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import RecordingError
-from spikingtac.events.formats.checks.limits import piece_limit_bytes, refuse_piece
+from spikingtac.events.formats.limits import piece_limit_bytes, refuse_piece
 
 ARCHIVE_DAMAGE = (
     OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError,

@@ -184,7 +184,7 @@ class Place:
     Attributes:
         part: Number of the file, for a recording in parts.
         byte: First byte that was not read.
-        state: State of the decoder (:mod:`spikingtac.events.formats.evt.clock`).
+        state: State of the decoder (:mod:`spikingtac.events.evt.decoder`).
         t_us: Time of the last event before it, us.
     """
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.evt.header import RawHeader, read_header
+from spikingtac.events.evt.header import RawHeader, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 CD_TYPES = (0x00, 0x0C)

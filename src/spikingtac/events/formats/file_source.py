@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, DamageError
-from spikingtac.events.formats.checks.column_check import ColumnCheck
-from spikingtac.events.formats.checks.limits import require_size
-from spikingtac.events.formats.checks.packing import Packer
 from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Triggers
+from spikingtac.events.formats.limits import require_size
+from spikingtac.events.formats.packing import ColumnCheck, Packer
 from spikingtac.events.source_health import HealthMeter
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import WholeFile
 from spikingtac.events.formats.codec import EventWriter
-from spikingtac.events.formats.hdf5 import library
+from spikingtac.events.tables.hdf5 import library
 from spikingtac.types import EventPacket
 
 T = TypeVar("T")

@@ -15,12 +15,12 @@ from typing import IO
 
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS
-from spikingtac.events.formats.checks.limits import piece_limit_bytes
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.formats.limits import piece_limit_bytes
 
 LIMIT_PIECES = 32
 """Largest content that is unpacked, in pieces of an input: 4 GiB unless the environment raises it
-(:mod:`spikingtac.events.formats.checks.limits`)."""
+(:mod:`spikingtac.events.formats.limits`)."""
 
 BOMB_RATIO = 100
 """Most that content beyond one piece may be compressed; events gain 2 to 10 (ours)."""

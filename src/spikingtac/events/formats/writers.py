@@ -11,8 +11,8 @@ import numpy as np
 from spikingtac.atomic_files import WholeFile
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.events.formats.arrays import TRIGGERS
 from spikingtac.events.formats.codec import EventWriter, Triggers
+from spikingtac.events.tables.arrays import TRIGGERS
 from spikingtac.types import EventPacket
 
 _TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}

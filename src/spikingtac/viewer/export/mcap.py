@@ -10,7 +10,7 @@ from typing import Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import MissingExtraError
-from spikingtac.events.formats.evt.encode.evt3 import Evt3Encoder
+from spikingtac.events.evt.encode import Evt3Encoder
 from spikingtac.ros2.messages import (
     NS_PER_US,
     Layout,

@@ -13,7 +13,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.events.address import is_address
-from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.sim.twin_camera import is_twin

@@ -14,8 +14,8 @@ from spikingtac.config import load_config
 from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address
+from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.formats.array_file import load_arrays
-from spikingtac.events.formats.evt.raw_stream import is_stream
 from spikingtac.events.open import refuse_url
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker

@@ -10,7 +10,7 @@ import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
-from spikingtac.events.formats.checks import hdf5_attributes
+from spikingtac.events.tables import hdf5_attributes
 
 h5py: Any = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
 

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import DamageError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.formats.evt.salvage import fill_at_end, filled_words, may_be_filled
+from spikingtac.events.evt.salvage import fill_at_end, filled_words, may_be_filled
 from spikingtac.types import EventPacket
 
 SIZE = (320, 320)

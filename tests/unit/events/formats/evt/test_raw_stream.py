@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.types import EventPacket
 from stand_ins.piped_camera import PipedCamera
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.events.formats.evt.salvage import aligned
+from spikingtac.events.evt.salvage import aligned
 
 WORD = np.dtype("<u2")
 SOUND_WORDS = 40

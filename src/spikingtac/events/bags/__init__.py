@@ -1,0 +1,1 @@
+"""ROS bags: their storages, and the messages of events in them."""

@@ -1,0 +1,253 @@
+"""ROS bags of events: ROS 1, ROS 2 sqlite3 and MCAP, whole or split into several files.
+
+Messages are read by their published layout, so bags without type definitions (or with ones in
+ros2idl) are read as well. Source: ``event_camera_msgs/EventPacket`` (words of a camera), and
+``dvs_msgs/EventArray`` and ``prophesee_event_msgs/EventArray``, which share one layout (public).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from spikingtac.errors import FormatError
+from spikingtac.events.bags.storages import RawMessage, messages_of
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows, chosen_sensor
+
+MONO_EVENT = np.dtype("<u8")
+"""Encoding ``mono``: from the lowest bit, 32 bits of time (ns after the base), 16 x, 15 y, 1 p."""
+
+PACKETS = ("event_camera_msgs/msg/EventPacket", "event_camera_msgs/EventPacket")
+ARRAYS = tuple(
+    f"{package}{kind}/EventArray"
+    for package in ("dvs_msgs", "prophesee_event_msgs")
+    for kind in ("", "/msg")
+)
+ENCODINGS = ("evt3", "evt2", "evt21", "mono", "array")
+"""How the events of a message are written; ``array`` stands for the messages of single events."""
+
+NS_PER_US = 1_000
+PIECE_BYTES = 1 << 18
+"""Bytes of a message that are decoded at once: a word may stand for 32 events."""
+
+FIRST_MESSAGES = 256
+"""Messages among which the cameras of a bag are found: each has sent one by then (ours)."""
+
+ARRAY_EVENT_BYTES, ALIGNED_BYTES = 13, 16
+"""Bytes of an event in an array of ROS 1, and of ROS 2, which aligns each field."""
+
+
+class _Packet(NamedTuple):
+    width: int
+    height: int
+    sequence: int
+    base_ns: int
+    encoding: str
+    events: bytes
+    order: str
+
+
+class RosSource(FileSource):
+    """Events of one camera in a bag; EVT3 words keep their state from message to message.
+
+    Sequence numbers that are left out count as ``gap``; messages that do not parse as
+    ``bad_record``, those of other encodings as ``unknown_message``.
+
+    Args:
+        path: A bag, or its first file.
+        options: As of a file.
+        others: The files that follow, in order.
+
+    Raises:
+        FormatError: The bag holds no events, or only encodings that are not read.
+        ConfigError: It holds several cameras, and none was chosen.
+        MissingExtraError: The storage needs a library that is not installed.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
+        self.format = "ROS bag"
+        self._paths = (path, *others)
+        topics = self._topics()
+        if not topics:
+            raise FormatError(
+                f"{str(path)!r} holds no readable messages of events (valid: {PACKETS[1]}, "
+                f"{', '.join(ARRAYS[::2])}); record the camera's packet topic, not a rendered image"
+            )
+        self._topic = list(topics)[chosen_sensor(list(topics), options.sensor, path)]
+        self._first = first = topics[self._topic]
+        if first.encoding not in ENCODINGS:
+            raise FormatError(
+                f"{str(path)!r}: events are encoded as {first.encoding!r}, which is not read "
+                f"(valid: {', '.join(ENCODINGS[:-1])}); set the driver to one of these, or convert "
+                "the bag with event_camera_tools"
+            )
+        self.format = f"ROS bag ({first.encoding})"
+        self.checked = first.encoding not in ("mono", "array")  # decoders of words check
+        super().__init__(path, options)
+
+    def _topics(self) -> dict[str, _Packet]:
+        """Return the cameras' topics in the order of their names, with a first packet of each."""
+        found: dict[str, _Packet] = {}
+        for number, (topic, packet) in enumerate(self._packets(None)):
+            found.setdefault(topic, packet)
+            if number >= FIRST_MESSAGES:
+                break
+        return dict(sorted(found.items()))
+
+    def _size(self) -> tuple[int, int]:
+        width, height = self._first.width, self._first.height
+        return (width, height) if width > 0 and height > 0 else self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        reader = _reader(self._first.encoding, self)
+        following: int | None = None
+        for _, packet in self._packets(self._topic):
+            if packet.encoding != self._first.encoding:
+                self.losses.add("unknown_message")
+                continue
+            if following is not None and packet.sequence > following:
+                self.losses.add("gap", 1)
+            following = packet.sequence + 1 if packet.sequence >= 0 else None
+            yield from reader(packet)
+
+    def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
+        for path in self._paths:
+            for message in messages_of(path, (*PACKETS, *ARRAYS), self._count):
+                if topic is not None and message.topic != topic:
+                    self._count("unknown_message")
+                    continue
+                try:
+                    yield message.topic, _parsed(message)
+                except (struct.error, UnicodeDecodeError, IndexError, ValueError):
+                    self._count("bad_record")
+
+    def _count(self, kind: str) -> None:
+        if hasattr(self, "losses"):
+            self.losses.add(kind)
+
+
+class _Cursor:
+    """Reads fields of a message one after the other; CDR aligns them, ROS 1 does not."""
+
+    def __init__(self, data: bytes, order: str, origin: int, aligned: bool) -> None:
+        self._data, self._order, self._origin, self._aligned = data, order, origin, aligned
+        self._at = origin
+
+    def number(self, kind: str) -> int:
+        """Read a number of a :mod:`struct` type."""
+        length = struct.calcsize(kind)
+        if self._aligned:
+            self._at += -(self._at - self._origin) % length
+        (value,) = struct.unpack_from(self._order + kind, self._data, self._at)
+        self._at += length
+        return value
+
+    def block(self) -> bytes:
+        """Read a length and so many bytes."""
+        return self.bytes_of(self.number("I"))
+
+    def bytes_of(self, length: int) -> bytes:
+        """Read so many bytes."""
+        block = self._data[self._at : self._at + length]
+        if len(block) < length:
+            raise ValueError("the message ends early")
+        self._at += length
+        return block
+
+
+def _parsed(message: RawMessage) -> _Packet:
+    order = "<"
+    if message.cdr:
+        order = "<" if message.data[1] & 1 else ">"
+        cursor = _Cursor(message.data, order, 4, aligned=True)
+    else:
+        cursor = _Cursor(message.data, "<", 0, aligned=False)
+        cursor.number("I")  # sequence number of the ROS 1 header
+    cursor.number("I")
+    cursor.number("I")
+    cursor.block()
+    height, width = cursor.number("I"), cursor.number("I")
+    if message.kind in ARRAYS:
+        count = cursor.number("I")
+        size = ALIGNED_BYTES if message.cdr else ARRAY_EVENT_BYTES
+        length = max(size * count - (size - ARRAY_EVENT_BYTES), 0)
+        return _Packet(width, height, -1, size, "array", cursor.bytes_of(length), order)
+    sequence, base_ns = cursor.number("Q"), cursor.number("Q")
+    encoding = cursor.block().rstrip(b"\0").decode("ascii")
+    cursor.number("B")  # byte order of the sender; the encodings are little-endian
+    return _Packet(width, height, sequence, base_ns, encoding, cursor.block(), order)
+
+
+class _Reader(Protocol):
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events."""
+        ...
+
+
+class _WordReader:
+    """Feeds the words of each message to one stateful decoder."""
+
+    def __init__(self, encoding: str, source: RosSource) -> None:
+        from spikingtac.events.evt.raw import word_decoder
+        from spikingtac.events.evt.words import WordStream
+
+        decoder = word_decoder(encoding, source.size)
+        self._stream = WordStream(decoder, source.losses, source.triggers)
+
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events."""
+        for first in range(0, max(len(packet.events), 1), PIECE_BYTES):
+            last = first + PIECE_BYTES
+            yield self._stream.feed(packet.events[first:last], final=last >= len(packet.events))
+
+
+class _MonoReader:
+    """Reads the encoding ``mono``: absolute times, one word an event."""
+
+    def __init__(self) -> None:
+        self._start_ns: int | None = None
+
+    def __call__(self, packet: _Packet) -> Iterator[Rows]:
+        """Yield the columns of a packet's events, from the first message's base on."""
+        if self._start_ns is None:
+            self._start_ns = packet.base_ns
+        usable = len(packet.events) // MONO_EVENT.itemsize * MONO_EVENT.itemsize
+        words = np.frombuffer(packet.events[:usable], MONO_EVENT)
+        offset_us, rest_ns = divmod(packet.base_ns - self._start_ns, NS_PER_US)
+        t_ns = (words & np.uint64(0xFFFFFFFF)).astype(np.int64)
+        x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.int64)
+        y = ((words >> np.uint64(48)) & np.uint64(0x7FFF)).astype(np.int64)
+        t = (t_ns + rest_ns) // NS_PER_US + offset_us
+        yield x, y, (words >> np.uint64(63)).astype(np.bool_), t
+
+
+def _array_reader(packet: _Packet) -> Iterator[Rows]:
+    """Yield the columns of a message of single events: x, y, seconds, nanoseconds, polarity."""
+    order, size = packet.order, packet.base_ns
+    if size == ARRAY_EVENT_BYTES:
+        fields = [("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")]
+        events = np.frombuffer(packet.events, fields)
+        x, y = events["x"], events["y"]
+    else:
+        # Each field is aligned, not each event: x follows the polarity of the event before it.
+        names, offsets = ["y", "s", "ns", "p", "next_x"], [0, 4, 8, 12, 14]
+        kinds = [f"{order}u2", f"{order}i4", f"{order}u4", "u1", f"{order}u2"]
+        kind = np.dtype(
+            {"names": names, "formats": kinds, "offsets": offsets, "itemsize": ALIGNED_BYTES}
+        )
+        events = np.frombuffer(packet.events + bytes(-len(packet.events) % ALIGNED_BYTES), kind)
+        first = np.frombuffer(packet.events, f"{order}u2", min(2, len(packet.events)))
+        x = np.concatenate((first[:1], events["next_x"][:-1])).astype(np.uint16)
+        y = np.concatenate((first[1:], events["y"][1:])).astype(np.uint16)
+    t = events["s"].astype(np.int64) * 1_000_000 + events["ns"].astype(np.int64) // NS_PER_US
+    yield x, y, events["p"] != 0, t
+
+
+def _reader(encoding: str, source: RosSource) -> _Reader:
+    if encoding == "array":
+        return _array_reader
+    return _MonoReader() if encoding == "mono" else _WordReader(encoding, source)

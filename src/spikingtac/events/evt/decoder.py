@@ -1,0 +1,274 @@
+"""The state of a RAW decoder, the one rule by which all of them keep time, and their shape.
+
+The wire sends the upper part of the time in words of its own; their counter wraps. Forward is the
+smaller surprise: a counter that falls by half of its range or more has wrapped (as OpenEB has it).
+A fall of less than 0.1 s is held (time stands still until the wire catches up), a larger one is a
+restart: the wire's time is re-based so that it goes on from the last event.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.events.formats.codec import JUMP_US, RESET_US
+from spikingtac.types import LossCounters
+
+HIGH, EPOCH, BASE, NOW, ROW, VECTOR_X, VECTOR_P, WIDTH, HEIGHT = range(9)
+REPEATS, CHANGES, UNCONFIRMED, EARLIER, EVENTS_BEFORE = range(9, 14)
+FIRST_COUNTER = 14
+BACKWARDS, RESET, JUMP, GAP, OUTSIDE, MISSING, UNKNOWN, TRIGGERS, PADDINGS, VENDOR, GLITCH = range(
+    14, 25
+)
+FIELDS = 25
+"""Fields of the ``int64`` state: clock, address, sensor, continuity, counters."""
+
+_COUNTED = {
+    "time_backwards": BACKWARDS,
+    "time_reset": RESET,
+    "time_jump": JUMP,
+    "gap": GAP,
+    "out_of_range": OUTSIDE,
+    "missing_state": MISSING,
+    "unknown_word": UNKNOWN,
+    "trigger": TRIGGERS,
+    "padding": PADDINGS,
+    "vendor_word": VENDOR,
+    "time_glitch": GLITCH,
+}
+
+Integer = int | np.integer[Any]
+"""A number inside of a kernel."""
+
+NONE = -1
+NO_ROW = 1 << 30
+"""A row that no sensor has: nothing can be placed yet."""
+
+LEAP_US = 1 << 24
+"""The artefact leap of streams that were restarted on an open device."""
+
+REPEATS_OF_A_SENSOR = 16
+"""Repeated time words after which a stream is taken for a sensor's, which leaves none out."""
+
+
+def new_state(size: tuple[int, int], continuous: bool = False) -> NDArray[np.int64]:
+    """Return the state before the first word.
+
+    Args:
+        size: ``(width, height)`` beyond which events are dropped, px.
+        continuous: Whether the writer is known to leave no time word out, so that holes are gaps.
+    """
+    state = np.zeros(FIELDS, np.int64)
+    state[[HIGH, UNCONFIRMED, VECTOR_X, NOW, EVENTS_BEFORE]] = NONE
+    state[ROW] = NO_ROW
+    state[WIDTH], state[HEIGHT] = size
+    if continuous:
+        state[REPEATS] = 1 << 40
+    return state
+
+
+def take_counts(state: NDArray[np.int64], losses: LossCounters) -> None:
+    """Move the state's counters to the losses."""
+    if not state[FIRST_COUNTER:].any():  # as nearly always: this is asked at every read
+        return
+    for kind, field in _COUNTED.items():
+        losses.add(kind, int(state[field]))
+    state[FIRST_COUNTER:] = 0
+
+
+@njit(cache=True, nogil=True)
+def time_high_kernel(
+    state: NDArray[np.int64],
+    value: Integer,
+    low_bits: Integer,
+    high_bits: Integer,
+    position: Integer,
+) -> None:
+    """Advance the clock to the upper time ``value`` of the word at ``position``."""
+    if value == state[HIGH]:
+        state[REPEATS] += 1
+        state[UNCONFIRMED] = NONE
+        return
+    fresh = state[HIGH] < 0
+    step = value - state[HIGH]
+    state[HIGH] = value
+    state[UNCONFIRMED] = NONE
+    if fresh:
+        state[BASE] = state[EPOCH] + (value << low_bits)
+        state[NOW] = max(state[NOW], state[BASE])
+        return
+    state[CHANGES] += 1
+    if step < 0:
+        if -step >= 1 << (high_bits - 1):
+            state[EPOCH] += np.int64(1) << (low_bits + high_bits)
+            step += 1 << high_bits
+        elif -step << low_bits >= RESET_US:
+            state[EPOCH] = state[NOW] - (value << low_bits)
+            state[RESET] += 1
+    if step > 1:
+        if step << low_bits >= RESET_US:
+            state[UNCONFIRMED] = position
+        _leap_kernel(state, step, low_bits)
+    state[BASE] = state[EPOCH] + (value << low_bits)
+    if state[BASE] > state[NOW]:
+        state[NOW] = state[BASE]
+
+
+@njit(cache=True, nogil=True)
+def _leap_kernel(state: NDArray[np.int64], step: Integer, low_bits: Integer) -> None:
+    leap_us = step << low_bits
+    if leap_us >= JUMP_US:
+        state[JUMP] += 1
+        if abs(leap_us - LEAP_US) < RESET_US:
+            state[EPOCH] -= LEAP_US
+    elif state[REPEATS] >= REPEATS_OF_A_SENSOR and state[REPEATS] >= state[CHANGES]:
+        state[GAP] += 1
+
+
+@njit(cache=True, nogil=True)
+def time_low_kernel(state: NDArray[np.int64], low: Integer) -> Any:
+    """Return the time of the lower part ``low``, us, held where it would go back."""
+    now = state[BASE] + low
+    if now < state[NOW]:
+        state[BACKWARDS] += 1
+        return state[NOW]
+    state[NOW] = now
+    return now
+
+
+@njit(cache=True, nogil=True)
+def lone_low_kernel(state: NDArray[np.int64], low: Integer, events: Integer) -> Any:
+    """Do the same for a word that holds the lower time alone.
+
+    Gen 4.1 sensors now and then send such a word and correct it at once. If no event came between,
+    nothing was stamped, and the correction counts: the library evt3 and the wire agree on that.
+
+    Args:
+        state: The decoder's state.
+        low: Lower time.
+        events: Events decoded so far in this chunk.
+    """
+    if state[HIGH] < 0:
+        return state[NOW]
+    now = state[BASE] + low
+    if now < state[NOW]:
+        if state[EVENTS_BEFORE] != events or now < state[EARLIER]:
+            state[BACKWARDS] += 1
+            return state[NOW]
+        state[GLITCH] += 1
+    else:
+        state[EARLIER] = state[NOW]
+    state[EVENTS_BEFORE] = events
+    state[NOW] = now
+    return now
+
+
+class Columns(NamedTuple):
+    """Buffers that a kernel fills: events, and triggers as (t_us, channel, value)."""
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    p: NDArray[np.bool_]
+    t: NDArray[np.int64]
+    triggers: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls, events: int, words: int) -> Self:
+        """Return buffers for at most ``events`` events and ``words`` triggers."""
+        return cls(
+            np.empty(events, np.uint16),
+            np.empty(events, np.uint16),
+            np.empty(events, np.bool_),
+            np.empty(events, np.int64),
+            np.empty((words, 3), np.int64),
+        )
+
+
+class TimeWords(NamedTuple):
+    """The words of upper time in a chunk.
+
+    Attributes:
+        position: Index of each among the words.
+        value: What each says.
+        wrapped: Whether the lower time fell from before it to after it, so that a step is due.
+    """
+
+    position: NDArray[np.int64]
+    value: NDArray[np.int64]
+    wrapped: NDArray[np.bool_]
+
+    @classmethod
+    def empty(cls, length: int) -> Self:
+        """Return room for ``length`` words."""
+        return cls(np.empty(length, np.int64), np.empty(length, np.int64), np.empty(length, bool))
+
+    def first(self, count: int) -> TimeWords:
+        """Return the first ``count`` of them."""
+        return TimeWords(self.position[:count], self.value[:count], self.wrapped[:count])
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that is not to be written.
+
+    Bytes of a file are such, bytes put together are not: a kernel that takes both is compiled
+    twice, the second time within a stream.
+    """
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class WordDecoder:
+    """A word format's decoder: one kernel for sound words, and what salvage needs to know.
+
+    Args:
+        size: ``(width, height)``; events outside are dropped and counted.
+        continuous: Whether the writer is known to leave no time word out.
+
+    Attributes:
+        name: Name of the encoding.
+        word: Type of a word on the wire.
+        events_per_word: Most events that a word can stand for.
+        low_bits: Bits of the lower time.
+        high_bits: Bits of the upper time.
+        state: The kernel's state, see above.
+        mended: Time words replaced so far.
+    """
+
+    UNKNOWN_TYPE = 2
+    name: str
+    word: np.dtype[Any]
+    events_per_word: int
+    low_bits: int
+    high_bits: int
+
+    def __init__(self, size: tuple[int, int], continuous: bool = False) -> None:
+        self.state = new_state(size, continuous)
+        self.mended = 0
+
+    def decode(self, words: NDArray[Any], out: Columns) -> int:
+        """Decode words into the columns and return the number of events."""
+        raise NotImplementedError
+
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
+        raise NotImplementedError
+
+    def expected_high(self, data: NDArray[np.uint8]) -> int:
+        """Return the upper time that the words of a chunk should be near."""
+        if self.state[HIGH] >= 0:
+            return int(self.state[HIGH])
+        end = len(data) // self.word.itemsize * self.word.itemsize
+        times = self.time_words(data[:end].view(self.word).copy()).value
+        return int(np.median(times)) if len(times) else 0
+
+    def time_words(self, words: NDArray[Any]) -> TimeWords:
+        """Return the upper times (and mend what else can be mended in place)."""
+        raise NotImplementedError
+
+    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
+        """Write mended upper times back into the words."""
+        raise NotImplementedError

@@ -1,0 +1,173 @@
+"""EVT 3.0: 16-bit words whose time, row and vector base are kept as state.
+
+Source: Prophesee, "EVT 3.0 Format" (public documentation). A word's upper four bits are its type:
+0 row, 2 single event, 3 vector base, 4 and 5 vectors of 12 and 8 pixels, 6 and 8 the lower and
+upper 12 bits of the 24-bit time, 10 trigger, 7, 14 and 15 vendor extensions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spikingtac.events.evt.decoder import (
+    EVENTS_BEFORE,
+    HEIGHT,
+    MISSING,
+    NO_ROW,
+    NONE,
+    NOW,
+    OUTSIDE,
+    PADDINGS,
+    ROW,
+    TRIGGERS,
+    UNKNOWN,
+    VECTOR_P,
+    VECTOR_X,
+    VENDOR,
+    WIDTH,
+    Columns,
+    Integer,
+    TimeWords,
+    WordDecoder,
+    lone_low_kernel,
+    read_only,
+    time_high_kernel,
+)
+from spikingtac.events.evt.evt3_salvage import (
+    ADDR_X,
+    ADDR_Y,
+    BASE_X,
+    CONTINUED_4,
+    CONTINUED_12,
+    OTHERS,
+    PADDING,
+    TIME_HIGH,
+    TIME_HIGH_BITS,
+    TIME_LOW,
+    TIME_LOW_BITS,
+    TRIGGER,
+    VECT_8,
+    VECT_12,
+    mend_low_kernel,
+    suspects_kernel,
+    time_words_kernel,
+)
+
+LOWEST_BIT = np.array([12] + [(mask & -mask).bit_length() - 1 for mask in range(1, 4096)], np.uint8)
+"""Index of the lowest set bit of each 12-bit mask."""
+
+
+class Evt3Decoder(WordDecoder):
+    """Turns EVT3 words into events; keeps time, row and vector base from call to call."""
+
+    name = "evt3"
+    word = np.dtype("<u2")
+    events_per_word = 12
+    low_bits = TIME_LOW_BITS
+    high_bits = TIME_HIGH_BITS
+
+    def decode(self, words: NDArray[Any], out: Columns) -> int:
+        """Decode words into the columns and return the number of events."""
+        return decode_kernel(read_only(words), *out, self.state)
+
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
+        out = np.empty(max(len(data) - 1, 0), np.uint8)
+        suspects_kernel(read_only(data), self.expected_high(data), out, self.state)
+        return out
+
+    def time_words(self, words: NDArray[Any]) -> TimeWords:
+        """Mend the lower times in place and return the upper ones."""
+        self.mended += mend_low_kernel(words, self.state)
+        out = TimeWords.empty(len(words))
+        return out.first(time_words_kernel(words, *out))
+
+    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
+        """Write mended upper times back into the words."""
+        words[times.position] = (TIME_HIGH << 12) | times.value
+
+
+@njit(cache=True, nogil=True)
+def decode_kernel(
+    words: NDArray[np.uint16],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
+    t: NDArray[np.int64],
+    triggers: NDArray[np.int64],
+    state: NDArray[np.int64],
+) -> Any:
+    """Decode words into the columns; return the number of events."""
+    width, height = state[WIDTH], state[HEIGHT]
+    row, now, n = state[ROW], state[NOW], 0
+    state[EVENTS_BEFORE] = NONE
+    for i in range(len(words)):
+        kind, value = words[i] >> 12, np.int64(words[i] & 0xFFF)
+        if kind == ADDR_X:
+            if (value & 0x7FF) < width and row < height and now >= 0:
+                x[n], y[n], p[n], t[n] = value & 0x7FF, row, value >> 11, now
+                n += 1
+            else:
+                state[OUTSIDE if row < NO_ROW and now >= 0 else MISSING] += 1
+        elif kind == ADDR_Y:
+            row = value & 0x7FF
+        elif kind == TIME_LOW:
+            now = lone_low_kernel(state, value, n)
+        elif kind in (VECT_12, VECT_8):
+            column, polarity = state[VECTOR_X], state[VECTOR_P] != 0
+            mask = _visible_kernel(value, 12 if kind == VECT_12 else 8, row, state)
+            while mask:
+                x[n], y[n], p[n], t[n] = column + LOWEST_BIT[mask], row, polarity, now
+                mask &= mask - 1
+                n += 1
+        elif kind == BASE_X:
+            state[VECTOR_X], state[VECTOR_P] = value & 0x7FF, value >> 11
+        else:
+            _rare_kernel(np.int64(words[i]), i, triggers, state)
+            now = state[NOW]
+    state[ROW], state[NOW] = row, now
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _visible_kernel(mask: Integer, length: Integer, row: Integer, state: NDArray[np.int64]) -> Any:
+    """Return the part of a vector's mask on the sensor, count the rest, move the base on."""
+    mask &= (1 << length) - 1
+    column = state[VECTOR_X]
+    if column >= 0:
+        state[VECTOR_X] = column + length
+    if column >= 0 and column + length <= state[WIDTH] and row < state[HEIGHT] and state[NOW] >= 0:
+        return mask
+    known = column >= 0 and row < NO_ROW and state[NOW] >= 0
+    room = max(state[WIDTH] - column, 0) if known and row < state[HEIGHT] else 0
+    kept = mask & ((1 << min(room, length)) - 1)
+    lost = mask & ~kept
+    while lost:
+        state[OUTSIDE if known else MISSING] += 1
+        lost &= lost - 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _rare_kernel(
+    word: Integer, i: Integer, triggers: NDArray[np.int64], state: NDArray[np.int64]
+) -> None:
+    kind = word >> 12
+    if kind == TIME_HIGH:
+        time_high_kernel(state, word & 0xFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+    elif kind == TRIGGER:
+        if state[NOW] >= 0:
+            triggers[state[TRIGGERS], 0] = state[NOW]
+            triggers[state[TRIGGERS], 1] = (word >> 8) & 0xF
+            triggers[state[TRIGGERS], 2] = word & 1
+            state[TRIGGERS] += 1
+    elif word == PADDING:
+        state[PADDINGS] += 1
+    elif kind in (OTHERS, CONTINUED_4, CONTINUED_12):
+        state[VENDOR] += 1
+    else:
+        state[UNKNOWN] += 1

@@ -1,0 +1,210 @@
+"""What RAW words are: the text header of Prophesee's files, and which encoding bytes look like."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+ENCODINGS = ("evt2", "evt21", "evt3")
+LINE_LIMIT = 4096
+"""Longest header line that is believed, bytes."""
+
+HEADER_LIMIT_BYTES = 1 << 20
+"""Longest header that is read; those of cameras have a kilobyte."""
+
+GENERATOR = "spikingtac"
+_VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}
+_FORMATS = {"evt2": "evt2", "evt2.0": "evt2", "evt21": "evt21", "evt2.1": "evt21", "evt3": "evt3"}
+_FORMATS["evt3.0"] = "evt3"
+_BYTE_ORDERS = ("little", "big", "legacy")
+
+# Systems that older headers name by number only, from OpenEB's device_system_id.h: Gen3 sensors
+# have 640x480 px, Gen4 and IMX636 1280x720; below 0x37 EVT 2.1 words come in the legacy order.
+_GEN3_SYSTEMS = frozenset({0x15, 0x1C, 0x17, 0x19, 0x1D, 0x23, 0x21, 0x22, 0x29, 0x28})
+_GEN4_SYSTEMS = frozenset({0x1A, 0x1E, 0x2E, 0x20, 0x1F, 0x27, 0x30, 0x31, 0x32, 0x3A})
+_FIRST_LITTLE_SYSTEM = 0x37
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawHeader:
+    """What the header of a RAW file names; None where it is silent.
+
+    Attributes:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        byte_order: Of EVT 2.1 words: ``little`` (64 bits at once), ``legacy`` (the upper half
+            first, each half little-endian) or ``big``.
+        time_base_us: Added to the wire's time; whole periods of its counter.
+        fields: Every line, key to value.
+        length: Bytes before the first word.
+    """
+
+    encoding: str | None = None
+    size: tuple[int, int] | None = None
+    byte_order: str | None = None
+    time_base_us: int = 0
+    fields: dict[str, str] = field(default_factory=dict)
+    length: int = 0
+
+    @property
+    def generated_here(self) -> bool:
+        """Whether this package wrote the file, so that time words follow without holes."""
+        return self.fields.get("generator", "").startswith(GENERATOR)
+
+
+def read_header(file: BinaryIO) -> RawHeader:
+    """Read the header lines and leave the file at the first word (a header may be missing)."""
+    fields: dict[str, str] = {}
+    first = file.tell()
+    while (start := file.tell()) - first < HEADER_LIMIT_BYTES:
+        line = file.readline(LINE_LIMIT)
+        if not _is_header_line(line):
+            file.seek(start)
+            break
+        key, _, value = line[1:].decode("latin-1").strip().partition(" ")
+        if key == "end":
+            break
+        fields[key] = value.strip()
+    return _understood(fields, file.tell())
+
+
+def format_header(encoding: str, size: tuple[int, int], time_base_us: int = 0) -> bytes:
+    """Return the header that this package writes; nothing in it depends on the clock."""
+    version = next(key for key, name in _VERSIONS.items() if name == encoding)
+    width, height = size
+    order = ";endianness=little" if encoding == "evt21" else ""
+    lines = [
+        f"evt {version}",
+        f"format {encoding.upper()};width={width};height={height}{order}",
+        f"geometry {width}x{height}",
+        f"generator {GENERATOR}",
+        # Metavision picks the plug-in that decodes a file by this pair of names.
+        "integrator_name Prophesee",
+        "plugin_name hal_plugin_prophesee",
+    ]
+    if encoding == "evt21":
+        lines.append("endianness little")
+    if time_base_us:
+        lines.append(f"time_base_us {time_base_us}")
+    return "".join(f"% {line}\n" for line in [*lines, "end"]).encode("ascii")
+
+
+def _is_header_line(line: bytes) -> bool:
+    if not (line.startswith(b"%") and line.endswith(b"\n")):
+        return False
+    return all(byte >= 0x20 or byte in b"\t\r\n" for byte in line) and 0x7F not in line
+
+
+def _understood(fields: dict[str, str], length: int) -> RawHeader:
+    name, *options = fields.get("format", "").split(";")
+    settings = {key.lower(): value for key, _, value in (item.partition("=") for item in options)}
+    encoding = _FORMATS.get(name.strip().lower()) or _VERSIONS.get(fields.get("evt", ""))
+    order = (settings.get("endianness") or fields.get("endianness") or "").lower()
+    system = _number(fields.get("system_ID"))
+    if order not in _BYTE_ORDERS:
+        old = system is not None and 0 < system < _FIRST_LITTLE_SYSTEM
+        order = "legacy" if old and encoding == "evt21" else ""
+    return RawHeader(
+        encoding=encoding,
+        size=_size(fields, settings, system),
+        byte_order=order or None,
+        time_base_us=_number(fields.get("time_base_us")) or 0,
+        fields=fields,
+        length=length,
+    )
+
+
+def _size(
+    fields: dict[str, str], settings: dict[str, str], system: int | None
+) -> tuple[int, int] | None:
+    geometry = re.fullmatch(r"(\d+)\s*x\s*(\d+)", fields.get("geometry", ""))
+    candidates = [
+        (_number(settings.get("width")), _number(settings.get("height"))),
+        (_number(geometry[1]), _number(geometry[2])) if geometry else (None, None),
+        (_number(fields.get("width")), _number(fields.get("height"))),
+    ]
+    for width, height in candidates:
+        if width and height and max(width, height) <= 1 << 11:
+            return width, height
+    if system in _GEN3_SYSTEMS:
+        return 640, 480
+    return (1280, 720) if system in _GEN4_SYSTEMS else None
+
+
+def _number(text: str | None) -> int | None:
+    text = (text or "").strip()
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
+
+
+CANDIDATES = ("evt3", "evt2", "evt21/little", "evt21/legacy", "evt21/big")
+FOREIGN_SHARE = 0.15
+"""Share of implausible words from which on a claimed format is doubted."""
+
+SOUND_SHARE = 0.04
+"""Share of implausible words up to which another format is believed instead."""
+
+_EVT3_UNKNOWN = np.array([kind in (0x1, 0x9, 0xB, 0xC, 0xD) for kind in range(16)])
+_EVT2_UNKNOWN = np.array([kind not in (0, 1, 8, 0xA, 0xD, 0xE, 0xF) for kind in range(16)])
+_STEP_LIMIT = 1 << 14
+"""Largest step of the upper 28 bits that is plausible within a sample: one second."""
+
+
+def implausible_share(data: bytes, candidate: str, size: tuple[int, int] | None) -> float:
+    """Return the share of implausible words, 1 where no evidence supports the candidate."""
+    width, height = size or (1 << 11, 1 << 11)
+    encoding, _, order = candidate.partition("/")
+    if encoding == "evt3":
+        return _evt3_share(np.frombuffer(data, "<u2", len(data) // 2), width, height)
+    if encoding == "evt2":
+        return _evt2_share(np.frombuffer(data, "<u4", len(data) // 4), None, width, height)
+    halves = np.frombuffer(data, ">u4" if order == "big" else "<u4", len(data) // 8 * 2)
+    head = 1 if order == "little" else 0
+    return _evt2_share(halves[head::2], halves[1 - head :: 2], width, height)
+
+
+def best_candidate(
+    data: bytes, size: tuple[int, int] | None, candidates: tuple[str, ...] = CANDIDATES
+) -> tuple[str, float]:
+    """Return the candidate with the least implausible share, and that share."""
+    shares = {name: implausible_share(data, name, size) for name in candidates}
+    name = min(shares, key=lambda key: shares[key])
+    return name, shares[name]
+
+
+def _evt3_share(words: NDArray[np.uint16], width: int, height: int) -> float:
+    words = words[words != 0x9999]
+    kind, value = words >> 12, words & 0xFFF
+    address = value & 0x7FF
+    bad = _EVT3_UNKNOWN[kind] | ((kind == 0) & (address >= height))
+    bad |= ((kind == 2) | (kind == 3)) & (address >= width)
+    if not len(words) or not (kind == 8).any():
+        return 1.0
+    clock = np.flatnonzero((kind == 6) | (kind == 8))
+    low = kind[clock] == 6
+    falls = low[1:] & low[:-1] & (np.diff(value[clock].astype(np.int64)) < -64)
+    steps = np.diff(value[kind == 8].astype(np.int64)) % (1 << 12)
+    fallen = np.count_nonzero(falls) + np.count_nonzero(steps > 1 << 8)
+    return (np.count_nonzero(bad) + fallen) / len(words)
+
+
+def _evt2_share(
+    heads: NDArray[np.uint32], masks: NDArray[np.uint32] | None, width: int, height: int
+) -> float:
+    kind = heads >> 28
+    event = kind <= 1
+    column, row = (heads >> 11) & 0x7FF, heads & 0x7FF
+    bad = _EVT2_UNKNOWN[kind] | (event & ((column >= width) | (row >= height)))
+    if masks is not None:
+        bad |= event & ((masks == 0) | (column % 32 != 0))
+    if not len(heads) or not (kind == 8).any():
+        return 1.0
+    clock = np.flatnonzero(event | (kind == 8))
+    low, high = event[clock], (heads[clock] >> 22) & 0x3F
+    falls = low[1:] & low[:-1] & (np.diff(high.astype(np.int64)) < -8)
+    steps = np.diff((heads[kind == 8] & 0xFFFFFFF).astype(np.int64)) % (1 << 28)
+    fallen = np.count_nonzero(falls) + np.count_nonzero(steps > _STEP_LIMIT)
+    return (np.count_nonzero(bad) + fallen) / len(heads)

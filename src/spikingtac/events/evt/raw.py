@@ -1,0 +1,237 @@
+"""Prophesee RAW files: a text header, then words of EVT2, EVT2.1 or EVT3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError, FormatError, nearest
+from spikingtac.events.evt.header import (
+    ENCODINGS,
+    FOREIGN_SHARE,
+    SOUND_SHARE,
+    RawHeader,
+    best_candidate,
+    implausible_share,
+    read_header,
+)
+from spikingtac.events.formats.codec import Place
+from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+
+if TYPE_CHECKING:
+    from spikingtac.events.evt.decoder import WordDecoder
+    from spikingtac.events.evt.words import WordStream
+from dataclasses import replace
+
+CHUNK_BYTES = 1 << 18
+"""Bytes that are decoded at once."""
+
+SAMPLE_BYTES = 1 << 16
+"""Bytes that are judged before the first one is decoded."""
+
+NAMES = {"evt2": "EVT2", "evt21": "EVT2.1", "evt3": "EVT3"}
+
+
+class RawSource(FileSource):
+    """Events of a RAW file; damage is mended and counted.
+
+    Raises:
+        ConfigError: ``encoding`` is unknown.
+        FormatError: The words do not look like the encoding that the header names, and do look
+            like another one.
+    """
+
+    checked = True
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        if options.encoding is not None and options.encoding not in ENCODINGS:
+            raise ConfigError(
+                f"unknown encoding {options.encoding!r}{nearest(options.encoding, ENCODINGS)} "
+                f"(valid: {', '.join(ENCODINGS)})"
+            )
+        sample = self._begin(path)
+        self._notes: list[str] = []
+        self._encoding, self._byte_order = self._dispatched(path, sample, options)
+        self.format = NAMES[self._encoding]
+        super().__init__(path, options)
+        self.notes.extend(self._notes)
+
+    def _begin(self, path: Path) -> bytes:
+        """Read the header; return words that are judged before the first one is decoded."""
+        with path.open("rb") as file:
+            self.header = read_header(file)
+            return file.read(SAMPLE_BYTES)
+
+    def _size(self) -> tuple[int, int]:
+        return self.header.size or self._size_from_events()
+
+    def _columns(self) -> Iterator[Rows]:
+        stream = self._words()
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
+            file.seek(self.header.length if self.begin is None else self.begin.byte)
+            if self.begin is not None:
+                stream.resume(self.begin.state)
+            data = file.read(CHUNK_BYTES)
+            while data:
+                following = file.read(CHUNK_BYTES)
+                rows = stream.feed(data, final=not following)
+                self.progress = file.tell() / total
+                self._mark(stream, file.tell() - len(following), rows[3])
+                yield rows
+                data = following
+
+    def _mark(self, stream: WordStream, byte: int, t: NDArray[np.int64]) -> None:
+        """Remember the place after a chunk; none where some of it waits for the next one."""
+        state = stream.state() if len(t) else None
+        self.place = None if state is None else Place(0, byte, state, int(t[-1]))
+
+    def _words(self) -> WordStream:
+        """Return a fresh decoder with its salvage."""
+        from spikingtac.events.evt.words import WordStream
+
+        continuous = self._encoding == "evt3" and self.header.generated_here
+        decoder = word_decoder(self._encoding, self.size, self._byte_order, continuous)
+        return WordStream(decoder, self.losses, self.triggers, self.header.time_base_us)
+
+    def _dispatched(self, path: Path, sample: bytes, options: ReadOptions) -> tuple[str, str]:
+        """Return encoding and byte order, from the header or else from the first words."""
+        header = self.header
+        claimed = options.encoding or header.encoding
+        if claimed is None:
+            return self._guessed(path, sample)
+        orders = [header.byte_order] if header.byte_order else ["little", "legacy"]
+        names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
+        if not sample:
+            return claimed, orders[0]
+        name, share = best_candidate(sample, header.size, names)
+        if claimed == "evt21" and not header.byte_order:
+            self._notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
+        if options.encoding is None and share > FOREIGN_SHARE:
+            _refuse_foreign(path, sample, header, name)
+        return claimed, name.partition("/")[2] or "little"
+
+    def _guessed(self, path: Path, sample: bytes) -> tuple[str, str]:
+        if not sample:
+            self._notes.append("the file holds no events")
+            return "evt3", "little"
+        name, share = best_candidate(sample, self.header.size)
+        if share > FOREIGN_SHARE:
+            raise FormatError(
+                f"{str(path)!r} names no encoding in its header, and its words fit none of "
+                f"{', '.join(NAMES.values())}; name one if you know it (--encoding, in Python "
+                "encoding=), or export the recording again with the software of its camera"
+            )
+        encoding, _, order = name.partition("/")
+        self._notes.append(f"the header names no encoding; {NAMES[encoding]} fits")
+        return encoding, order or "little"
+
+
+def word_decoder(
+    encoding: str, size: tuple[int, int], byte_order: str = "little", continuous: bool = False
+) -> WordDecoder:
+    """Return a fresh decoder.
+
+    Args:
+        encoding: ``evt2``, ``evt21`` or ``evt3``.
+        size: ``(width, height)``, px.
+        byte_order: Of EVT2.1 words.
+        continuous: Whether the writer is known to leave no time word out.
+    """
+    if encoding == "evt3":
+        from spikingtac.events.evt.evt3 import Evt3Decoder
+
+        return Evt3Decoder(size, continuous)
+    if encoding == "evt2":
+        from spikingtac.events.evt.evt2 import Evt2Decoder
+
+        return Evt2Decoder(size, continuous)
+    from spikingtac.events.evt.evt21 import Evt21Decoder
+
+    return Evt21Decoder(size, continuous, byte_order)
+
+
+def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:
+    found, share = best_candidate(sample, header.size)
+    if found == claimed or share > SOUND_SHARE:
+        return
+    doubt = implausible_share(sample, claimed, header.size)
+    raise FormatError(
+        f"{str(path)!r}: the header says {_spoken(claimed)}, but the words are {_spoken(found)} "
+        f"({doubt:.0%} of them make no sense as {_spoken(claimed)}); correct the header's "
+        f"'% evt' and '% format' lines, or read it with "
+        f"--encoding {found.partition('/')[0]} (in Python encoding=)"
+    )
+
+
+def _spoken(candidate: str) -> str:
+    encoding, _, order = candidate.partition("/")
+    return NAMES[encoding] + (f" ({order} byte order)" if order else "")
+
+
+PART_DIGITS = 4
+
+
+def part_name(first: str, number: int) -> str:
+    """Return the name of a part: ``events.raw``, ``events.0001.raw``, ``events.0002.raw`` ...
+
+    Args:
+        first: Name of the first part.
+        number: Which one, from 0 on.
+    """
+    stem, dot, ending = first.rpartition(".")
+    return first if number == 0 else f"{stem}.{number:0{PART_DIGITS}d}{dot}{ending}"
+
+
+def parts_of(first: Path) -> list[Path]:
+    """Return the parts of a recording that are there, in order; those without a word are left out.
+
+    Args:
+        first: Path of the first part.
+    """
+    stem, _, ending = first.name.rpartition(".")
+    digits = "[0-9]" * PART_DIGITS
+    later = sorted(first.parent.glob(f"{stem}.{digits}*.{ending}"), key=_number)
+    return [first, *(path for path in later if path.stat().st_size)]
+
+
+class RawParts(FileSource):
+    """Events of several RAW files of one sensor that follow each other in time.
+
+    Args:
+        parts: The files, in order; at least one.
+        options: As of a file.
+
+    Raises:
+        FormatError: A part does not fit its header.
+    """
+
+    checked = True
+
+    def __init__(self, parts: list[Path], options: ReadOptions) -> None:
+        self._sources = [RawSource(path, options) for path in parts]
+        super().__init__(parts[0], options)
+        self.format = f"{self._sources[0].format} in {len(parts)} parts"
+        self.notes.extend(note for source in self._sources for note in source.notes)
+
+    def _size(self) -> tuple[int, int]:
+        return self._sources[0].size
+
+    def _columns(self) -> Iterator[Rows]:
+        first = 0 if self.begin is None else self.begin.part
+        for number, source in enumerate(self._sources[first:], start=first):
+            source.losses, source.triggers = self.losses, self.triggers
+            source.begin = self.begin if number == first else None
+            for rows in source.columns():
+                self.progress = (number + source.progress) / len(self._sources)
+                self.place = source.place and replace(source.place, part=number)
+                yield rows
+
+
+def _number(path: Path) -> int:
+    digits = path.stem.rpartition(".")[2]
+    return int(digits) if digits.isdecimal() else -1

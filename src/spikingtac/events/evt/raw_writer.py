@@ -1,0 +1,185 @@
+"""Writes Prophesee RAW files in EVT2, EVT2.1 or EVT3, packet by packet."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import IO, Protocol
+
+import numpy as np
+
+from spikingtac.atomic_files import WholeFile
+from spikingtac.errors import FormatError, named
+from spikingtac.events.evt.encode import WordEncoder
+from spikingtac.events.evt.header import format_header
+from spikingtac.events.formats.codec import EventWriter, Triggers
+from spikingtac.types import EventPacket
+
+COORDINATE_LIMIT_PX = 1 << 11
+"""Rows and columns that the eleven bits of an address can name."""
+
+SILENCE_LIMIT_US = 86_400_000_000
+"""Longest pause between two events that is written: a day."""
+
+
+class Digest(Protocol):
+    """A running digest, as ``hashlib.sha256()``."""
+
+    def update(self, data: bytes, /) -> None:
+        """Take more bytes."""
+        ...
+
+
+class RawWriter(EventWriter):
+    """A RAW file that grows packet by packet; the same events always give the same bytes.
+
+    Times beyond the counter of the wire are kept: the header names the base of the first event.
+
+    Args:
+        path: File to write; replaced if it exists.
+        size: ``(width, height)``, px, at most 2048 each.
+        encoding: ``evt2``, ``evt21`` (little-endian words) or ``evt3``.
+        in_place: For a recorder: what came so far stands at the path, also if it is killed.
+        digest: Updated with every byte of the file, as one of hashlib.
+
+    Attributes:
+        written_bytes: Bytes given to the file so far.
+
+    Raises:
+        ConfigError: The encoding is unknown.
+        FormatError: The sensor does not fit into eleven-bit addresses.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        size: tuple[int, int],
+        encoding: str = "evt3",
+        *,
+        in_place: bool = False,
+        digest: Digest | None = None,
+    ) -> None:
+        if max(size) > COORDINATE_LIMIT_PX:
+            raise FormatError(
+                f"a sensor of {size[0]}x{size[1]} px does not fit into RAW addresses "
+                f"(at most {COORDINATE_LIMIT_PX} each); write .npz or .h5 instead"
+            )
+        self.size = size
+        self._encoder = _encoder(encoding)
+        self._target = WholeFile(path, in_place)
+        self._file: IO[bytes] | None = self._target.open()
+        self._base_us: int | None = None
+        self._last_us = 0
+        self._waiting: list[tuple[int, int, bool]] = []
+        self._digest = digest
+        self.written_bytes = 0
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet that follows the ones before it in time.
+
+        Raises:
+            FormatError: An event is outside of the sensor, before its predecessor or before zero.
+        """
+        if not len(packet):
+            return
+        if self._base_us is None:
+            self._begin(min([int(packet.t[0]), *(t_us for t_us, _, _ in self._waiting[:1])]))
+        self._check(packet)
+        first = 0
+        for t_us, channel, rising in self._due(int(packet.t[-1])):
+            last = int(packet.t.searchsorted(t_us, side="right"))
+            self._append_events(packet, first, last)
+            self._append_trigger(t_us, channel, rising)
+            first = last
+        self._append_events(packet, first, len(packet))
+        self._last_us = int(packet.t[-1])
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Take trigger edges; they are written among the events that come after this call."""
+        self._waiting += list(triggers)
+
+    def _due(self, until_us: int) -> list[tuple[int, int, bool]]:
+        """Return the waiting triggers up to a time."""
+        count = sum(t_us <= until_us for t_us, _, _ in self._waiting)
+        due, self._waiting = self._waiting[:count], self._waiting[count:]
+        return due
+
+    def _append_events(self, packet: EventPacket, first: int, last: int) -> None:
+        if last > first:
+            t, chosen = packet.t[first:last] - (self._base_us or 0), slice(first, last)
+            words = self._encoder.encode(t, packet.x[chosen], packet.y[chosen], packet.p[chosen])
+            self._append(words.tobytes())
+            self._last_us = int(packet.t[last - 1])
+
+    def _append_trigger(self, t_us: int, channel: int, rising: bool) -> None:
+        if self._base_us is None:
+            self._begin(t_us)
+        self._last_us = max(t_us, self._last_us)
+        words = self._encoder.trigger(self._last_us - (self._base_us or 0), channel, rising)
+        self._append(words.tobytes())
+
+    def flush(self, durable: bool = False) -> None:
+        """Hand what was written to the operating system: it survives the death of this process.
+
+        Args:
+            durable: Wait until it is on the disk, so that it survives the loss of power, too.
+        """
+        if self._file is not None:
+            self._file.flush()
+            if durable:
+                os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Complete the file; one without events holds its header alone."""
+        if self._file is None:
+            return
+        for trigger in self._waiting:
+            self._append_trigger(*trigger)
+        if self._base_us is None:
+            self._begin(0)
+        file, self._file = self._file, None
+        self._target.commit(file)
+
+    def abandon(self) -> None:
+        """Give up: leave what was there before; in place, leave what came so far."""
+        if self._file is not None:
+            self._target.abandon(self._file)
+            self._file = None
+
+    def _begin(self, first_us: int) -> None:
+        period_bits = self._encoder.time_bits
+        self._base_us = (max(first_us, 0) >> period_bits) << period_bits
+        self._last_us = first_us
+        self._append(format_header(self._encoder.name, self.size, self._base_us))
+
+    def _append(self, data: bytes) -> None:
+        self._open_file().write(data)
+        self.written_bytes += len(data)
+        if self._digest is not None:
+            self._digest.update(data)
+
+    def _open_file(self) -> IO[bytes]:
+        if self._file is None:
+            raise FormatError("the file is closed; open another to write more events")
+        return self._file
+
+    def _check(self, packet: EventPacket) -> None:
+        steps = np.diff(packet.t, prepend=self._last_us)
+        if packet.t[0] < 0 or int(steps.min()) < 0:
+            raise FormatError("events must be in order of time, from zero on; sort them first")
+        if int(steps.max()) > SILENCE_LIMIT_US:
+            raise FormatError("a pause of more than a day cannot be written; split the recording")
+        if int(packet.x.max()) >= self.size[0] or int(packet.y.max()) >= self.size[1]:
+            raise FormatError(
+                f"events reach ({int(packet.x.max())}, {int(packet.y.max())}), outside of the "
+                f"sensor of {self.size[0]}x{self.size[1]} px; crop them or give the true size"
+            )
+
+
+_ENCODERS = {"evt2": "Evt2Encoder", "evt21": "Evt21Encoder", "evt3": "Evt3Encoder"}
+
+
+def _encoder(name: str) -> WordEncoder:
+    from spikingtac.events.evt import encode
+
+    return getattr(encode, named(_ENCODERS, name, "encoding"))()

@@ -1,0 +1,181 @@
+"""From bytes to events: carry over what is incomplete, decode, and mend only where it is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.events.evt import salvage
+from spikingtac.events.evt.decoder import (
+    BACKWARDS,
+    HIGH,
+    JUMP,
+    NO_ROW,
+    NONE,
+    OUTSIDE,
+    RESET,
+    ROW,
+    TRIGGERS,
+    UNCONFIRMED,
+    UNKNOWN,
+    VECTOR_X,
+    Columns,
+    WordDecoder,
+    take_counts,
+)
+from spikingtac.events.evt.salvage import fill_at_end, filled_words, may_be_filled
+from spikingtac.events.formats.codec import Triggers
+from spikingtac.types import LossCounters
+
+Rows = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Columns x, y, p and t of some consecutive events."""
+
+ALIGNMENT_SUSPECTS = 4
+"""Unknown or outside words in a chunk from which on the word boundaries are questioned."""
+
+CARRY_LIMIT_BYTES = 1 << 20
+"""Most that is held back until a leap of the time is confirmed."""
+
+
+class WordStream:
+    """Feeds bytes to a decoder; what is wrong is mended and counted.
+
+    Args:
+        decoder: Decoder of one word format.
+        losses: Counters to fill.
+        triggers: Where trigger edges are appended.
+        base_us: Added to the times of events and triggers.
+    """
+
+    def __init__(
+        self,
+        decoder: WordDecoder,
+        losses: LossCounters,
+        triggers: Triggers,
+        base_us: int = 0,
+    ) -> None:
+        self._base_us = base_us
+        self._decoder = decoder
+        self._losses = losses
+        self._triggers = triggers
+        self._carry = np.empty(0, np.uint8)
+        self._out = Columns.empty(0, 0)
+        self._in_fill = False
+
+    def state(self) -> tuple[int, ...] | None:
+        """Return the decoder's state; None where bytes wait, or fill is being left out."""
+        return None if len(self._carry) or self._in_fill else tuple(self._decoder.state.tolist())
+
+    def resume(self, state: tuple[int, ...]) -> None:
+        """Go on from a state of :meth:`state`."""
+        self._decoder.state[:] = state
+
+    def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
+        """Return the columns x, y, p and t of the events in the next bytes.
+
+        They are views of buffers that the next call overwrites.
+
+        Args:
+            data: Bytes that follow the ones before.
+            final: Whether nothing follows: incomplete words are counted, not carried over.
+        """
+        buffer = np.frombuffer(data, np.uint8)
+        if len(self._carry):
+            buffer = np.concatenate((self._carry, buffer))
+        if self._in_fill or may_be_filled(buffer):
+            return self._around_fill(buffer, final)
+        return self._whole(buffer, final)
+
+    def _around_fill(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
+        """Leave out the stretches that are nothing but fill; addresses do not last across them."""
+        size = self._decoder.word.itemsize
+        words = buffer[: len(buffer) // size * size].view(self._decoder.word)
+        parts: list[Rows] = []
+        done = 0
+        for first, last in filled_words(words, self._in_fill):
+            if first > done:
+                parts.append(_copied(self._whole(buffer[done * size : first * size], True)))
+            self._losses.add("garbage", int(first > 0 or not self._in_fill))
+            self._decoder.state[[ROW, VECTOR_X]] = NO_ROW, NONE
+            done = last
+        self._in_fill = 0 < done == len(words)
+        rest = self._whole(buffer[done * size :], final)
+        if not parts:
+            return rest
+        x, y, p, t = (np.concatenate(column) for column in zip(*parts, rest, strict=True))
+        return x, y, p, t
+
+    def _whole(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
+        """Decode bytes that hold no stretch of fill."""
+        decoder = self._decoder
+        end = len(buffer) // decoder.word.itemsize * decoder.word.itemsize
+        if not final:
+            end -= fill_at_end(buffer[:end].view(decoder.word)) * decoder.word.itemsize
+        words = buffer[:end].view(decoder.word)
+        before = decoder.state.copy()
+        count = self._decode(words)
+        misplaced = int(decoder.state[UNKNOWN] + decoder.state[OUTSIDE])
+        if self._is_suspect(final):
+            decoder.state[:] = before
+            words, end = self._mended(buffer, misplaced >= ALIGNMENT_SUSPECTS)
+            count = self._decode(words)
+            held = int(decoder.state[UNCONFIRMED])
+            if not final and held > 0 and len(buffer) < CARRY_LIMIT_BYTES:
+                decoder.state[:] = before
+                count = self._decode(words[:held])
+                tail = words[held:].view(np.uint8)
+                buffer, end = np.concatenate((tail, buffer[end:])), 0
+        self._carry = np.empty(0, np.uint8) if final else buffer[end:].copy()
+        self._losses.add("truncated", int(final and end < len(buffer)))
+        return self._taken(count)
+
+    def _decode(self, words: NDArray[Any]) -> int:
+        needed = len(words) * self._decoder.events_per_word
+        if len(self._out.x) < needed or len(self._out.triggers) < len(words):
+            self._out = Columns.empty(needed, len(words))
+        return self._decoder.decode(words, self._out)
+
+    def _is_suspect(self, final: bool) -> bool:
+        state = self._decoder.state
+        fallen = state[BACKWARDS] + state[RESET] + state[JUMP]
+        return bool(
+            fallen
+            or state[UNKNOWN] + state[OUTSIDE] >= ALIGNMENT_SUSPECTS
+            or (state[UNCONFIRMED] >= 0 and not final)
+        )
+
+    def _mended(self, buffer: NDArray[np.uint8], misaligned: bool) -> tuple[NDArray[Any], int]:
+        decoder = self._decoder
+        size = decoder.word.itemsize
+        end = len(buffer) // size * size
+        words = buffer[:end].view(decoder.word).copy()
+        if misaligned:
+            suspects = decoder.suspects(buffer)
+            words, end, breaks = salvage.aligned(buffer, suspects, decoder.word)
+            self._losses.add("resynchronised", breaks)
+            unknown = decoder.suspects(words.view(np.uint8))[::size] == decoder.UNKNOWN_TYPE
+            words, blocks = salvage.without_garbage(words, unknown)
+            self._losses.add("garbage", blocks)
+        times = decoder.time_words(words)
+        last = int(decoder.state[HIGH])
+        mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.high_bits)
+        decoder.set_time_words(words, times)
+        self._losses.add("time_glitch", int(mended) + decoder.mended)
+        decoder.mended = 0
+        return words, end
+
+    def _taken(self, count: int) -> Rows:
+        out, state = self._out, self._decoder.state
+        if state[TRIGGERS]:
+            t_us, channel, edge = out.triggers[: state[TRIGGERS]].T
+            self._triggers.append(t_us + self._base_us, channel, edge)
+        take_counts(state, self._losses)
+        t = out.t[:count] + self._base_us if self._base_us else out.t[:count]
+        return out.x[:count], out.y[:count], out.p[:count], t
+
+
+def _copied(rows: Rows) -> Rows:
+    x, y, p, t = (column.copy() for column in rows)
+    return x, y, p, t

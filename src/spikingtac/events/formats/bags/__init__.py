@@ -1,1 +1,0 @@
-"""ROS bags with event packets: sqlite3, MCAP and ROS 1."""

@@ -1,1 +1,0 @@
-"""What every reader checks: columns, the course of time, and what an input may claim."""

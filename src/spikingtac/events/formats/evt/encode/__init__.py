@@ -1,1 +1,0 @@
-"""Write EVT2, EVT2.1 and EVT3."""

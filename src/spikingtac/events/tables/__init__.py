@@ -1,0 +1,1 @@
+"""Tables of events: text, NumPy arrays, HDF5."""

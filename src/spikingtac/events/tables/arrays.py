@@ -1,0 +1,284 @@
+"""NumPy files of events: columns, structured rows or tables in ``.npz`` and ``.npy``."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS
+from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.formats.limits import refuse_piece
+from spikingtac.events.tables.columns import Order, order_named, order_of_values
+from spikingtac.events.tables.table_source import CHUNK_ROWS, TableSource, rows_of
+from spikingtac.file_kinds import told_kind
+
+TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
+"""Columns of trigger edges, where there are any."""
+_SIZES = ("size", "resolution", "sensor_size")
+
+# The GenX320 recorder of OpenMV boards (openmv-genx320-recorder, MIT) writes rows of type (1 ON,
+# 0 OFF, else no event), seconds, milliseconds, microseconds, x and y.
+OPENMV_COLUMNS = 6
+OPENMV_SECONDS = 1 << 16
+"""The seconds are 16 bits wide: they wrap after 18 hours."""
+GENX320_SIZE = (320, 320)
+
+
+class ArraySource(TableSource):
+    """Events of an ``.npz`` with one array for each column, or of one array of structures or rows.
+
+    Raises:
+        FormatError: The file is damaged, or holds no columns of time, x, y and polarity.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.format = "NPY" if _starts_npy(path) else "NPZ"
+        self._order: Order | None = None
+        with _Arrays(path) as arrays:
+            self._members = _event_members(arrays, path)
+            self._openmv = _is_openmv(arrays, self._members)
+            if self._openmv:
+                self.format = "OpenMV NPZ"
+                self._named_size = GENX320_SIZE
+            else:
+                self._order = _order_of(arrays, self._members, path)
+                self._unit = self._order.unit
+            self._named_size = _size_in(arrays, path) or self._named_size
+        super().__init__(path, options)
+
+    def _rows(self) -> Iterator[Rows]:
+        with _Arrays(self.path) as arrays:
+            members = [arrays.open(name) for name in self._members]
+            lengths = [member.length for member in members]
+            self.losses.add("truncated", int(min(lengths) < max(lengths)))
+            total = left = min(lengths)
+            clock = _OpenMvClock()
+            while left > 0:
+                try:
+                    read = [member.read(min(CHUNK_ROWS, left)) for member in members]
+                except ARCHIVE_DAMAGE:
+                    self.losses.add("truncated")
+                    break
+                left -= CHUNK_ROWS
+                self.progress = 1 - max(left, 0) / total
+                if self._openmv:
+                    yield clock.events(read[0], self)
+                elif self._order is not None:
+                    yield _columns_of(read, self._order)
+            self._take_triggers(arrays)
+
+    def _take_triggers(self, arrays: _Arrays) -> None:
+        if not set(TRIGGERS) <= set(arrays.names):
+            return
+        try:
+            columns = [arrays.open(name) for name in TRIGGERS]
+            self.triggers.append(*(column.read(column.length) for column in columns))
+        except (*ARCHIVE_DAMAGE, FormatError):
+            self.losses.add("truncated")
+
+
+class _Arrays:
+    """The arrays of an ``.npz`` or ``.npy``, each read in order."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._stack = path, ExitStack()
+        self._archive: zipfile.ZipFile | None = None
+        if _starts_npy(path):
+            self.names = [""]
+            return
+        try:
+            self._archive = self._stack.enter_context(zipfile.ZipFile(path))
+        except ARCHIVE_DAMAGE as error:
+            raise FormatError(
+                f"{str(path)!r} is no readable .npz ({error}); write it again, or open the "
+                "recording that it was made from"
+            ) from error
+        names = self._archive.namelist()
+        self.names = [name.removesuffix(".npy") for name in names if name.endswith(".npy")]
+
+    def __enter__(self) -> _Arrays:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def open(self, name: str) -> _Array:
+        """Return an array's reader at its beginning."""
+        where = f"{str(self._path)!r}" + (f": column {name!r}" if name else "")
+        try:
+            if self._archive is None:
+                file: IO[bytes] = self._stack.enter_context(self._path.open("rb"))
+            else:
+                if self._archive.getinfo(f"{name}.npy").compress_type not in PACKINGS:
+                    raise ValueError("it is packed by another method than NumPy's")
+                file = self._stack.enter_context(self._archive.open(f"{name}.npy"))
+            return _Array(file)
+        except ARCHIVE_DAMAGE as error:
+            raise FormatError(f"{where} is damaged: {error}") from error
+
+
+class _Array:
+    """Reads the rows of one array in order.
+
+    Attributes:
+        length: Number of rows.
+        width: Columns of a table; 0 for a single row of numbers or structures.
+        type: Type of a number or structure.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file, self._whole, self._at = file, None, 0
+        version, header = np.lib.format.read_magic(file), np.lib.format
+        read = header.read_array_header_1_0 if version == (1, 0) else header.read_array_header_2_0
+        shape, by_column, self.type = read(file)
+        if self.type.hasobject:
+            raise ValueError("it holds Python objects, which are not loaded")
+        across = len(shape) == 2 and shape[0] in (4, 5) and shape[1] > shape[0]
+        self.length = int(shape[across]) if shape else 0
+        self.width = int(shape[not across]) if len(shape) == 2 else 0
+        self.plain = len(shape) in (1, 2) and (self.type.kind in "uifb" or bool(self.type.names))
+        self._row_bytes = self.type.itemsize * max(self.width, 1)
+        if self.plain and len(shape) == 2 and by_column != across:
+            size = math.prod(shape) * self.type.itemsize
+            refuse_piece("a table by columns", size)
+            self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
+
+    def read(self, count: int) -> NDArray[Any]:
+        """Return the next ``count`` rows.
+
+        Raises:
+            EOFError: The array ends before.
+        """
+        if self._whole is not None:
+            rows = self._whole[self._at : self._at + count]
+            self._at += count
+            return rows
+        values = np.frombuffer(self._exactly(count * self._row_bytes), self.type)
+        values = values.reshape(count, self.width) if self.width else values
+        if self.type.kind == "f":
+            return np.nan_to_num(values.astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
+        return values
+
+    def _exactly(self, size: int) -> bytes:
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EOFError("the array ends early")
+        return data
+
+
+def _starts_npy(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(6) == b"\x93NUMPY"
+
+
+def _event_members(arrays: _Arrays, path: Path) -> list[str]:
+    """Return the arrays that hold the events: four columns, or one array of rows."""
+    order = order_named(arrays.names)
+    if order is not None:
+        return [arrays.names[order.place[role]] for role in "xypt"]
+    told = told_kind(path)
+    others = [name for name in arrays.names if name not in (*TRIGGERS, *_SIZES)]
+    rows = [name for name in others if told is None and _holds_rows(arrays, name)]
+    if len(rows) == 1:
+        return rows
+    told = told or (
+        f"it holds {', '.join(arrays.names) or 'no array'}; an event .npz holds t, x, y, p and "
+        "size, or one array of events"
+    )
+    raise FormatError(f"{str(path)!r} has no columns of time, x, y and polarity; {told}")
+
+
+def _holds_rows(arrays: _Arrays, name: str) -> bool:
+    try:
+        array = arrays.open(name)
+    except FormatError:
+        return False
+    return array.plain and (array.width >= 4 or bool(array.type.names))
+
+
+def _is_openmv(arrays: _Arrays, members: list[str]) -> bool:
+    if members != ["events"]:
+        return False
+    array = arrays.open("events")
+    return array.width == OPENMV_COLUMNS and array.type.kind == "u"
+
+
+def _order_of(arrays: _Arrays, members: list[str], path: Path) -> Order:
+    if len(members) > 1:
+        for name in members:
+            array = arrays.open(name)
+            if array.width or array.type.names or not array.plain:
+                raise FormatError(
+                    f"{str(path)!r}: column {name!r} is {array.type}; one row of numbers is needed"
+                )
+        unit = order_named(members)
+        return Order(place={role: k for k, role in enumerate("xypt")}, unit=unit and unit.unit)
+    array = arrays.open(members[0])
+    if array.type.names:
+        order = order_named(array.type.names)
+        if order is None:
+            raise FormatError(
+                f"{str(path)!r} holds structures of {', '.join(array.type.names)}; fields of "
+                "time, x, y and polarity are needed"
+            )
+        return order
+    try:
+        sample = array.read(min(array.length, CHUNK_ROWS))
+    except ARCHIVE_DAMAGE as error:
+        raise FormatError(f"{str(path)!r} is damaged: {error}") from error
+    if not len(sample):
+        raise FormatError(f"{str(path)!r} holds no events: nothing was recorded into it")
+    return order_of_values([sample], repr(str(path)))
+
+
+def _columns_of(read: list[NDArray[Any]], order: Order) -> Rows:
+    if len(read) > 1:
+        x, y, p, t = read
+        return x, y, p, t
+    (rows,) = read
+    if rows.dtype.names:
+        x, y, p, t = (rows[rows.dtype.names[order.place[role]]] for role in "xypt")
+        return x, y, p, t
+    return rows_of(rows, order.place)
+
+
+def _size_in(arrays: _Arrays, path: Path) -> tuple[int, int] | None:
+    for name in _SIZES:
+        if name in arrays.names:
+            array = arrays.open(name)
+            try:
+                if array.length != 2 or array.width or array.type.kind not in "uif":
+                    raise ValueError(f"{array.length} numbers instead of two")
+                width, height = (int(value) for value in array.read(2))
+            except ARCHIVE_DAMAGE as error:
+                raise FormatError(f"{str(path)!r}: unfit size: {error}") from error
+            return width, height
+    return None
+
+
+class _OpenMvClock:
+    """Puts the parts of an OpenMV board's time together, over the wraps of its seconds."""
+
+    def __init__(self) -> None:
+        self._wraps = self._last_s = 0
+
+    def events(self, table: NDArray[Any], source: ArraySource) -> Rows:
+        """Return the columns of the rows that are events; count the others."""
+        rows = table.astype(np.int64)
+        events = rows[rows[:, 0] <= 1]
+        source.losses.add("vendor_word", len(rows) - len(events))
+        seconds = events[:, 1] + self._wraps * OPENMV_SECONDS
+        falls = np.diff(seconds, prepend=self._last_s) < -(OPENMV_SECONDS // 2)
+        seconds = seconds + np.cumsum(falls) * OPENMV_SECONDS
+        if len(events):
+            self._wraps, self._last_s = self._wraps + int(falls.sum()), int(seconds[-1])
+        t = seconds * 1_000_000 + events[:, 2] * 1_000 + events[:, 3]
+        return events[:, 4], events[:, 5], events[:, 0] == 1, t

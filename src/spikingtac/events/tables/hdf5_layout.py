@@ -1,0 +1,196 @@
+"""Where the events lie in an HDF5 file, and what stands beside them; nothing is trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.limits import refuse_piece
+from spikingtac.events.formats.time_course import TIME_LIMIT_US
+from spikingtac.events.tables.columns import ROLES, Order, order_named
+from spikingtac.events.tables.hdf5_attributes import read_attributes
+
+LEAST_STORED_BYTES = 1 << 14
+"""Stored bytes below which no claim is weighed against them."""
+
+ROW_LIMIT_BYTES = 1 << 10
+"""Longest row of a table that is read; an event takes 16."""
+
+OBJECTS_LIMIT = 1 << 12
+"""Groups and data sets that are looked at."""
+
+COMPRESSION_LIMIT = 2_000
+"""Most that compression is believed to gain; deflate cannot exceed 1,032."""
+
+LINK_DEPTH = 8
+"""Links to links that are followed."""
+
+TABLE_WIDTHS = (4, 5)
+"""Columns of a table of numbers that may be events."""
+
+_RESOLUTIONS = ("calib/resolution", "resolution")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EventStream:
+    """The events of one camera.
+
+    Attributes:
+        group: Name of the group that they lie in.
+        places: Data set of each role, in the order of ``ROLES``; the same one for a table.
+        order: Fields or columns of the roles within a table; None where each has its data set.
+        unit: Unit of the times that a name told.
+    """
+
+    group: str
+    places: tuple[str, ...]
+    order: Order | None = None
+    unit: str | None = None
+
+
+def find_streams(file: Any, path: Path) -> list[EventStream]:
+    """Return every stream of events, in the order of their names."""
+    found: list[EventStream] = []
+    outside: list[str] = []
+    groups, looked_at = [file], 0
+    while groups and looked_at < OBJECTS_LIMIT:
+        group = groups.pop()
+        names = sorted(group.keys())
+        looked_at += len(names)
+        tables: dict[str, Any] = {}
+        for name in names:
+            item, soft = _resolved(group, name)
+            if item is None:
+                outside.append(name)
+            elif hasattr(item, "dtype") and not (soft and len(item.shape or ()) != 1):
+                tables[name] = item
+            elif hasattr(item, "keys") and not soft:  # what it leads to is found anyway
+                groups.append(item)
+        found += _streams_of(group, tables)
+    if not found:
+        more = f"; {', '.join(outside)} is a link into another file: copy it" if outside else ""
+        raise FormatError(
+            f"{str(path)!r} holds no events: neither a group with columns named x, y, p and t, nor "
+            f"a table of such fields or of four numbers{more}"
+        )
+    return sorted(found, key=lambda stream: stream.places)
+
+
+def _resolved(group: Any, name: str, depth: int = 0) -> tuple[Any, bool]:
+    """Return what lies under a name in this very file, or None; and whether a link led there."""
+    link = group.get(name, getlink=True)
+    if hasattr(link, "filename") or depth > LINK_DEPTH:
+        return None, True
+    if not hasattr(link, "path"):
+        return group[name], depth > 0
+    found = group.file if link.path.startswith("/") else group
+    for part in filter(None, link.path.split("/")):
+        if not hasattr(found, "keys") or part not in found:
+            return None, True
+        found = _resolved(found, part, depth + 1)[0]
+    return found, True
+
+
+def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[EventStream]:
+    rows = {
+        name: item
+        for name, item in tables.items()
+        if len(item.shape or ()) == 1 and item.dtype.kind in "uifb"
+    }
+    order = order_named(list(rows))
+    if order is not None:
+        chosen = [list(rows.values())[order.place[role]] for role in ROLES]
+        yield EventStream(
+            group=group.name, places=tuple(item.name for item in chosen), unit=order.unit
+        )
+    for name, item in tables.items():
+        if item.dtype.names and (fields := order_named(item.dtype.names)):
+            places = (item.name,) * len(ROLES)
+            yield EventStream(group=group.name, places=places, order=fields, unit=fields.unit)
+        wide = len(item.shape or ()) == 2 and item.shape[1] in TABLE_WIDTHS
+        if wide and "event" in name.lower() and item.dtype.kind in "uif":
+            yield EventStream(group=group.name, places=(item.name,) * len(ROLES))
+
+
+def require_plain(dataset: Any, path: Path) -> None:
+    """Refuse what is no plain row or table of numbers in this file, or claims too much.
+
+    Raises:
+        FormatError: The dataset is odd, lies in other files, or its chunks are beyond the limit.
+    """
+    where = f"{str(path)!r}: {dataset.name!r}"
+    fields = dataset.dtype.fields
+    types = [entry[0] for entry in fields.values()] if fields else [dataset.dtype]
+    if not all(kind.kind in "uifb" and not kind.shape for kind in types):
+        raise FormatError(f"{where} is {dataset.dtype}; rows of numbers are needed")
+    if dataset.external or dataset.is_virtual:
+        raise FormatError(f"{where} lies in other files, which are not read; copy it into this one")
+    row_bytes = dataset.dtype.itemsize
+    if row_bytes > ROW_LIMIT_BYTES:
+        raise FormatError(f"{where} has rows of {row_bytes} bytes (valid: to {ROW_LIMIT_BYTES})")
+    if dataset.chunks is not None:
+        refuse_piece(f"{where}: a chunk", 2 * int(np.prod(dataset.chunks)) * row_bytes)
+
+
+def rows_in(dataset: Any) -> int:
+    """Return a dataset's rows.
+
+    Raises:
+        ValueError: It claims more than its bytes can hold, and reading it would not end.
+    """
+    claimed = dataset.size * dataset.dtype.itemsize
+    if claimed > COMPRESSION_LIMIT * max(dataset.id.get_storage_size(), LEAST_STORED_BYTES):
+        raise ValueError(f"{dataset.name} claims {claimed} bytes")
+    return len(dataset)
+
+
+def _beside(file: Any, group: str, names: tuple[str, ...]) -> Any:
+    """Return the first data set of some names in a group or one that holds it, or None."""
+    while True:
+        for name in names:
+            place = f"{group.rstrip('/')}/{name}"
+            if place in file and not getattr(file[place], "external", None):
+                return file[place]
+        if group in ("", "/"):
+            return None
+        group = group.rpartition("/")[0]
+
+
+def offset_of(file: Any, group: str) -> int | None:
+    """Return what is added to the times, us; None where it cannot be meant."""
+    offset = _beside(file, group, ("t_offset",))
+    if offset is None:
+        return 0
+    if getattr(offset, "shape", None) not in ((), (1,)) or offset.dtype.kind not in "ui":
+        return None
+    value = int(np.ravel(offset[()])[0])
+    return value if abs(value) <= TIME_LIMIT_US else None
+
+
+def size_of(file: Any, path: Path, group: str) -> tuple[int, int] | None:
+    """Return the size that an attribute or a data set beside the events tells, or None.
+
+    Raises:
+        ValueError: The attributes are damaged, or tell no size.
+    """
+    names = ["/", group] + [f"{group.rstrip('/')}/events"] * (f"{group}/events" in file)
+    for attributes in read_attributes(path, names):
+        if "geometry" in attributes:
+            width, _, height = str(attributes["geometry"]).partition("x")
+            if width.isdigit() and height.isdigit():
+                return int(width), int(height)
+        if "width" in attributes and "height" in attributes:
+            return int(attributes["width"]), int(attributes["height"])
+        if "sensor_resolution" in attributes:
+            height, width = (int(value) for value in attributes["sensor_resolution"][:2])
+            return width, height
+    resolution = _beside(file, group, _RESOLUTIONS)
+    if resolution is not None and getattr(resolution, "shape", None) == (2,):
+        width, height = (int(value) for value in resolution[:])
+        return width, height
+    return None

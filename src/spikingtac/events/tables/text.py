@@ -1,0 +1,250 @@
+"""Event tables as text: by comma, semicolon, tab, bar or blanks, with or without a header."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import FormatError
+from spikingtac.events.formats.file_source import ReadOptions, Rows
+from spikingtac.events.tables.columns import Order, order_named, order_of_values, role_of
+from spikingtac.events.tables.table_source import TableSource, rows_of
+
+CHUNK_BYTES = 1 << 20
+SAMPLE_BYTES = 1 << 16
+"""Bytes at the beginning, in the middle and at the end that tell the order of the columns."""
+
+NUMBER_LIMIT = 1e19
+"""Numbers beyond are damage."""
+
+_DELIMITERS = ";\t|,"
+"""What may part words; a comma comes last, since it may be the decimal mark beside another one."""
+_VALUES = {"true": "1", "false": "0", "nan": "nan", "inf": "inf"}
+"""Words that are values, not names."""
+_SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
+_WIDTH_HEIGHT = re.compile(r"width\W{1,3}(\d+).*?height\W{1,3}(\d+)", re.IGNORECASE)
+_BYTE_ORDER_MARK = "\ufeff"
+"""What some programs begin UTF-8 with."""
+
+
+class TextSource(TableSource):
+    """Events of a text table.
+
+    The first line, or a comment, names the columns in any order, with units of time; else their
+    values tell the order (:mod:`spikingtac.events.tables.columns`). The size stands in a comment
+    (``# size W H``, ``%geometry:W,H``) or in a first line of two numbers. Lines that do not parse,
+    or have another number of columns than most, are counted as ``bad_record``.
+
+    Raises:
+        FormatError: The columns cannot be told, or one is missing.
+    """
+
+    format = "text table"
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._delimiter, self._columns_count = "", 0
+        self._order: Order | None = None
+        self._start = self._read_head(path)
+        self._unit = self._order.unit if self._order else None
+        super().__init__(path, options)
+
+    def _read_head(self, path: Path) -> int:
+        """Read comments and the header; return the offset of the first line of numbers."""
+        comments: list[str] = []
+        with path.open("rb") as file:
+            while line := file.readline(CHUNK_BYTES):
+                text = line.decode("utf-8", "replace").strip().removeprefix(_BYTE_ORDER_MARK)
+                if not text:
+                    continue
+                if text[0] in "#%":
+                    comments.append(text)
+                    continue
+                names = _split(text)
+                if any(re.match(r"[A-Za-z_µ]", name) and not _is_value(name) for name in names):
+                    self._order = _named(names, path)
+                    continue
+                if len(names) == 2 and not comments and self._order is None:
+                    self._named_size = _whole_numbers(names)
+                    continue
+                mark = len(_BYTE_ORDER_MARK.encode())
+                start = file.tell() - len(line)
+                start += mark if line.startswith(_BYTE_ORDER_MARK.encode()) else 0
+                self._look_at(path, start, comments)
+                return start
+            self._take_size(comments)
+            return file.tell()
+
+    def _look_at(self, path: Path, start: int, comments: list[str]) -> None:
+        """Learn the form of the rows and the order of their columns."""
+        samples = [sample for sample in _samples(path, start) if sample.strip()]
+        lines = samples[0].splitlines()
+        delimiters = Counter(_delimiter(line) for line in lines)
+        self._delimiter = delimiters.most_common(1)[0][0]
+        self._columns_count = Counter(len(self._blank(row).split()) for row in lines).most_common(
+            1
+        )[0][0]
+        self._take_size(comments)
+        for comment in comments if self._order is None else ():
+            self._order = _named_in_comment(comment, self._columns_count) or self._order
+        if self._order is None:
+            tables = [self._table(self._blank(sample)) for sample in samples]
+            if self._columns_count < 4 or not any(map(len, tables)):
+                raise FormatError(
+                    f"{str(path)!r} is no table of events: its rows have {self._columns_count} "
+                    "columns, but time, x, y and polarity are needed"
+                )
+            self._order = order_of_values(tables, repr(str(path)))
+
+    def _take_size(self, comments: list[str]) -> None:
+        for comment in comments:
+            size = _SIZE.search(comment) or _WIDTH_HEIGHT.search(comment)
+            if size:
+                self._named_size = int(size[1]), int(size[2])
+
+    def _rows(self) -> Iterator[Rows]:
+        total = max(self.path.stat().st_size, 1)
+        with self.path.open("rb") as file:
+            file.seek(self._start)
+            tail = b""
+            while data := file.read(CHUNK_BYTES):
+                complete, newline, rest = (tail + data).rpartition(b"\n")
+                if newline or len(rest) < CHUNK_BYTES:
+                    tail = rest
+                else:
+                    self.losses.add("bad_record")
+                    tail = b""
+                self.progress = file.tell() / total
+                yield from self._parsed(complete)
+            yield from self._parsed(tail)
+
+    def _parsed(self, text: bytes) -> Iterator[Rows]:
+        blank = self._blank(text)
+        if not blank.strip() or self._order is None:
+            return
+        table = self._table(blank)
+        yield rows_of(table, self._order.place)
+
+    def _blank(self, text: bytes) -> bytes:
+        """Return text whose numbers are parted by blanks, with points as decimal marks."""
+        if self._delimiter in (";", "\t"):
+            text = text.replace(b",", b".")
+        return text.translate(_TO_BLANKS)
+
+    def _table(self, text: bytes) -> NDArray[np.float64]:
+        """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
+        try:
+            table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
+            if table.shape[1] != self._columns_count:
+                raise ValueError("another number of columns")
+        except (ValueError, UserWarning):
+            lines = [line for line in text.decode("utf-8", "replace").splitlines() if line.strip()]
+            lines = [line for line in lines if not line.lstrip().startswith(("#", "%"))]
+            rows = [row for line in lines if (row := _row(line, self._columns_count)) is not None]
+            self._count_bad(len(lines) - len(rows))
+            table = np.array(rows, np.float64).reshape(-1, self._columns_count)
+        sound = (np.abs(table) < NUMBER_LIMIT).all(axis=1)
+        self._count_bad(len(table) - int(np.count_nonzero(sound)))
+        return table if sound.all() else table[sound]
+
+    def _count_bad(self, rows: int) -> None:
+        if hasattr(self, "losses"):
+            self.losses.add("bad_record", rows)
+
+
+_TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
+
+
+def looks_like_text(sample: bytes) -> bool:
+    """Return whether bytes begin a table of numbers, perhaps after comments and a header."""
+    if b"\0" in sample:
+        return False
+    lines = sample.decode("utf-8", "replace").splitlines()[:-1] or [sample.decode("latin-1")]
+    rows = [_split(line) for line in lines if line.strip() and line[0] not in "#%"]
+    numbers = [row for row in rows if len(row) >= 4 and all(map(_is_value, row))]
+    return len(numbers) > 0 and len(numbers) >= len(rows) // 2
+
+
+def _samples(path: Path, start: int) -> list[bytes]:
+    """Return whole lines from the beginning, the middle and the end of the rows."""
+    end = path.stat().st_size
+    places = [start]
+    if end - start > 3 * SAMPLE_BYTES:
+        places += [start + (end - start) // 2, end - SAMPLE_BYTES]
+    samples = []
+    with path.open("rb") as file:
+        for place in places:
+            file.seek(place)
+            data = file.read(SAMPLE_BYTES)
+            if place > start:
+                data = data.partition(b"\n")[2]
+            if file.tell() < end:
+                data = data.rpartition(b"\n")[0] or data
+            samples.append(data)
+    return samples
+
+
+def _delimiter(line: bytes | str) -> str:
+    text = line if isinstance(line, str) else line.decode("utf-8", "replace")
+    several = [mark for mark in _DELIMITERS if text.count(mark) >= 3]
+    found = several[0] if several else max(_DELIMITERS, key=text.count)
+    return found if found in text else " "
+
+
+def _split(line: str) -> list[str]:
+    """Return the words of a line; blanks part them only where nothing else does."""
+    delimiter = _delimiter(line)
+    if delimiter == " ":
+        return re.sub(r"\s+(?=[\[({<])", "", line).split()
+    words = [word.strip().strip('"') for word in line.split(delimiter)]
+    return words[:-1] if words and not words[-1] else words
+
+
+def _is_value(word: str) -> bool:
+    if word.lower() in _VALUES:
+        return True
+    try:
+        float(word.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _whole_numbers(words: list[str]) -> tuple[int, int] | None:
+    return (int(words[0]), int(words[1])) if all(word.isdecimal() for word in words) else None
+
+
+def _named(names: list[str], path: Path) -> Order:
+    order = order_named(names)
+    if order is None:
+        found = {role for role, _ in map(role_of, names) if role}
+        missing = [role for role in "txyp" if role not in found]
+        lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
+        raise FormatError(
+            f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time, "
+            "x, y and polarity, such as t,x,y,p (or leave the header out)"
+        )
+    return order
+
+
+def _named_in_comment(comment: str, columns: int) -> Order | None:
+    """Return the order that a comment names, such as ``# timestamp x y polarity``."""
+    text = re.sub(r"^[#%!\s]*(?:\w+\s*:)?", "", comment)
+    words = re.findall(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?", text)
+    return order_named(words[:columns])
+
+
+def _row(line: str, columns: int) -> list[Any] | None:
+    words = [_VALUES.get(word.lower(), word) for word in line.split()]
+    if len(words) != columns:
+        return None
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return None
