@@ -219,17 +219,17 @@ def _own_opener(kind: str, path: Path) -> _Opener:
         version = aedat.aedat_version(path)
         return aedat.Aedat2Source if version == 2 else aedat.Aedat3Source
     module, name = _READERS[kind]
-    return getattr(import_module(f"spikingtac.events.formats.{module}"), name)
+    return getattr(import_module(f"spikingtac.events.{module}"), name)
 
 
 _READERS = {
     "raw": ("evt.raw", "RawSource"),
-    "npz": ("arrays", "ArraySource"),
-    "text": ("text", "TextSource"),
-    "es": ("es", "EsSource"),
-    "dat": ("dat", "DatSource"),
-    "aedat4": ("aedat4", "Aedat4Source"),
-    "hdf5": ("hdf5", "Hdf5Source"),
+    "npz": ("tables.arrays", "ArraySource"),
+    "text": ("tables.text", "TextSource"),
+    "es": ("formats.es", "EsSource"),
+    "dat": ("formats.dat", "DatSource"),
+    "aedat4": ("formats.aedat4", "Aedat4Source"),
+    "hdf5": ("tables.hdf5", "Hdf5Source"),
     "ros": ("bags.source", "RosSource"),
 }
 """Kind -> module and class that reads it."""
