@@ -45,6 +45,12 @@ class ConfigError(SpikingTacError, ValueError):
     exit_code = 2
 
 
+class SettingsFileError(ConfigError):
+    """A file of settings is damaged, or a key or value in it does not fit."""
+
+    exit_code = 1
+
+
 class MissingExtraError(SpikingTacError):
     """An optional library is not installed; names the extra that brings it."""
 

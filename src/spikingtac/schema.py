@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import tomllib
 import types
 import typing
@@ -11,23 +12,62 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.errors import ConfigError, SettingsFileError, nearest
 
 T = TypeVar("T")
+
+
+LARGEST = 1e300
+"""Largest number of a setting."""
+MOST_BYTES, DEEPEST = 1 << 20, 32
+"""Largest file of settings, bytes, and deepest nesting of its tables and lists."""
+LONG_KEY = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
+"""A dotted key of a hundred parts."""
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Parse a TOML file.
 
     Raises:
-        ConfigError: The file cannot be read, or is no TOML (with line and column).
+        ConfigError: The file cannot be read.
+        SettingsFileError: It is no TOML (with line and column), too long or nested too deep.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        raw = Path(path).read_bytes()
+        if len(raw) > MOST_BYTES:
+            raise SettingsFileError(f"{str(path)!r} is longer than {MOST_BYTES} bytes")
+        text = raw.decode()
+        # The parser takes memory with the square of the parts of a dotted key.
+        mapping = None if LONG_KEY.search(text) else tomllib.loads(text)
     except OSError as error:
         raise ConfigError(f"cannot read {str(path)!r}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{str(path)!r} is not valid TOML: {error}") from error
+    except ValueError as error:  # also an integer of thousands of digits
+        raise SettingsFileError(f"{str(path)!r} is not valid TOML: {error}") from error
+    except RecursionError:
+        mapping = None
+    level: list[Any] = [mapping]
+    for _ in range(DEEPEST):
+        inner = (
+            v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)
+        )
+        level = [value for values in inner for value in values]
+    if mapping is None or level:
+        raise SettingsFileError(f"{str(path)!r} is nested deeper than {DEEPEST} tables or lists")
+    return mapping
+
+
+def from_toml(cls: type[T], path: str | Path) -> T:
+    """Build a dataclass from a TOML file; see :func:`build`.
+
+    Raises:
+        ConfigError: The file cannot be read.
+        SettingsFileError: It is no TOML, or a key or value does not fit.
+    """
+    mapping = read_toml(path)
+    try:
+        return build(cls, mapping, str(path))
+    except ConfigError as error:
+        raise SettingsFileError(str(error)) from error
 
 
 def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
@@ -68,7 +108,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         return cls(**values)
     except ConfigError:
         raise
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
 
@@ -178,8 +218,12 @@ def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is float and number:
         if value != value or value in (float("inf"), float("-inf")):
             raise ConfigError(f"{where}: {value!r} is not a finite number")
+        if abs(value) > LARGEST:
+            raise ConfigError(f"{where}: the number is beyond {LARGEST:g}")
         return float(value)
     if hint is int and isinstance(value, int) and not isinstance(value, bool):
+        if abs(value) > LARGEST:
+            raise ConfigError(f"{where}: the number is beyond {LARGEST:g}")
         return value
     if hint in (str, bool) and isinstance(value, hint):
         return value

@@ -8,11 +8,10 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
+from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger, VibrationConfig
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe
 from spikingtac.sim.rig.rig import RigConfig
-from spikingtac.sim.rig.vibration import VibrationConfig
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.free_rig import (
@@ -43,7 +42,7 @@ def rig_config(preset: str) -> RigConfig:
 
 @pytest.fixture(scope="module", params=["typical", "noisy"])
 def both(request: pytest.FixtureRequest) -> Both:
-    config, pad = rig_config(request.param), Pad(RigConfig().pad, RigConfig().patch)
+    config, pad = rig_config(request.param), Pad(RigConfig().pad)
     finger = FingerConfig(camera=request.param, history="random")
     vibration = VibrationPath(config.vibration, np.random.default_rng(SEED))
     bushing = FreeMotion(config.probe, vibration).advance(STEPS)

@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.fingers import EDGE_SETTINGS, STEP_SETTINGS, FingerConfig, SensingFinger
+from spikingtac.sim.rig.fingers import (
+    EDGE_SETTINGS,
+    STEP_SETTINGS,
+    FingerConfig,
+    SensingFinger,
+    VibrationConfig,
+)
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
-from spikingtac.sim.rig.vibration import VibrationConfig
 from spikingtac.sim.rig.walls import NoWall, PlaneWall
 from stand_ins.rigs import press_and_release
 

@@ -12,7 +12,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.errors import ConfigError
 from spikingtac.types import Pose
+
+SPEED_LIMIT_MM_S = 1000.0
+"""Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s)."""
 
 
 class ArmState(enum.Enum):
@@ -81,3 +85,19 @@ class TruthfulArm(Arm, Protocol):
     def true_position_mm(self) -> NDArray[np.float64]:
         """Return the tool's true position ``(3,)`` now, without noise or staleness, mm."""
         ...
+
+
+def checked_target(target_mm: NDArray[np.float64], speed_mm_s: float) -> NDArray[np.float64]:
+    """Return the target ``(3,)`` of a motion, mm.
+
+    Raises:
+        ConfigError: The target is not three finite numbers, or the speed is out of range.
+    """
+    target = np.asarray(target_mm, np.float64)
+    if target.shape != (3,) or not np.isfinite(target).all():
+        raise ConfigError(f"the target is {target_mm!r}, it must be three finite numbers in mm")
+    if not 0.0 < speed_mm_s <= SPEED_LIMIT_MM_S:
+        raise ConfigError(
+            f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {SPEED_LIMIT_MM_S}"
+        )
+    return target

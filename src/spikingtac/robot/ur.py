@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.robot.arm import ArmState
+from spikingtac.errors import DeviceError
+from spikingtac.robot.arm import ArmState, checked_target
 from spikingtac.robot.bounded_calls import BoundedCalls
 from spikingtac.robot.ur_client import DISCONNECT_S, connect, disconnect
 from spikingtac.robot.ur_stop import StopLink, verified_stop
@@ -45,7 +45,6 @@ class URConfig:
         stop: When a stop counts as obeyed, and how long each means to stop has.
         power_off: Whether an arm that is seen to move after every means to stop is switched off at
             the dashboard; its brakes then hold it.
-        speed_limit_mm_s: Fastest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
         patience_s: Age of the last report at which the stream counts as lost, s (ours: 12 cycles
             of CB3).
         start_patience_s: Longest wait for a commanded motion to begin, s.
@@ -59,7 +58,6 @@ class URConfig:
     acceleration_m_s2: float = 1.2
     stop: StopConfig = field(default_factory=StopConfig)
     power_off: bool = True
-    speed_limit_mm_s: float = 1000.0
     patience_s: float = 0.1
     start_patience_s: float = 0.5
     watchdog_hz: float | None = 10.0
@@ -104,14 +102,7 @@ class URArm:
 
     def move_linear(self, target_mm: Vector, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
-        config = self._config
-        target = np.asarray(target_mm, np.float64)
-        if target.shape != (3,) or not np.isfinite(target).all():
-            raise ConfigError(f"the target is {target_mm!r}, it must be three finite numbers in mm")
-        if not 0.0 < speed_mm_s <= config.speed_limit_mm_s:
-            raise ConfigError(
-                f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {config.speed_limit_mm_s}"
-            )
+        target = checked_target(target_mm, speed_mm_s)
         state = self.state()
         if state is not ArmState.IDLE:
             raise DeviceError(
@@ -120,7 +111,7 @@ class URArm:
             )
         rotation = self._receive.getActualTCPPose()[3:]
         goal = [*(target / MM_PER_M).tolist(), *rotation]
-        speed, acceleration = speed_mm_s / MM_PER_M, config.acceleration_m_s2
+        speed, acceleration = speed_mm_s / MM_PER_M, self._config.acceleration_m_s2
         self._commanded_s, self._began = self._clock_s(), False
         try:
             begun = self._call(

@@ -13,13 +13,13 @@ from .scene.scene import ContactConfig as ContactConfig
 from .scene.scene import HistoryConfig as HistoryConfig
 from .scene.scene import Scene as Scene
 from .scene.scene import SkinConfig as SkinConfig
-from .scene.segments import SegmentConfig as SegmentConfig
+from .scene.motions import SegmentConfig as SegmentConfig
 from .scene.source import SceneSource as SceneSource
 from .scene.source import SceneStep as SceneStep
 from .scene.timeline import Timeline as Timeline
 from .states import TruthChunk as TruthChunk
 from .states import image_radius_px as image_radius_px
-from .scene.variation import VariationConfig as VariationConfig
+from .scene.scene import VariationConfig as VariationConfig
 from .twin_camera import TwinCamera as TwinCamera
 
 # Gel: contact, friction, elastic layer and creep
@@ -73,8 +73,8 @@ from .rig.rig import Rig as Rig
 from .rig.rig import RigConfig as RigConfig
 from .rig.ur3 import UR3Config as UR3Config
 from .rig.ur3 import UR3Twin as UR3Twin
-from .rig.vibration import Vibration as Vibration
-from .rig.vibration import VibrationConfig as VibrationConfig
+from .rig.fingers import Vibration as Vibration
+from .rig.fingers import VibrationConfig as VibrationConfig
 from .rig.walls import Bit as Bit
 from .rig.walls import HexBit as HexBit
 from .rig.walls import HoleWall as HoleWall
@@ -84,17 +84,17 @@ from .rig.walls import RoundBit as RoundBit
 from .rig.walls import Wall as Wall
 
 # Probing on the twin: calibration on a flat wall, readings of arms of different repeatability
-from .probing.readings import PLANNING_MM as PLANNING_MM
-from .probing.readings import SIGMAS_MM as SIGMAS_MM
-from .probing.readings import RecordingProber as RecordingProber
-from .probing.readings import touched_of as touched_of
-from .probing.wall_calibration import CORNER_MM as CORNER_MM
-from .probing.wall_calibration import CROSS as CROSS
-from .probing.wall_calibration import DEFAULT as DEFAULT
-from .probing.wall_calibration import STYLES as STYLES
-from .probing.wall_calibration import WALL_MM as WALL_MM
-from .probing.wall_calibration import detector_for as detector_for
-from .probing.wall_calibration import prober_for as prober_for
-from .probing.wall_calibration import quiet_windows as quiet_windows
-from .probing.wall_calibration import touch_flat_walls as touch_flat_walls
-from .probing.wall_calibration import travel_of as travel_of
+from .rig.wall_calibration import PLANNING_MM as PLANNING_MM
+from .rig.wall_calibration import SIGMAS_MM as SIGMAS_MM
+from .rig.wall_calibration import RecordingProber as RecordingProber
+from .rig.wall_calibration import touched_of as touched_of
+from .rig.wall_calibration import CORNER_MM as CORNER_MM
+from .rig.wall_calibration import CROSS as CROSS
+from .rig.wall_calibration import DEFAULT as DEFAULT
+from .rig.wall_calibration import STYLES as STYLES
+from .rig.wall_calibration import WALL_MM as WALL_MM
+from .rig.wall_calibration import detector_for as detector_for
+from .rig.wall_calibration import prober_for as prober_for
+from .rig.wall_calibration import quiet_windows as quiet_windows
+from .rig.wall_calibration import touch_flat_walls as touch_flat_walls
+from .rig.wall_calibration import travel_of as travel_of

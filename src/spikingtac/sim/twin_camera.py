@@ -136,7 +136,7 @@ def truthful_packets(name: str, seed: int, camera: str | None) -> Iterator[tuple
 def _prepared_packets(
     name: str, seed: int, camera: str | None
 ) -> Iterator[tuple[EventPacket, Any]]:
-    from spikingtac.sim.scene.first_contact import touch_once
+    from spikingtac.sim.scene.source import touch_once
 
     touch_once(catalog.load(name), seed)  # compiled here, the first contact would stop time
     yield from truthful_packets(name, seed, camera)

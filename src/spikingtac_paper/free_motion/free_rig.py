@@ -20,11 +20,10 @@ from scipy.signal import lfilter, oaconvolve
 
 from spikingtac.arrays import FloatArray
 from spikingtac.events.windows import windows
-from spikingtac.sim.rig.fingers import FingerConfig, SensingFinger
+from spikingtac.sim.rig.fingers import FingerConfig, SensingFinger, Vibration, transition
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig
 from spikingtac.sim.rig.rig import RigConfig
-from spikingtac.sim.rig.vibration import Vibration, transition
 from spikingtac.sim.rig.walls import NoWall
 from spikingtac.sim.scene.scene import CameraChoice
 from spikingtac.sim.states import MarkerImage, SkinState
@@ -54,7 +53,7 @@ class VibrationPath(Vibration):
         """
         if self._config.rms_mm == 0.0:
             return np.zeros((steps, 3))
-        move, noise = transition(self._config, round(dt_s * 1e9))
+        move, noise = transition(round(dt_s * 1e9))
         drive = noise @ self._rng.standard_normal((steps, 2, 3))
         poles, modes = np.linalg.eig(move)
         to_modes = np.linalg.inv(modes)
@@ -175,9 +174,7 @@ class FreeRig:
     ) -> None:
         self._motion = FreeMotion(config.probe, VibrationPath(config.vibration, rng))
         self._fingers = [
-            SmallMotionFinger(
-                finger, seed, Pad(config.pad, config.patch, faces_back=bool(number)), config
-            )
+            SmallMotionFinger(finger, seed, Pad(config.pad, faces_back=bool(number)), config)
             for number, (finger, seed) in enumerate(zip(fingers, seeds, strict=True))
         ]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.sim.probing.readings import SIGMAS_MM
+from spikingtac.sim.rig.wall_calibration import SIGMAS_MM
 from spikingtac_paper.harness.fingerprint import provenance
 from spikingtac_paper.harness.records import Record
 from spikingtac_paper.harness.report import Report, Table, find_row

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.sim.probing.readings import SIGMAS_MM, touched_of
+from spikingtac.sim.rig.wall_calibration import SIGMAS_MM, touched_of
 from spikingtac_paper.harness.published import HOLE_ERRORS_MM
 from spikingtac_paper.harness.rows import Row
 from spikingtac_paper.harness.svg import pyplot, svg_text

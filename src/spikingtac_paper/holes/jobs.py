@@ -23,20 +23,21 @@ from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfi
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.cross_search import cross_search
 from spikingtac.robot.prober import Prober, Touched
-from spikingtac.sim.probing.readings import PLANNING_MM, RecordingProber
-from spikingtac.sim.probing.wall_calibration import (
+from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, flat_wall, hole_trial
+from spikingtac.sim.rig.wall_calibration import (
     CORNER_MM,
     CROSS,
     DEFAULT,
+    PLANNING_MM,
     STYLES,
     WALL_MM,
+    RecordingProber,
     detector_for,
     prober_for,
     quiet_windows,
     touch_flat_walls,
     travel_of,
 )
-from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, flat_wall, hole_trial
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.fingerprint import code_digest
 from spikingtac_paper.harness.quiet_windows import load_windows, save_windows

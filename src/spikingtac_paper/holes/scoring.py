@@ -16,8 +16,7 @@ from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import hole_around
 from spikingtac.robot.cross_search import calibrated_circle, published_circle
 from spikingtac.robot.prober import Touched
-from spikingtac.sim.probing.readings import SIGMAS_MM, touched_of
-from spikingtac.sim.probing.wall_calibration import CROSS, DEFAULT, travel_of
+from spikingtac.sim.rig.wall_calibration import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.published import HOLES
 from spikingtac_paper.harness.rows import Row, interval

@@ -13,9 +13,8 @@ from spikingtac.config import load_config
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.follow import follow
 from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import MotionConfig
+from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import ContactConfig, Scene
-from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.touch.contact_patch.patch import Patch
 from spikingtac.touch.field.local_gradient import GradientOperator

@@ -9,9 +9,8 @@ from matplotlib.path import Path as Outline
 from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.gel import Gel, GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.touch.contact_patch.estimator import PatchEstimator
 from spikingtac.touch.contact_patch.patch import SQUARE, Patch, patch_of_cells
 from spikingtac.touch.contact_patch.patch_features import FEATURES

@@ -10,9 +10,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.gel import Gel, GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.optics import Optics, OpticsConfig
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.sim.scene.segments import SegmentConfig
 from spikingtac.sim.states import MarkerImage, SkinState, image_radius_px
 from spikingtac.touch.field.mlp import Mlp
 from spikingtac.touch.indentation.field_features import FEATURES, FieldFeatures

@@ -18,10 +18,15 @@ from spikingtac.cli.robot.probe_search import (
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.prober import ArmProber
-from spikingtac.sim.probing import wall_calibration
-from spikingtac.sim.probing.readings import PLANNING_MM, RecordingProber
-from spikingtac.sim.probing.wall_calibration import CORNER_MM, CROSS, DEFAULT
+from spikingtac.sim.rig import wall_calibration
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, hole_trial
+from spikingtac.sim.rig.wall_calibration import (
+    CORNER_MM,
+    CROSS,
+    DEFAULT,
+    PLANNING_MM,
+    RecordingProber,
+)
 from spikingtac.sim.rig.walls import NoWall
 
 CYCLES = {CROSS: 4, DEFAULT: 3}

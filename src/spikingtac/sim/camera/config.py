@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from spikingtac.errors import ConfigError, nearest
-from spikingtac.schema import build, read_toml, require_within
+from spikingtac.schema import from_toml, require_within
 
 CAMERA_NAMES = ("clean", "typical", "noisy")
 """The pinned presets, stored as ``configs/cameras/<name>.toml``."""
-MOST_PIXELS = 1 << 22
-"""Most pixels of a sensor: 2048 by 2048; each takes 100 bytes."""
+MOST_PIXELS = 1 << 21
+"""Most pixels of a sensor (1920 by 1080 fit); each takes 200 bytes while it is made."""
 _STORED_NAMES = (*CAMERA_NAMES, "v2e", "real-like")
 
 
@@ -182,10 +182,10 @@ def load_camera(name: str | Path) -> CameraConfig:
     """
     if str(name) in _STORED_NAMES:
         path = importlib.resources.files("spikingtac") / "configs" / "cameras" / f"{name}.toml"
-        return build(CameraConfig, read_toml(Path(str(path))), f"camera {name}")
+        return from_toml(CameraConfig, str(path))
     if not Path(name).is_file():
         raise ConfigError(
             f"no camera {str(name)!r}{nearest(str(name), _STORED_NAMES)} "
             f"(valid: {', '.join(_STORED_NAMES)}, or the path of a TOML file)"
         )
-    return build(CameraConfig, read_toml(name), str(name))
+    return from_toml(CameraConfig, name)

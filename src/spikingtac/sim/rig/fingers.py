@@ -1,16 +1,81 @@
-"""The sensing fingers of the rig: optics and event camera, with the vibration of each preset."""
+"""Vibration of the arm, and the sensing fingers of the rig.
+
+Vibration of the arm: a resonance driven by noise, with an exact step of any length.
+
+The sensing fingers of the rig: optics and event camera, with the vibration of each preset.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
 from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene.scene import CameraChoice
 from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
+
+RESONANCE_HZ, QUALITY = 15.0, 5.0
+"""Resonance of the arm, Hz, and its Q (contract.md, "Pinned physics")."""
+STATIONARY = np.diag([1.0, (2.0 * np.pi * RESONANCE_HZ) ** 2])
+"""Covariance of (x, x') for unit variance of x."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VibrationConfig:
+    """Vibration at the tool (contract.md, "Pinned physics").
+
+    Attributes:
+        rms_mm: Root mean square per axis, mm: 0 (``clean``), 0.01 (``typical``), 0.03 (``noisy``).
+    """
+
+    rms_mm: float = 0.01
+
+
+class Vibration:
+    """Three independent axes of x'' + (w/Q) x' + w^2 x = white noise, in their stationary state.
+
+    The transition over a step is exact, so that the statistics do not depend on its length.
+
+    Args:
+        config: Amplitude and resonance.
+        rng: Source of the noise.
+    """
+
+    def __init__(self, config: VibrationConfig, rng: np.random.Generator) -> None:
+        self._config = config
+        self._rng = rng
+        self._state = np.linalg.cholesky(STATIONARY) @ rng.standard_normal((2, 3))
+
+    @property
+    def offset_mm(self) -> NDArray[np.float64]:
+        """Displacement ``(3,)`` of the tool now, mm."""
+        return self._config.rms_mm * self._state[0]
+
+    def advance(self, dt_s: float) -> NDArray[np.float64]:
+        """Step by ``dt_s`` and return the new displacement ``(3,)``, mm."""
+        if self._config.rms_mm > 0.0:
+            move, noise = transition(round(dt_s * 1e9))
+            self._state = move @ self._state + noise @ self._rng.standard_normal((2, 3))
+        return self.offset_mm
+
+
+@functools.lru_cache(maxsize=64)
+def transition(dt_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the exact transition of a step ``(2, 2)`` and a root of its noise's covariance."""
+    omega = 2.0 * np.pi * RESONANCE_HZ
+    system = np.array([[0.0, 1.0], [-(omega**2), -omega / QUALITY]])
+    whole = np.asarray(expm(system * dt_ns * 1e-9), np.float64)
+    drive = STATIONARY - whole @ STATIONARY @ whole.T
+    return whole, np.linalg.cholesky(drive).astype(np.float64)
+
 
 VIBRATION_MM = {"clean": 0.0, "typical": 0.01, "noisy": 0.03}
 """Vibration of the arm for each preset, mm rms (contract.md, "Pinned physics")."""

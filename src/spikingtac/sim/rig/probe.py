@@ -16,9 +16,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.rig.tip_contact import TipContact
-from spikingtac.sim.rig.walls import Bit, RoundBit, Wall
+from spikingtac.sim.rig.walls import Bit, RoundBit, TipContact, Wall
 
+K_T_N_MM, K_THETA_N_MM_RAD = 2.5, 68.0
+"""Stiffness of translation, N/mm, and of rotation across the rod, N mm/rad (contract.md)."""
+TORSION_N_MM_RAD = 10.3
+"""Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: width instead of length)."""
+GRIP_MM = 9.0
+"""Length of the rod behind the patch's centre, mm."""
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """The gripper's axes as columns, at yaw 0: x = base x, y (to the tip) = down, z = base y."""
 TONNE_PER_GRAM = 1e-6
@@ -31,16 +36,11 @@ class ProbeConfig:
 
     Attributes:
         stickout_mm: Distance from the patch's centre to the tip, mm.
-        k_t_n_mm: Translational stiffness, N/mm.
-        k_theta_n_mm_rad: Rotational stiffness across the rod, N mm/rad.
-        torsion_n_mm_rad: Stiffness about the rod's own axis, N mm/rad (k_theta (7/18)²: the patch's
-            width instead of its length).
         normal_ratio: Stiffness across the pads' planes divided by that along them; 1 as pinned,
             about 7 for the patch of the layer model.
         tilt_ratio: The same for rotation out of the pads' plane; about 4 for the layer model.
         creep: Pairs (J_i / J_0, tau_i in s) of the creep chain.
         grams_per_mm: Line density of the rod, g/mm (steel, 4 mm thick).
-        grip_mm: Length of the rod behind the patch's centre, mm.
         damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (ours: a range
             of 0.05 to 0.2).
         tip_friction: Coefficient of friction between tip and wall (ours: steel on plastic).
@@ -49,14 +49,10 @@ class ProbeConfig:
     """
 
     stickout_mm: float = 40.0
-    k_t_n_mm: float = 2.5
-    k_theta_n_mm_rad: float = 68.0
-    torsion_n_mm_rad: float = 10.3
     normal_ratio: float = 1.0
     tilt_ratio: float = 1.0
     creep: tuple[tuple[float, float], ...] = ((0.05, 0.02), (0.05, 0.3), (0.12, 8.0))
     grams_per_mm: float = 0.099
-    grip_mm: float = 9.0
     damping_ratio: float = 0.1
     tip_friction: float = 0.3
     yaw_rad: float = 0.0
@@ -197,7 +193,7 @@ def _step_matrices(config: ProbeConfig, dt_ns: int) -> _StepMatrices:
     stiffness0 = bushing_stiffness(config)
     stiffness = stiffness0 / (1.0 + fraction @ (1.0 - decay))
     mass = rod_inertia(config)
-    omega = np.sqrt(config.k_theta_n_mm_rad / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
+    omega = np.sqrt(K_THETA_N_MM_RAD / mass[3, 3]) if mass[3, 3] > 0.0 else np.inf
     damping = stiffness0 * 2.0 * config.damping_ratio / omega
     whole = np.diag(stiffness + damping / dt_s) + mass / dt_s**2
     compliance = np.linalg.inv(whole).astype(np.float64)
@@ -211,14 +207,13 @@ def _step_matrices(config: ProbeConfig, dt_ns: int) -> _StepMatrices:
 
 def bushing_stiffness(config: ProbeConfig) -> FloatArray:
     """Return the instantaneous stiffness ``(6,)`` in the gripper frame (N/mm and N mm/rad)."""
-    k_t, k_theta = config.k_t_n_mm, config.k_theta_n_mm_rad
-    tilt = k_theta * config.tilt_ratio
-    return np.array([k_t, k_t, k_t * config.normal_ratio, tilt, config.torsion_n_mm_rad, k_theta])
+    along, tilt = K_T_N_MM * config.normal_ratio, K_THETA_N_MM_RAD * config.tilt_ratio
+    return np.array([K_T_N_MM, K_T_N_MM, along, tilt, TORSION_N_MM_RAD, K_THETA_N_MM_RAD])
 
 
 def rod_inertia(config: ProbeConfig) -> FloatArray:
     """Return the mass matrix ``(6, 6)`` of the rod about the patch's centre (tonne, mm)."""
-    front, back = config.stickout_mm, config.grip_mm
+    front, back = config.stickout_mm, GRIP_MM
     mass = config.grams_per_mm * (front + back) * TONNE_PER_GRAM
     center = (front - back) / 2.0
     moment = mass * (front**2 - front * back + back**2) / 3.0

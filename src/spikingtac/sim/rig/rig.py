@@ -14,15 +14,18 @@ from typing import Protocol
 import numpy as np
 
 from spikingtac.arrays import FloatArray
+from spikingtac.sim.rig.fingers import Vibration, VibrationConfig
 from spikingtac.sim.rig.pad import Pad, PadConfig
-from spikingtac.sim.rig.pad_response import PatchConfig
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
-from spikingtac.sim.rig.vibration import Vibration, VibrationConfig
 from spikingtac.sim.rig.walls import Wall
 from spikingtac.sim.states import MarkerImage, SkinState
 from spikingtac.types import EventPacket
 
+STEP_US, SHORTEST_STEP_US = 1000, 100
+"""Longest and shortest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time)."""
+NEAR_MM = 0.04
+"""Longest travel in one step near the wall and in contact, mm."""
 WAIT_S = 0.001
 """Period at which a waiting loop checks its condition, s: one controller window."""
 
@@ -45,31 +48,19 @@ class Finger(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RigConfig:
-    """Parts of the rig, and the length of its steps.
+    """Parts of the rig.
 
     Attributes:
         probe: The rod and its bushing.
-        patch: The patch of each pad that sticks to the rod.
         pad: Position of each pad on the rod.
         vibration: Vibration of the arm.
         arm: Dynamics of the arm.
-        step_us: Longest step of the mechanics, us (twin.md: 250 to 500 Hz keeps real time).
-        near_mm: Longest travel in one step near the wall and in contact, mm.
-        least_step_us: Shortest step, us.
     """
 
     probe: ProbeConfig = field(default_factory=ProbeConfig)
-    patch: PatchConfig = field(default_factory=PatchConfig)
     pad: PadConfig = field(default_factory=PadConfig)
     vibration: VibrationConfig = field(default_factory=VibrationConfig)
     arm: UR3Config = field(default_factory=UR3Config)
-    step_us: int = 1000
-    near_mm: float = 0.04
-    least_step_us: int = 100
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.least_step_us <= self.step_us or not self.near_mm > 0.0:
-            raise ValueError("need 1 <= least_step_us <= step_us and a positive near_mm")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,14 +129,11 @@ class Rig:
         self.vibration = Vibration(config.vibration, rng)
         self.first_contact: FirstContact | None = None
         self.t_us = 0
-        self._config = config
         self._rotation = config.probe.rotation()
         self._fingers = tuple(fingers)
         shaken = self.arm.true_position_mm() + self.vibration.offset_mm
         self.probe = Probe(config.probe, wall, shaken)
-        self._pads = [
-            Pad(config.pad, config.patch, faces_back=bool(k)) for k in range(len(fingers))
-        ]
+        self._pads = [Pad(config.pad, faces_back=bool(k)) for k in range(len(fingers))]
         self.state = self.probe.at_rest(0)
         self._images = self._project_markers()
         for finger, image in zip(self._fingers, self._images, strict=True):
@@ -216,7 +204,7 @@ class Rig:
         """Advance by ``duration_s`` and drop the events."""
         end_us = self.t_us + round(duration_s * 1e6)
         while self.t_us < end_us:
-            self.advance(min(self._config.step_us, end_us - self.t_us))
+            self.advance(min(STEP_US, end_us - self.t_us))
 
     def _project_markers(self) -> list[MarkerImage]:
         return [finger.project(self.skin(k)) for k, finger in enumerate(self._fingers)]
@@ -227,15 +215,14 @@ class Rig:
         Steps end on multiples of the longest one, so that packets of any number of those give the
         same states.
         """
-        config = self._config
-        left_us = config.step_us - self.t_us % config.step_us
-        next_mm = self.arm.position_at_mm(self.t_us + config.step_us)
+        left_us = STEP_US - self.t_us % STEP_US
+        next_mm = self.arm.position_at_mm(self.t_us + STEP_US)
         travel = math.dist(next_mm, self.arm.true_position_mm())
-        if travel <= config.near_mm or self.state.gap_mm > 2.0 * travel:
+        if travel <= NEAR_MM or self.state.gap_mm > 2.0 * travel:
             return left_us
-        max_pieces = config.step_us // config.least_step_us
-        pieces = min(math.ceil(travel / config.near_mm), max_pieces)
-        return min(math.ceil(config.step_us / pieces), left_us)
+        max_pieces = STEP_US // SHORTEST_STEP_US
+        pieces = min(math.ceil(travel / NEAR_MM), max_pieces)
+        return min(math.ceil(STEP_US / pieces), left_us)
 
     def _step(self, dt_us: int) -> None:
         t_us, before = self.t_us + dt_us, self.state

@@ -1,4 +1,4 @@
-"""Kernels of :mod:`spikingtac.sim.rig.tip_contact`: the touching points of a tip, solved in turn.
+"""Kernels of :mod:`spikingtac.sim.rig.walls`: the touching points of a tip, solved in turn.
 
 Vectors are tuples of three numbers, which need no memory allocation.
 ``tests/naive/test_tip_kernels.py`` has the same equations on arrays.

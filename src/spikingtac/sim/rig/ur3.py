@@ -1,10 +1,10 @@
 """A kinematic UR3 with the :class:`~spikingtac.robot.arm.Arm` protocol.
 
 It models what determines the overshoot of the tool: the delay of the network, the cycle of the
-controller with a random phase, the lag of the servos, a stop with limited deceleration and jerk,
-and a reported pose that is up to one cycle old and that repeats only within the arm's
-repeatability. Values: contract.md "Pinned physics"; at 180 mm/s a perfect sensor overshoots 6.2 mm
-on average, 7.6 mm at most.
+controller with a random phase, the lag of the servos, a stop with limited deceleration and jerk
+(planned with ruckig), and a reported pose that is up to one cycle old and that repeats only within
+the arm's repeatability. Values: contract.md "Pinned physics"; at 180 mm/s a perfect sensor
+overshoots 6.2 mm on average, 7.6 mm at most.
 """
 
 from __future__ import annotations
@@ -12,14 +12,126 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.line_trajectory import Segment, plan_move, plan_stop
+from spikingtac.errors import DeviceError, MissingExtraError
+from spikingtac.robot.arm import ArmState, checked_target
 from spikingtac.types import Pose
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One planned motion along a line. Before its start and after its end the arm stands still.
+
+    Attributes:
+        start_s: Controller time at which the motion begins, s.
+        origin_mm: ``(3,)`` position at path coordinate zero, mm.
+        direction: ``(3,)`` unit vector of the path.
+        plan: Trajectory of the path coordinate, or None if the arm stands still.
+    """
+
+    start_s: float
+    origin_mm: FloatArray
+    direction: FloatArray
+    plan: Any = None
+
+    @property
+    def end_s(self) -> float:
+        """Controller time at which the motion has ended, s."""
+        return self.start_s + (self.plan.duration if self.plan else 0.0)
+
+    def along(self, time_s: float) -> tuple[float, float, float]:
+        """Return path coordinate, speed and acceleration at a time (mm, mm/s, mm/s2)."""
+        if self.plan is None:
+            return 0.0, 0.0, 0.0
+        state = self.plan.at_time(min(max(time_s - self.start_s, 0.0), self.plan.duration))
+        return state[0][0], state[1][0], state[2][0]
+
+    def position_mm(self, time_s: float) -> FloatArray:
+        """Return the position ``(3,)`` at a time, mm."""
+        return self.origin_mm + self.direction * self.along(time_s)[0]
+
+    def velocity_mm_s(self, time_s: float) -> FloatArray:
+        """Return the velocity ``(3,)`` at a time, mm/s."""
+        return self.direction * self.along(time_s)[1]
+
+
+def plan_move(
+    start_s: float, origin_mm: FloatArray, target_mm: FloatArray, limits: tuple[float, float, float]
+) -> Segment:
+    """Plan a motion from rest at ``origin_mm`` to rest at ``target_mm``.
+
+    Args:
+        start_s: Controller time of the start, s.
+        origin_mm: ``(3,)`` start, mm.
+        target_mm: ``(3,)`` target, mm.
+        limits: Speed (mm/s), acceleration (mm/s²), jerk (mm/s³).
+
+    Raises:
+        DeviceError: No trajectory meets the limits.
+    """
+    path = target_mm - origin_mm
+    length = float(np.linalg.norm(path))
+    if length == 0.0:
+        return Segment(start_s, origin_mm, np.zeros(3))
+    request = _ruckig().InputParameter(1)
+    request.target_position = [length]
+    request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
+    return Segment(start_s, origin_mm, path / length, _solve(request))
+
+
+def plan_stop(start_s: float, moving: Segment, deceleration_mm_s2: float, jerk: float) -> Segment:
+    """Plan a stop along the path of ``moving``, from its state at ``start_s``.
+
+    Args:
+        start_s: Controller time of the start, s.
+        moving: Present motion.
+        deceleration_mm_s2: Largest deceleration, mm/s².
+        jerk: Largest jerk, mm/s³.
+
+    Raises:
+        DeviceError: No trajectory meets the limits.
+    """
+    distance, speed, acceleration = moving.along(start_s)
+    if speed == 0.0 and acceleration == 0.0:
+        return Segment(start_s, moving.position_mm(start_s), moving.direction)
+    request = _ruckig().InputParameter(1)
+    request.control_interface = _ruckig().ControlInterface.Velocity
+    request.current_position = [distance]
+    request.current_velocity = [speed]
+    request.current_acceleration = [min(max(acceleration, -deceleration_mm_s2), deceleration_mm_s2)]
+    request.target_velocity = [0.0]
+    request.max_acceleration = [deceleration_mm_s2]
+    request.max_jerk = [jerk]
+    return Segment(start_s, moving.origin_mm, moving.direction, _solve(request))
+
+
+def _solve(request: Any) -> Any:
+    ruckig = _ruckig()
+    plan = ruckig.Trajectory(1)
+    result = ruckig.Ruckig(1).calculate(request, plan)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise DeviceError(f"no trajectory fits the limits: ruckig says {result.name}")
+    return plan
+
+
+def _ruckig() -> Any:
+    """Return the library, which comes with the package where no compiler is needed for it."""
+    try:
+        import ruckig
+    except ImportError as error:
+        raise MissingExtraError(
+            "the twin's arm needs ruckig, which has no ready package for this machine; install a "
+            "C++ compiler, then: pip install 'spikingtac[arm]'"
+        ) from error
+    return ruckig
+
+
+DECELERATION_MM_S2 = 8000.0
+"""Deceleration of a stop, mm/s² (contract.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,32 +143,23 @@ class UR3Config:
         network_s: Delay from the computer to the controller, s.
         servo_lag_s: Smallest and largest lag of the axes behind their set points, s (uniform).
         acceleration_mm_s2: Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
-        deceleration_mm_s2: Deceleration of a stop, mm/s².
         jerk_mm_s3: Jerk limit of every motion, mm/s³.
         repeatability_mm: Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
-        speed_limit_mm_s: Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s).
     """
 
     cycle_s: float = 0.008
     network_s: float = 0.003
     servo_lag_s: tuple[float, float] = (0.004, 0.012)
     acceleration_mm_s2: float = 1200.0
-    deceleration_mm_s2: float = 8000.0
     jerk_mm_s3: float = 500_000.0
     repeatability_mm: float = 0.028
-    speed_limit_mm_s: float = 1000.0
 
 
 class UR3Twin:
-    """The simulated arm. Its time advances only through :meth:`advance_to`.
-
-    Args:
-        config: Dynamics.
-        start_mm: ``(3,)`` initial position, mm.
-        rng: Source of phase, lag and repeatability.
-    """
+    """The simulated arm. Its time advances only through :meth:`advance_to`."""
 
     def __init__(self, config: UR3Config, start_mm: FloatArray, rng: np.random.Generator) -> None:
+        """Place the arm at ``start_mm`` ``(3,)``; ``rng`` draws phase, lag and repeatability."""
         self._config = config
         self._rng = rng
         self._now_us = 0
@@ -73,11 +176,7 @@ class UR3Twin:
         return other
 
     def advance_to(self, t_us: int) -> None:
-        """Advance the time to ``t_us``.
-
-        Raises:
-            ValueError: ``t_us`` is before the present time.
-        """
+        """Advance the time to ``t_us``, which must not be before the present time."""
         if t_us < self._now_us:
             raise ValueError(f"the twin's clock stands at {self._now_us} us, not before {t_us} us")
         self._now_us = t_us
@@ -107,7 +206,7 @@ class UR3Twin:
 
     def move_linear(self, target_mm: FloatArray, speed_mm_s: float) -> None:
         """Start a straight motion; see :class:`~spikingtac.robot.arm.Arm`."""
-        target = _checked_target(target_mm, speed_mm_s, self._config.speed_limit_mm_s)
+        target = checked_target(target_mm, speed_mm_s)
         state = self.state()
         if state is not ArmState.IDLE:
             raise DeviceError(
@@ -166,7 +265,7 @@ class UR3Twin:
         last = self._segments[-1]
         if start_s < last.end_s and start_s >= last.start_s:
             config = self._config
-            stop = plan_stop(start_s, last, config.deceleration_mm_s2, config.jerk_mm_s3)
+            stop = plan_stop(start_s, last, DECELERATION_MM_S2, config.jerk_mm_s3)
             if stop.end_s < last.end_s:
                 self._segments.append(stop)
         elif start_s < last.start_s:
@@ -195,12 +294,3 @@ class UR3Twin:
     def _require_connection(self) -> None:
         if self._fault is ArmState.DISCONNECTED:
             raise DeviceError("the arm is not connected any more; make a new one")
-
-
-def _checked_target(target_mm: FloatArray, speed_mm_s: float, limit_mm_s: float) -> FloatArray:
-    target = np.asarray(target_mm, np.float64)
-    if target.shape != (3,) or not np.isfinite(target).all():
-        raise ConfigError(f"the target is {target_mm!r}, it must be three finite numbers in mm")
-    if not 0.0 < speed_mm_s <= limit_mm_s:
-        raise ConfigError(f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {limit_mm_s}")
-    return target

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +13,7 @@ from spikingtac.atomic_files import whole_folder
 from spikingtac.errors import ConfigError, RecordingError, require_type
 from spikingtac.events.manifest import MANIFEST
 from spikingtac.events.recording import Recording, RecordingWriter
-from spikingtac.sim.scene.scene import LOADED, Scene
+from spikingtac.sim.scene.scene import LENGTH_S, LOADED, Scene
 from spikingtac.sim.scene.source import SceneSource
 
 SOURCE = "twin"
@@ -102,8 +101,9 @@ def _require_sound(scene: Scene, seed: int, duration_s: float | None) -> None:
     require_type(scene, Scene, LOADED)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, it must not be negative")
-    if duration_s is not None and not 0 < duration_s < math.inf:
-        raise ConfigError(f"duration_s is {duration_s}, it must be positive and finite")
+    if duration_s is not None and not LENGTH_S[0] <= duration_s <= LENGTH_S[1]:
+        low, high = LENGTH_S
+        raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
 
 
 def _prepared(folder: Path, overwrite: bool) -> Path:

@@ -11,13 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.schema import build, merged, read_toml, to_mapping
+from spikingtac.schema import build, from_toml, merged, require_within, to_mapping
 from spikingtac.sim.camera.config import CameraConfig, load_camera
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.optics import OpticsConfig
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig
-from spikingtac.sim.scene.variation import VariationConfig
 from spikingtac.sim.states import SkinState
 
 
@@ -38,10 +37,9 @@ class SkinConfig:
     serial: int = 1
 
     def __post_init__(self) -> None:
-        if min(self.grid) < 1:
-            raise ValueError(f"grid is {list(self.grid)}, both numbers must be positive")
-        if not self.pitch_mm > 0 or self.serial < 0:
-            raise ValueError("pitch_mm must be positive and serial must not be negative")
+        if min(self.grid) < 1 or self.grid[0] * self.grid[1] > MOST_MARKERS:
+            raise ValueError(f"grid is {list(self.grid)}, valid are 1 to {MOST_MARKERS} markers")
+        require_within(self, pitch_mm=(0.01, 1e3), serial=(0, 1 << 32))
 
     def rest_mm(self) -> NDArray[np.float64]:
         """Return the nominal places ``(m, 2)`` of the markers, mm, row-major about the axis."""
@@ -64,6 +62,10 @@ class SkinConfig:
         )
 
 
+MOST_MARKERS, MOST_CONTACTS = 10_000, 10_000
+"""Most markers and contacts of a scene (ours): they stay below 100 MB and a minute of planning."""
+LENGTH_S = (1e-3, 1e5)
+"""Valid lengths of a scene, s: up to a day."""
 LOADED = "load_scene('demo')"
 """How a scene is made, for errors."""
 _STEP_SETTINGS = {"steps": {"max_us": 4000.0}}
@@ -112,17 +114,46 @@ class HistoryConfig:
             in it.
         slide_mm: Distance by which the whole skin is dragged and released, in a direction drawn
             from the seed, mm; 0 is no drag.
-        duration_s: Duration of the drag and the release, s.
     """
 
     references: Literal["rested", "random", "fresh"] = "rested"
     wait_s: float = 1.0
     slide_mm: float = 0.3
-    duration_s: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.wait_s < 0 or self.slide_mm < 0 or not self.duration_s > 0:
-            raise ValueError("wait_s and slide_mm must not be negative, duration_s be positive")
+        require_within(self, wait_s=(0.0, 600.0), slide_mm=(0.0, 100.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariationConfig:
+    """Limits of the variation of a contact by the seed.
+
+    Every value is the half-width of a uniform distribution, drawn anew for each contact. If all are
+    zero every seed gives the same contact.
+
+    Attributes:
+        place_mm: Change of the start's x and of its y, mm.
+        heading_deg: Turn of the whole path about its start, degrees.
+        yaw_deg: Change of the indenter's own heading, degrees.
+        depth_fraction: Relative change of all depths.
+        extent_fraction: Relative change of slides, radii of circles and angles of twists.
+        speed_fraction: Relative change of all speeds.
+        pause_s: Longest additional pause before the contact, s (drawn from 0 upwards).
+    """
+
+    place_mm: float = 0.0
+    heading_deg: float = 0.0
+    yaw_deg: float = 0.0
+    depth_fraction: float = 0.0
+    extent_fraction: float = 0.0
+    speed_fraction: float = 0.0
+    pause_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        fractions = ("depth_fraction", "extent_fraction", "speed_fraction")
+        require_within(self, **dict.fromkeys(fractions, (0.0, 0.9)))
+        require_within(self, place_mm=(0.0, 1e3), heading_deg=(0.0, 360.0), yaw_deg=(0.0, 360.0))
+        require_within(self, pause_s=(0.0, 1e4))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -144,8 +175,7 @@ class ContactConfig:
     def __post_init__(self) -> None:
         make_indenter(self.indenter)
         motion = IndenterMotion(self.motion)
-        if self.repeats < 1 or self.pause_s < 0:
-            raise ValueError("repeats must be at least 1 and pause_s must not be negative")
+        require_within(self, repeats=(1, MOST_CONTACTS), pause_s=(0.0, 1e4))
         if not self.motion.segments or max(motion.pose(at).position_mm[2] for at in
                                            (0.0, motion.duration_s)) >= 0:  # fmt: skip
             raise ValueError(
@@ -188,10 +218,11 @@ class Scene:
     contacts: tuple[ContactConfig, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.lead_in_s < 0 or self.lead_out_s < 0 or not self.duration_s > 0:
-            raise ValueError("lead_in_s and lead_out_s must not be negative, duration_s positive")
-        if not 50 <= self.mechanics_hz <= 2000:
-            raise ValueError(f"mechanics_hz is {self.mechanics_hz}, valid are 50 to 2000")
+        require_within(self, lead_in_s=(0.0, 1e4), lead_out_s=(0.0, 1e4), duration_s=LENGTH_S)
+        require_within(self, mechanics_hz=(50.0, 2000.0))
+        contacts = sum(contact.repeats for contact in self.contacts)
+        if contacts > MOST_CONTACTS:
+            raise ValueError(f"the scene has {contacts} contacts, valid are up to {MOST_CONTACTS}")
         markers = self.skin.grid[0] * self.skin.grid[1]
         for index in (*self.optics.discs.broken, *self.optics.discs.missing):
             if not 0 <= index < markers:
@@ -229,4 +260,4 @@ def read_scene(path: str | Path) -> Scene:
         ConfigError: The file cannot be read, or a key or value does not fit. The message names the
             key and what is valid.
     """
-    return build(Scene, read_toml(path), str(path))
+    return from_toml(Scene, path)

@@ -1,12 +1,22 @@
-"""A scene as a stream of packets with ground truth: gel, optics and camera advance together."""
+"""A scene as a stream of packets with ground truth: gel, optics and camera advance together.
+
+Prefetch: a thread prepares the next items while the caller uses the present one.
+
+Touch a scene's gel once, so that its kernels are compiled before real time begins.
+
+A scene as a stream of packets with ground truth: gel, optics and camera advance together.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
 import math
+import queue
+import threading
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +25,73 @@ from spikingtac.errors import require_type
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.gel.gel import Gel
 from spikingtac.sim.optics import Optics
-from spikingtac.sim.scene.prefetch import prefetch
 from spikingtac.sim.scene.scene import LOADED, Scene
-from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
+from spikingtac.sim.scene.timeline import DRAG_S, Timeline, prior_drag_mm
 from spikingtac.sim.states import MarkerImage, SkinState, TruthChunk, image_radius_px
 from spikingtac.types import EventPacket, LossCounters
+
+T = TypeVar("T")
+
+_POLL_S = 0.05
+"""Time after which a producer with a full queue checks whether the caller has left, s."""
+
+
+def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
+    """Yield the items in order while a thread prepares up to ``depth`` of them.
+
+    An exception of the producer is raised here at the place of the item. The thread ends with the
+    iteration, also if the caller ends it early.
+
+    Args:
+        items: Items to prepare.
+        depth: Number of items in the queue.
+    """
+    ready: queue.Queue[object] = queue.Queue(depth)
+    left = threading.Event()
+    end = object()
+
+    def put(item: object) -> None:
+        while not left.is_set():
+            with contextlib.suppress(queue.Full):
+                return ready.put(item, timeout=_POLL_S)
+
+    def produce() -> None:
+        try:
+            for item in items:
+                put(item)
+                if left.is_set():
+                    return
+        except BaseException as error:  # handed to the caller, who raises it
+            put(_Failure(error))
+        put(end)
+
+    worker = threading.Thread(target=produce, name="spikingtac-prefetch", daemon=True)
+    worker.start()
+    try:
+        while (item := ready.get()) is not end:
+            if isinstance(item, _Failure):
+                raise item.error
+            yield cast(T, item)
+    finally:
+        left.set()
+        worker.join()
+
+
+class _Failure:
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+
+TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
+"""Every scene of the package touches within its first second; coarse steps will do."""
+
+
+def touch_once(scene: Scene, seed: int) -> None:
+    """Simulate a scene's first contact with the gel, so that the gel's kernels are in the cache."""
+    gel, timeline = Gel(scene.gel, scene.skin.rest_mm()), Timeline(scene, seed)
+    for step in range(round(TOUCHED_S / TOUCH_STEP_S)):
+        gel.step(TOUCH_STEP_S, *(timeline.at(step * TOUCH_STEP_S) or (None, None)))
+
 
 PREFETCH_STEPS = 64
 """Steps of the gel that a thread prepares while the camera renders (ours: 0.26 s at 250 Hz)."""
@@ -133,7 +205,7 @@ class SceneSource:
     def _precondition(self) -> None:
         """Show the camera the history before the recording, up to time zero."""
         history, rest = self.scene.history, self.scene.skin.at_rest()
-        span_us = round(1e6 * (history.wait_s + history.duration_s))
+        span_us = round(1e6 * (history.wait_s + DRAG_S))
         before_us = np.arange(span_us, -1, -self._period_us, dtype=np.int64)
         times_us = np.append(-before_us[before_us > 0], 0)
         drag_mm = prior_drag_mm(history, self.seed, (times_us - times_us[0]) * 1e-6)

@@ -1,23 +1,92 @@
-"""The contacts of a scene for one seed, as a function of time: which body is where."""
+"""The contacts of a scene for one seed: their variation, and which body is where.
+
+Variation of a contact by the seed: place, heading, depth, extent, speed.
+
+The contacts of a scene for one seed, as a function of time: which body is where.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.gel.indenters import Indenter, make_indenter
-from spikingtac.sim.scene.motions import IndenterMotion, minimum_jerk
-from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene
-from spikingtac.sim.scene.variation import vary
+from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig, minimum_jerk
+from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene, VariationConfig
 from spikingtac.types import Pose
+
+FULL_TURN_DEG = 360.0
+
+
+def vary(
+    motion: MotionConfig, variation: VariationConfig, rng: np.random.Generator
+) -> MotionConfig:
+    """Return a motion with the variation of one contact of one seed.
+
+    Args:
+        motion: Motion of the scene file.
+        variation: Limits of the variation.
+        rng: Source of the draws; seven are taken in every case.
+    """
+    draw = rng.uniform(-1.0, 1.0, 7)
+    heading_deg = float(variation.heading_deg * draw[2])
+    depth = 1.0 + float(variation.depth_fraction * draw[4])
+    extent = 1.0 + float(variation.extent_fraction * draw[5])
+    speed = 1.0 + float(variation.speed_fraction * draw[6])
+    segments = (
+        _timed(_turned(_scaled(segment, depth, extent), heading_deg), speed)
+        for segment in motion.segments
+    )
+    return replace(
+        motion,
+        x_mm=motion.x_mm + float(variation.place_mm * draw[0]),
+        y_mm=motion.y_mm + float(variation.place_mm * draw[1]),
+        yaw_deg=motion.yaw_deg + float(variation.yaw_deg * draw[3]),
+        segments=tuple(segments),
+    )
+
+
+def _scaled(segment: SegmentConfig, depth: float, extent: float) -> SegmentConfig:
+    factors = {"depth_mm": depth, "dx_mm": extent, "dy_mm": extent, "angle_deg": extent}
+    if segment.kind == "circle":  # a roll's radius is its body's, not its path's
+        factors["radius_mm"] = extent
+    return replace(segment, **_times(segment, factors))
+
+
+def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
+    if heading_deg == 0.0:
+        return segment
+    if segment.kind == "circle":
+        turned = ((segment.heading_deg or 0.0) + heading_deg) % FULL_TURN_DEG
+        return replace(segment, heading_deg=turned)
+    if segment.dx_mm is None and segment.dy_mm is None:
+        return segment
+    dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
+    cosine, sine = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+    return replace(segment, dx_mm=cosine * dx - sine * dy, dy_mm=sine * dx + cosine * dy)
+
+
+def _timed(segment: SegmentConfig, speed: float) -> SegmentConfig:
+    factors = {"duration_s": 1.0 / speed, "speed_mm_s": speed, "speed_deg_s": speed}
+    return replace(segment, **_times(segment, factors))
+
+
+def _times(segment: SegmentConfig, factors: dict[str, float]) -> dict[str, float]:
+    values = {name: getattr(segment, name) for name in factors}
+    return {name: value * factors[name] for name, value in values.items() if value is not None}
+
 
 _MOTION_STREAM, _HISTORY_STREAM = 1, 2
 """Numbers of independent random streams of one seed."""
+
+
+DRAG_S = 0.3
+"""Duration of the drag before a recording and its release, s (ours)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +174,7 @@ def prior_drag_mm(
     """
     heading = math.tau * np.random.default_rng([seed, _HISTORY_STREAM]).random()
     away = config.slide_mm * np.array([math.cos(heading), math.sin(heading)])
-    strokes = np.clip(2.0 * times_s / config.duration_s, 0.0, 2.0)
+    strokes = np.clip(2.0 * times_s / DRAG_S, 0.0, 2.0)
     covered = np.array([minimum_jerk(1.0 - abs(1.0 - float(stroke))) for stroke in strokes])
     return covered[:, None] * away
 

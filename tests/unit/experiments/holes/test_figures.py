@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.sim.probing.wall_calibration import ANGLES_DEG, DEFAULT, WALL_MM
+from spikingtac.sim.rig.wall_calibration import ANGLES_DEG, DEFAULT, WALL_MM
 from spikingtac_paper.holes.figures import plate_figure
 from spikingtac_paper.holes.jobs import RADII_MM
 

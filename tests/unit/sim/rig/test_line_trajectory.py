@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.sim.rig.line_trajectory import plan_move, plan_stop
+from spikingtac.sim.rig.ur3 import plan_move, plan_stop
 
 SPEED, ACCELERATION, JERK = 50.0, 800.0, 40_000.0
 START_MM, TARGET_MM = np.zeros(3), np.array([30.0, 40.0, 0.0])

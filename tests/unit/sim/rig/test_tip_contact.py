@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.tip_contact import TipContact
-from spikingtac.sim.rig.walls import Bit, HexBit, HoleWall, PlaneWall, RoundBit, Wall
+from spikingtac.sim.rig.walls import Bit, HexBit, HoleWall, PlaneWall, RoundBit, TipContact, Wall
 
 TOLERANCE_MM = 1e-4
 HANDOVER_MM = 5e-3

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.vibration import Vibration, VibrationConfig
+from spikingtac.sim.rig.fingers import Vibration, VibrationConfig
 
 
 @pytest.mark.parametrize("dt_s", [0.0005, 0.004])
@@ -25,8 +25,3 @@ def test_it_starts_in_its_stationary_state() -> None:
         for k in range(500)
     ]
     assert np.std(starts) == pytest.approx(0.01, rel=0.08)
-
-
-def test_none_is_none() -> None:
-    vibration = Vibration(VibrationConfig(rms_mm=0.0), np.random.default_rng(1))
-    assert (vibration.advance(0.001) == 0.0).all()

@@ -10,20 +10,15 @@ import pytest
 from spikingtac.errors import ConfigError
 from spikingtac.schema import build
 from spikingtac.sim.scene.motions import (
-    RELEASE_S,
     IndenterMotion,
     MotionConfig,
     minimum_jerk,
-    rotation_about,
     trapezoid,
 )
 
 
 def motion(*segments: dict[str, Any], **start: float) -> IndenterMotion:
     return IndenterMotion(build(MotionConfig, {**start, "segments": list(segments)}, "motion"))
-
-
-PRESS = {"kind": "press", "depth_mm": 0.8, "duration_s": 0.5}
 
 
 @pytest.mark.parametrize("profile", [minimum_jerk, trapezoid])
@@ -59,42 +54,6 @@ def test_the_stated_speed_is_the_peak_speed(segment: dict[str, Any], name: str) 
     assert speeds.max() == pytest.approx(40.0, rel=0.01)
 
 
-def test_a_twist_reaches_its_angle_at_its_speed() -> None:
-    path = motion({"kind": "twist", "angle_deg": -90.0, "speed_deg_s": 180.0}, yaw_deg=10.0)
-    assert path.duration_s == pytest.approx(1.875 * 0.5)
-    expected = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(-80.0))
-    np.testing.assert_allclose(path.pose(9.0).rotation, expected, atol=1e-12)
-
-
-def test_segments_follow_each_other_without_a_jump() -> None:
-    path = motion(
-        PRESS,
-        {"kind": "slide", "dx_mm": 2.0, "duration_s": 0.2},
-        {"kind": "twist", "angle_deg": 30.0, "duration_s": 0.2},
-        {"kind": "circle", "radius_mm": 1.0, "turns": 2.0, "duration_s": 1.0},
-        {"kind": "rub", "dy_mm": 1.0, "repeats": 2, "duration_s": 0.5},
-        {"kind": "roll", "dx_mm": -1.0, "radius_mm": 5.0, "duration_s": 0.5},
-        {"kind": "hold", "duration_s": 0.3},
-        {"kind": "lift", "duration_s": 0.2},
-        x_mm=1.0,
-    )
-    for start in path.segment_starts_s:
-        before, after = path.pose(start - 1e-9), path.pose(start + 1e-9)
-        np.testing.assert_allclose(before.position_mm, after.position_mm, atol=1e-6)
-        np.testing.assert_allclose(before.rotation, after.rotation, atol=1e-6)
-    np.testing.assert_allclose(path.pose(-1.0).position_mm, [1.0, 0.0, -1.0])
-    np.testing.assert_allclose(path.pose(99.0).position_mm, [2.0, 0.0, -1.0], atol=1e-12)
-    assert path.duration_s == path.segment_starts_s[-1]
-
-
-def test_a_rub_and_whole_turns_end_where_they_began() -> None:
-    for segment in (
-        {"kind": "rub", "dx_mm": 3.0, "dy_mm": 1.0, "repeats": 4, "duration_s": 1.0},
-        {"kind": "circle", "radius_mm": 2.0, "turns": 3.0, "duration_s": 1.0},
-    ):
-        np.testing.assert_allclose(motion(segment).pose(1.0).position_mm, [0, 0, -1], atol=1e-12)
-
-
 def test_a_circle_keeps_its_distance_from_its_centre() -> None:
     path = motion({"kind": "circle", "radius_mm": 2.0, "turns": 1.0, "duration_s": 1.0})
     center = np.array([2.0, 0.0])
@@ -109,12 +68,6 @@ def test_rolling_leaves_the_touching_point_at_rest() -> None:
     turned = then.rotation @ first.rotation.T @ touching - touching
     moved = then.position_mm - first.position_mm + turned
     assert np.linalg.norm(moved) < 1e-6 * np.linalg.norm(then.position_mm - first.position_mm)
-
-
-def test_a_release_is_sudden() -> None:
-    path = motion(PRESS, {"kind": "release"})
-    assert path.duration_s == pytest.approx(0.5 + RELEASE_S)
-    assert path.pose(1.0).position_mm[2] == -1.0
 
 
 @pytest.mark.parametrize(

@@ -36,21 +36,6 @@ def test_paths_stay_on_the_pad(scenes):
             assert reach + scene.variation.place_mm <= 8.5, name
 
 
-def test_training_shares_no_body_with_the_ten(scenes):
-    def bodies(names):
-        return {contact.indenter.kind for name in names for contact in scenes[name].contacts}
-
-    training = [name for name in scenes if name.startswith("train-")]
-    assert len(training) >= 5
-    assert bodies(training).isdisjoint(bodies(catalog.TRAJECTORIES))
-
-
-def test_no_scene_starts_from_fresh_references(scenes):
-    for scene in scenes.values():
-        assert scene.history.references != "fresh"
-        assert scene.history.slide_mm > 0
-
-
 def test_a_wrong_name_gets_the_nearest_and_the_list():
     with pytest.raises(ConfigError, match=r"did you mean 'bootstrap'.*finger-torsion"):
         catalog.load("botstrap")
@@ -62,7 +47,3 @@ def test_a_scene_file_of_ones_own_is_read(tmp_path):
     assert catalog.load(path).duration_s == 0.5
     with pytest.raises(ConfigError, match="cannot read"):
         catalog.load(tmp_path / "other.toml")
-
-
-def test_the_list_says_what_the_files_say(scenes):
-    assert catalog.descriptions() == {name: scene.about for name, scene in scenes.items()}

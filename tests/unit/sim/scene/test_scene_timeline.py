@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import numpy as np
@@ -6,9 +5,8 @@ import pytest
 
 from spikingtac.sim.gel.indenters import IndenterConfig
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene
-from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm
-from spikingtac.sim.scene.variation import VariationConfig, vary
+from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene, VariationConfig
+from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm, vary
 
 WIDE = VariationConfig(
     place_mm=1.0,
@@ -50,16 +48,6 @@ def test_a_scene_lasts_lead_in_contacts_pauses_and_lead_out():
     assert Timeline(Scene(duration_s=2.5), seed=3).duration_s == 2.5
 
 
-def test_nothing_is_near_before_between_and_after_the_contacts():
-    timeline = Timeline(scene(), seed=0)
-    near = [body is not None for body in path(timeline, timeline.duration_s)]
-    changes = np.flatnonzero(np.diff(np.array(near, int)))
-    assert len(changes) == 4
-    assert not near[0]
-    assert not near[-1]
-    assert near[60]
-
-
 def test_equal_seeds_move_alike_and_others_do_not():
     def run(seed):
         return path(Timeline(scene(variation=WIDE), seed=seed), 3.0)
@@ -82,16 +70,6 @@ def test_a_longer_scene_repeats_whole_contacts_varied_anew_and_ends_quiet():
     assert long[starts[0] + 5] != long[starts[2] + 5]
 
 
-def test_an_endless_scene_goes_on():
-    timeline = Timeline(scene(), seed=0, duration_s=math.inf)
-    assert any(body is not None for body in path(timeline, 60.0)[-400:])
-
-
-def test_no_variation_leaves_the_motion_as_written():
-    for seed in range(3):
-        assert vary(MOTION, VariationConfig(), np.random.default_rng(seed)) == MOTION
-
-
 def test_variation_stays_within_its_bounds():
     for seed in range(50):
         varied = vary(MOTION, WIDE, np.random.default_rng(seed))
@@ -107,22 +85,10 @@ def test_variation_stays_within_its_bounds():
         assert lift.height_mm == 0.3
 
 
-def test_a_turn_of_the_path_turns_slides_and_circles_alike():
-    turn = dataclasses.replace(VariationConfig(), heading_deg=90.0)
-    rng = np.random.default_rng(0)
-    angle = math.radians(90.0 * np.random.default_rng(0).uniform(-1, 1, 7)[2])
-    varied = vary(MOTION, turn, rng)
-    slide, circle = varied.segments[1], varied.segments[2]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    assert slide.dx_mm == pytest.approx(cosine * 1.0 - sine * 0.5)
-    assert slide.dy_mm == pytest.approx(sine * 1.0 + cosine * 0.5)
-    assert circle.heading_deg == pytest.approx(math.degrees(angle) % 360.0)
-
-
 def test_the_earlier_drag_goes_out_and_comes_back_to_rest():
-    history = HistoryConfig(slide_mm=0.4, duration_s=0.2, wait_s=1.0)
-    drag = prior_drag_mm(history, 3, np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
+    history = HistoryConfig(slide_mm=0.4, wait_s=1.0)
+    drag = prior_drag_mm(history, 3, 1.5 * np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
     length = np.linalg.norm(drag, axis=1)
     np.testing.assert_allclose(length, [0.0, 0.2, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
-    other = prior_drag_mm(history, 4, np.array([0.1]))
+    other = prior_drag_mm(history, 4, np.array([0.15]))
     assert not np.allclose(drag[2], other[0])

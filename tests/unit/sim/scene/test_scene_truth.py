@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.scene.prefetch import prefetch
 from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.sim.states import MarkerImage, TruthChunk, image_radius_px
+from spikingtac.sim.scene.source import prefetch
+from spikingtac.sim.states import MarkerImage, TruthChunk
 
 
 def image(t_us: int, center: float, stretch: float = 1.0) -> MarkerImage:
@@ -28,10 +28,6 @@ def test_rows_come_every_millisecond_or_faster(period_us: int, rows: int):
     assert chunk.force_n.shape == chunk.pose_mm.shape == (1, 3)
     assert chunk.marker_depth_mm.shape == (1, 2)
     np.testing.assert_allclose(chunk.marker_radius_px, [[7.0, 0.0]])
-
-
-def test_the_radius_on_the_image_follows_the_magnification():
-    np.testing.assert_allclose(image_radius_px(image(0, 0.0, stretch=4.0)), [14.0, 0.0])
 
 
 def test_working_ahead_changes_neither_items_nor_order():
