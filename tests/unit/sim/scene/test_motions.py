@@ -80,7 +80,7 @@ def test_rolling_leaves_the_touching_point_at_rest() -> None:
         ({"kind": "hold", "duration_s": 1.0, "dx_mm": 1.0}, "dx_mm has no meaning for 'hold'"),
         ({"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}, "one of duration_s"),
         ({"kind": "slide", "speed_deg_s": 1.0}, "speed_deg_s has no meaning"),
-        ({"kind": "slide", "dx_mm": 1.0, "speed_mm_s": -1.0}, "must be positive"),
+        ({"kind": "slide", "dx_mm": 1.0, "speed_mm_s": -1.0}, "speed_mm_s is -1, valid are"),
         ({"kind": "slide", "dxmm": 1.0, "duration_s": 1.0}, "did you mean 'dx_mm'"),
     ],
 )
