@@ -80,8 +80,8 @@ def test_every_public_name_of_a_room_resolves(room: str) -> None:
 
 def test_viewing_a_recording_loads_nothing_of_the_gel() -> None:
     """A page's two processes import it before they show anything."""
-    loaded = modules_after("import spikingtac.viewer.session.shelf")
-    assert "spikingtac.viewer.session.opening" in loaded
+    loaded = modules_after("import spikingtac.viewer.openers")
+    assert "spikingtac.viewer.opening" in loaded
     assert not loaded & {"spikingtac.sim.gel", "spikingtac.sim.scene.source", "scipy.fft"}
 
 

@@ -17,7 +17,7 @@ from spikingtac.errors import RecordingError
 from spikingtac.events.open import open_events
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.opening import open_view_source
 from spikingtac_paper.registry import EXPERIMENTS
 
 

@@ -16,8 +16,8 @@ from spikingtac.cli.main import main
 from spikingtac.cli.robot import guard
 from spikingtac.sim.scene.catalog import load
 from spikingtac.sim.scene.render import simulate
-from spikingtac.viewer.session.opening import open_view_source
-from spikingtac.viewer.session.session import Session
+from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.session import Session
 
 
 @pytest.fixture(scope="module")

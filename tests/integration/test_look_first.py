@@ -10,11 +10,11 @@ import pytest
 
 from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
-from spikingtac.viewer.session.events_only import open_view_or_events
-from spikingtac.viewer.session.opening import open_view_source
-from spikingtac.viewer.session.own_process.warm_up import warm_up
-from spikingtac.viewer.session.session import Session
-from spikingtac.viewer.session.wire import decode
+from spikingtac.viewer.hosted import warm_up
+from spikingtac.viewer.openers import open_view_or_events
+from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.session import Session
+from spikingtac.viewer.wire import decode
 from stand_ins.viewer import record_circling
 
 
@@ -42,7 +42,7 @@ def test_its_events_are_shown_with_figures_and_advice(
     warm_up(view)
     frames, greetings = Kept(), Kept()
     session = Session(view, frames, greetings)
-    monkeypatch.setattr(session._timer, "wait", lambda: None)
+    monkeypatch.setattr(session, "_wait", lambda: None)
     for _ in range(20):
         session.step()
     hello = json.loads(greetings.message)

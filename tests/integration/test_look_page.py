@@ -16,9 +16,9 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.create import create_events
-from spikingtac.viewer.session.calibrating.desk import SaveTarget
-from spikingtac.viewer.session.events_only import open_view_or_events
-from spikingtac.viewer.session.source import ViewSource
+from spikingtac.viewer.calibrating import SaveTarget
+from spikingtac.viewer.openers import open_view_or_events
+from spikingtac.viewer.source import ViewSource
 from stand_ins.browser import browser
 from stand_ins.piped_camera import PipedCamera
 from stand_ins.serving import served

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from selenium.webdriver.common.by import By
 
-from spikingtac.viewer.session.shelf import open_from_shelf
+from spikingtac.viewer.openers import open_from_shelf
 from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
 from stand_ins.viewer import record_circling

@@ -16,7 +16,7 @@ from spikingtac.events.recording import Recording
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.types import EventPacket
-from spikingtac.viewer.session.opening import open_view_source
+from spikingtac.viewer.opening import open_view_source
 
 
 def test_it_gives_the_events_of_its_scene_as_time_passes() -> None:

@@ -13,10 +13,9 @@ from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
 from spikingtac.pipeline.recording_tracks import track_to_file
 from spikingtac.tracks import Tracks
-from spikingtac.viewer.session import session as module
-from spikingtac.viewer.session.opening import open_view_source
-from spikingtac.viewer.session.session import Session
-from spikingtac.viewer.session.track_recorder import FileTrackRecorder
+from spikingtac.viewer import session as module
+from spikingtac.viewer.opening import open_view_source
+from spikingtac.viewer.session import Session
 from stand_ins.viewer import CirclingDots, open_circling
 
 QUIET_US = 4_321
@@ -51,10 +50,9 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
     track_to_file(open_events(folder), tmp_path / "tracked.npz", config, calibration)
 
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
-    recorder = FileTrackRecorder(tmp_path / "viewed.npz", calibration.reference_px)
     source = open_view_source(str(folder), preset=preset)
-    session = Session(source, Dropped(), Dropped(), recorder=recorder)
-    monkeypatch.setattr(session._timer, "wait", lambda: None)
+    session = Session(source, Dropped(), Dropped(), tracks=tmp_path / "viewed.npz")
+    monkeypatch.setattr(session, "_wait", lambda: None)
     while session.playing:
         session.step()
         if session.playback.position_us == 250_000:  # going back adds nothing and changes nothing

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.session.process import SessionProcess
-from spikingtac.viewer.session.source import ViewSource
-from spikingtac.viewer.web.security import Gate
+from spikingtac.viewer.process import SessionProcess
+from spikingtac.viewer.source import ViewSource
+from spikingtac.viewer.web.access import Gate
 from spikingtac.viewer.web.server import make_app, serve
 
 START_S = 180.0
@@ -20,7 +20,7 @@ def run_server(
     opener: Callable[..., ViewSource], arguments: dict[str, Any], token: str, port: Any
 ) -> None:
     session = SessionProcess(Factory(function=opener, arguments=arguments), repeat=True)
-    app = make_app(session, session.command, Gate(token=token))
+    app = make_app([session], [session.command], Gate(token=token))
     try:
         serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
     finally:

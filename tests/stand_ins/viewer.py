@@ -13,7 +13,7 @@ from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.events.create import create_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import Contact, EventPacket, LossCounters, MarkerFrame
-from spikingtac.viewer.session.source import SampledTruth, ViewSource
+from spikingtac.viewer.source import SampledTruth, ViewSource
 from stand_ins.live import BurstDetector
 
 SIZE = (320, 320)

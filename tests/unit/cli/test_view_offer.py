@@ -7,16 +7,15 @@ from typing import Any
 import pytest
 
 from spikingtac.cli.viewing import view
-from spikingtac.viewer.session.events_only import open_view_or_events
-from spikingtac.viewer.session.shelf import open_from_shelf
-from spikingtac.viewer.web import show as show_module
+from spikingtac.viewer import show as show_module
+from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
 
 
 @pytest.fixture
 def openers(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     found: list[Any] = []
     monkeypatch.setattr(
-        show_module, "show", lambda factory, *_: found.append(factory.function) or {}
+        show_module, "show", lambda views, *_: found.append(views[0].function) or {}
     )
     return found
 

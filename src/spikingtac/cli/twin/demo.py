@@ -32,7 +32,7 @@ class Args:
     no_browser: bool = False
     """Serve the page, but open no browser."""
     headless: bool = False
-    """Serve without a browser, end after --seconds, and print the summary."""
+    """Without a page: follow the scene for --seconds, and print the summary."""
     seconds: float | None = None
     """Duration, s; without end unless given (10 with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
@@ -46,7 +46,7 @@ class Args:
 
 def run(args: Args) -> int:
     """Simulate, track and serve, and print the summary at the end."""
-    from spikingtac.viewer.export.output_files import tracks_beside
+    from spikingtac.viewer.export import tracks_beside
 
     check_seconds(args.seconds)
     remark("simulating a finger on the skin; the first start compiles its kernels")

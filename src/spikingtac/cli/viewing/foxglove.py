@@ -65,7 +65,7 @@ def run(args: Args) -> int:
     from spikingtac.ros2.feed import FeedConfig, open_feed
     from spikingtac.ros2.foxglove import FoxglovePublisher
     from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
-    from spikingtac.viewer.web.security import Gate
+    from spikingtac.viewer.web.access import Gate
 
     names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
     given = {name: getattr(args, name) for name in names}

@@ -11,13 +11,15 @@ import tyro
 from spikingtac.cli.deadlines import require_live
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
+from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 
 if TYPE_CHECKING:
-    from spikingtac.viewer.web.show import PageOptions
+    from spikingtac.viewer.show import PageOptions
+    from spikingtac.viewer.source import ViewSource
 
 HEADLESS_S = 10.0
-"""Duration with --headless where --seconds is not given, s."""
+"""Duration of a live source with --headless where --seconds is not given, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,14 +58,16 @@ class Args:
     no_browser: bool = False
     """Serve the page, but open no browser."""
     headless: bool = False
-    """Serve without a browser, end after --seconds, and print the summary."""
+    """Without a page: a recording is tracked as fast as possible to its end, a camera or a scene is
+    followed for --seconds; the summary is printed."""
     seconds: float | None = None
-    """Duration, s; without end unless given (10 with --headless)."""
+    """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
     picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File for a summary picture: .png, .svg or .pdf."""
+    """File to write: a summary picture of what the page showed (.png, .svg or .pdf), or as
+    --export."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Track into a file instead: .mcap (ROS 2), .rrd (Rerun), .mp4, .gif, or one picture (.png,
-    .svg, .pdf); --seconds limits it."""
+    """Track into a file instead of showing: .mcap (ROS 2), .rrd (Rerun), .mp4, .gif, or one picture
+    (.png, .svg, .pdf); --seconds limits it."""
     overwrite: bool = False
     """Replace files that are already there."""
     realtime: bool = False
@@ -92,11 +96,11 @@ def run(args: Args) -> int:
         raise ConfigError(
             "--calibrate begins without one; leave out --calibration, --force and --export"
         )
+    if args.export is not None and args.picture is not None:
+        raise ConfigError("-o and --export write the same; give one of them")
     if args.second is not None:
         summary = _both_shown(arguments, args, args.second)
-    elif args.export is not None:
-        if args.picture is not None:
-            raise ConfigError("--picture is a summary of the page; give it or --export, not both")
+    elif args.export or (args.picture and args.picture.suffix not in PICTURE_ENDINGS):
         summary = _exported(arguments, args)
     else:
         summary = _shown(arguments, args)
@@ -107,9 +111,9 @@ def run(args: Args) -> int:
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
     """Show two sources side by side, each in a session of its own."""
     from spikingtac.stream.host import Factory
-    from spikingtac.viewer.pair.second import open_second_view
-    from spikingtac.viewer.session.opening import open_felt_source, open_view_source
-    from spikingtac.viewer.web.show import show_pair
+    from spikingtac.viewer.openers import open_second_view
+    from spikingtac.viewer.opening import open_felt_source, open_view_source
+    from spikingtac.viewer.show import show
 
     if args.export is not None or args.picture is not None or args.calibrate:
         raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
@@ -125,11 +129,14 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
     if recorded:
         beside = {**other, "beside": args.source}
         views[1] = Factory(function=open_second_view, arguments=beside)
-    return show_pair(views, page_options(args), remark, one_clock=recorded)
+    if recorded and args.headless:
+        first, other_summary = (_headless(view(), args, None) for view in views)
+        return {**first, "second": other_summary}
+    return show(views, page_options(args), remark, one_clock=recorded)
 
 
 def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
-    from spikingtac.viewer.session.calibrating.desk import SaveTarget
+    from spikingtac.viewer.calibrating import SaveTarget
 
     if args.force is None:
         arguments["look"] = args.calibrate
@@ -160,16 +167,21 @@ def check_seconds(seconds: float | None) -> None:
 
 
 def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
-    from spikingtac.viewer.export.by_ending import check_target, export
-    from spikingtac.viewer.session.opening import open_view_source
+    from spikingtac.viewer.export import check_target, export
+    from spikingtac.viewer.openers import open_view_or_events
+    from spikingtac.viewer.opening import open_view_source
 
-    assert args.export is not None
+    target = args.export or args.picture
+    assert target is not None
     if args.force is not None:
-        raise ConfigError("--export shows no forces; give it or --force, not both")
-    check_target(args.export, overwrite=args.overwrite)
-    with progress(f"exporting to {args.export.name}"):
-        written = export(open_view_source(**arguments), args.export, seconds=args.seconds)
-    return {"export": str(args.export), "written": written}
+        raise ConfigError("an export shows no forces; leave out --force")
+    check_target(target, overwrite=args.overwrite)
+    # Events alone make a picture; what else is exported holds markers.
+    opener = open_view_or_events if target.suffix in PICTURE_ENDINGS else open_view_source
+    with progress(f"exporting to {target.name}"):
+        view = opener(**arguments)
+        written = export(view, target, seconds=args.seconds)
+    return {"export": str(target), "written": written, "calibration": view.calibrated_by or None}
 
 
 def show_source(
@@ -189,25 +201,46 @@ def show_source(
         tracks: File for every estimate, or None.
         offer: Let the page open the other recordings of its folder, on this machine only.
     """
+    from spikingtac.atomic_files import require_free
     from spikingtac.stream.host import Factory
-    from spikingtac.viewer.session.events_only import open_view_or_events
-    from spikingtac.viewer.session.opening import open_felt_source
-    from spikingtac.viewer.session.shelf import open_from_shelf
-    from spikingtac.viewer.web.security import is_loopback
-    from spikingtac.viewer.web.show import show
+    from spikingtac.viewer.export import check_picture
+    from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
+    from spikingtac.viewer.opening import open_felt_source
+    from spikingtac.viewer.show import show
+    from spikingtac.viewer.web.access import is_loopback
 
     check_seconds(args.seconds)
-    options = replace(page_options(args), repeat=repeat, tracks=tracks)
+    if args.picture is not None:
+        check_picture(args.picture, args.overwrite)
+    if tracks is not None:
+        require_free(tracks, args.overwrite)
     opener = open_felt_source if "force" in arguments else open_view_or_events
+    if args.headless:
+        return _headless(opener(**arguments), args, tracks)
+    options = replace(page_options(args), repeat=repeat, tracks=tracks)
     if offer and is_loopback(args.host):
         opener = open_from_shelf
-    open_view = Factory(function=opener, arguments=arguments)
-    return show(open_view, options, remark)
+    return show([Factory(function=opener, arguments=arguments)], options, remark)
+
+
+def _headless(view: ViewSource, args: Any, tracks: Path | None) -> dict[str, Any]:
+    """Track without a page: a recording to its end, what is live for some time."""
+    from spikingtac.viewer.export import summarize
+    from spikingtac.viewer.hosted import show_headless
+
+    files = {name: path for name, path in (("picture", args.picture), ("tracks", tracks)) if path}
+    if view.ends:
+        with progress(f"tracking {view.label}"):
+            summary = summarize(view, seconds=args.seconds, picture=args.picture)
+    else:
+        live = getattr(args, "realtime", False)
+        summary = show_headless(view, args.seconds or HEADLESS_S, **files, realtime=live)
+    return summary | {name: str(path) for name, path in files.items()}
 
 
 def page_options(args: Any) -> PageOptions:
     """Return how the page is served, by the options that ``view`` and ``demo`` share."""
-    from spikingtac.viewer.web.show import PageOptions
+    from spikingtac.viewer.show import PageOptions
 
     return PageOptions(
         host=args.host,
@@ -215,7 +248,6 @@ def page_options(args: Any) -> PageOptions:
         browser=not (args.no_browser or args.headless),
         seconds=args.seconds or (HEADLESS_S if args.headless else None),
         picture=args.picture,
-        overwrite=args.overwrite,
         realtime=getattr(args, "realtime", False),  # the demo has no deadlines
     )
 

@@ -19,11 +19,10 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from spikingtac.viewer.session.commands import LONGEST_COMMAND, CommandError, parse_command
-from spikingtac.viewer.web.address import unusable
+from spikingtac.viewer.web.access import Gate, page_headers, unusable
 from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
-from spikingtac.viewer.web.security import Gate, page_headers
+from spikingtac.viewer.wire import LONGEST_COMMAND, CommandError, parse_command
 
 KINDS = {
     "html": "text/html; charset=utf-8",
@@ -43,31 +42,17 @@ ALIVE_S = 0.05
 Command = Callable[[str, Any], None]
 
 
-def make_app(feed: Feed, command: Command, gate: Gate) -> ASGIApp:
-    """Return the application that shows one session.
+def make_app(given: Sequence[Feed], commands: Sequence[Command], gate: Gate) -> ASGIApp:
+    """Return the application that shows one session, or two side by side.
+
+    The first page of two holds two ordinary ones, each with the number of its finger in its
+    address.
 
     Args:
-        feed: Where frames and greetings come from.
-        command: Takes the pages' commands; must not wait.
-        gate: Decides who may view.
-    """
-    return _app([feed], [command], gate)
-
-
-def make_pair_app(feeds: Sequence[Feed], commands: Sequence[Command], gate: Gate) -> ASGIApp:
-    """Return the application that shows two sessions side by side.
-
-    The first page holds two ordinary ones, each with the number of its finger in its address.
-
-    Args:
-        feeds: Where frames and greetings of each come from.
+        given: Where frames and greetings of each come from.
         commands: Take the commands of each one's pages; must not wait.
         gate: Decides who may view.
     """
-    return _app(feeds, commands, gate)
-
-
-def _app(given: Sequence[Feed], commands: Sequence[Command], gate: Gate) -> ASGIApp:
     every = [PageFeeds(feed) for feed in given]
 
     @asynccontextmanager

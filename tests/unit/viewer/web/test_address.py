@@ -12,7 +12,7 @@ import pytest
 from starlette.applications import Starlette
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.viewer.web.address import check_address, unusable
+from spikingtac.viewer.web.access import check_address, unusable
 from spikingtac.viewer.web.server import serve
 
 ELSEWHERE = "192.0.2.1"

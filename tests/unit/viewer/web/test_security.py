@@ -1,6 +1,6 @@
 import pytest
 
-from spikingtac.viewer.web.security import Gate, is_loopback, page_headers
+from spikingtac.viewer.web.access import Gate, is_loopback, page_headers
 
 LOCAL = {"host": "127.0.0.1:8765"}
 

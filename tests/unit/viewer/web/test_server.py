@@ -16,16 +16,14 @@ from starlette.types import ASGIApp
 from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
-from spikingtac.stream.host import Factory
-from spikingtac.viewer.session import process
-from spikingtac.viewer.session.process import SessionProcess
+from spikingtac.viewer import process
+from spikingtac.viewer import show as show_module
+from spikingtac.viewer.process import SessionProcess
+from spikingtac.viewer.show import PageOptions, show
 from spikingtac.viewer.web import deadline
-from spikingtac.viewer.web import show as show_module
+from spikingtac.viewer.web.access import Gate
 from spikingtac.viewer.web.deadline import DeadlineProtocol
-from spikingtac.viewer.web.security import Gate
 from spikingtac.viewer.web.server import make_app
-from spikingtac.viewer.web.show import PageOptions, show
-from stand_ins.viewer import open_circling
 
 pytestmark = pytest.mark.waits
 
@@ -44,7 +42,7 @@ class NoFrames:
 
 
 def app(token: str = "") -> ASGIApp:
-    return make_app(NoFrames(), lambda name, value: None, Gate(token=token))
+    return make_app([NoFrames()], [lambda name, value: None], Gate(token=token))
 
 
 def ask(method: str, path: str, **options: Any) -> httpx.Response:
@@ -181,10 +179,9 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
 
         monkeypatch.setattr(show_module, "SessionProcess", start)
         options = PageOptions(port=0, browser=False, seconds=PATIENCE_S)
+        view = Factory(function=open_circling, arguments={"duration_us": 300_000})
         with pytest.raises(DeviceError, match=failure):
-            show(
-                Factory(function=open_circling, arguments={"duration_us": 300_000}), options, ready
-            )
+            show([view], options, ready)
         return made[0]
 
     return run

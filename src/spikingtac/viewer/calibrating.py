@@ -1,0 +1,328 @@
+"""Calibrating a sensor with the page: the guide, the run in a process of its own, the result."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.atomic_files import require_free
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import SpikingTacError
+from spikingtac.events.source import EventSource, PacketSource
+from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
+from spikingtac.markers.calibration.guide.advice import advice, way_of
+from spikingtac.markers.calibration.guide.guide import CalibrationGuide, GuideView
+from spikingtac.stream.host import Asker, Factory, Host, closed_by
+from spikingtac.types import EventPacket, MarkerFrame
+from spikingtac.viewer.event_store import EventStore
+
+
+class GuideTracker:
+    """Shows every event to a guide once.
+
+    All copies are the tracker itself: what was seen stays seen when the viewer goes back in time,
+    and a stretch that is played again tells nothing new.
+
+    Args:
+        size: ``(width, height)`` of the sensor, px.
+
+    Attributes:
+        guide: Sees the events.
+        begin_us: Time of the first event that the guide has seen, us; None before.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.guide = CalibrationGuide(size)
+        self.begin_us: int | None = None
+        self._seen_us = 0
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    @property
+    def state_map(self) -> GuideTracker:
+        """The map that the page may show: this tracker's own."""
+        return self
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """``(height, width)`` levels from 0 (ground) to 1 (marker)."""
+        return self.guide.level
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Show the guide what it has not seen."""
+        if self.begin_us is None:
+            self.begin_us = packet.t_start_us
+        elif packet.t_start_us < self._seen_us:
+            return
+        self._seen_us = packet.t_end_us
+        self.guide.absorb(packet)
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return an estimate of no marker."""
+        places = np.empty((0, 2))
+        return MarkerFrame(
+            t_us=t_us,
+            detected_px=places,
+            position_px=places,
+            displacement_px=places,
+            coasted=np.empty(0, bool),
+            confidence=np.empty(0),
+        )
+
+    def reset(self) -> None:
+        """Do nothing: what was seen stays seen."""
+
+    def begin_anew(self) -> None:
+        """Forget all events; the guide begins with the next one."""
+        self.guide.reset()
+        self.begin_us = None
+
+
+COLUMNS = ("x", "y", "p", "t")
+RESULT_NAME = "result.json"
+
+
+class CalibrationRun:
+    """Calibrates from events, in another process.
+
+    Args:
+        open_source: Opens the events, there.
+        config: What the calibration is told.
+        scratch: A folder of this run's own; it is removed at :meth:`close`.
+    """
+
+    def __init__(
+        self,
+        open_source: Factory[EventSource],
+        config: CalibrationConfig,
+        scratch: tempfile.TemporaryDirectory[str],
+    ) -> None:
+        self._scratch = scratch
+        given = {"open_source": open_source, "config": config, "folder": scratch.name}
+        self._host = Host(Factory(function=_calibrate, arguments=given))
+
+    def poll(self) -> Calibration | str | None:
+        """Return the calibration, or why there is none; None while it is computed."""
+        try:
+            done = self._host.receive()
+        except EOFError:
+            return str(closed_by(self._host, "the calibration"))
+        except Exception as error:  # told by the page
+            return str(error)
+        return None if done is None else Calibration.load(self._scratch_file)
+
+    def close(self) -> None:
+        """End the run, and remove what it wrote."""
+        self._host.close()
+        self._scratch.cleanup()
+
+    @property
+    def _scratch_file(self) -> Path:
+        return Path(self._scratch.name) / RESULT_NAME
+
+
+def stored(events: EventPacket, folder: str) -> Factory[EventSource]:
+    """Write events into a folder, and return what opens them again in another process."""
+    for name in COLUMNS:
+        np.save(Path(folder) / f"{name}.npy", getattr(events, name))
+    span_us = (events.t_start_us, events.t_end_us)
+    return Factory(
+        function=open_stored,
+        arguments={"folder": folder, "span_us": span_us, "size": events.size},
+    )
+
+
+def open_stored(folder: str, span_us: tuple[int, int], size: tuple[int, int]) -> PacketSource:
+    """Open what :func:`stored` wrote."""
+    x, y, p, t = (np.load(Path(folder) / f"{name}.npy", mmap_mode="r") for name in COLUMNS)
+    return PacketSource([EventPacket(x, y, p, t, *span_us, size)], size)
+
+
+def _calibrate(
+    asker: Asker, open_source: Factory[EventSource], config: CalibrationConfig, folder: str
+) -> None:
+    calibrate(open_source(), config).save(Path(folder) / RESULT_NAME)
+    asker.tell(True)
+
+
+def named(calibration: Calibration, recording: str) -> Calibration:
+    """Return a calibration with the name of the recording that it was learned from."""
+    return replace(calibration, provenance={**calibration.provenance, "recording": recording})
+
+
+SHOWN_S = 0.25
+"""How often the guide's view is made anew: faster than it can be read, s."""
+MOST_EVENTS = 20_000_000
+"""Events of a camera that a calibration from the page takes, the latest ones: 260 MB on disk, and
+160 MB in the memory of the process that calibrates. Contacts of ten seconds are a tenth of it."""
+FULL = 255
+"""A share of 1 as a byte."""
+WAYS = ("", "left", "right", "up", "down")
+"""Codes of the way that a marker should go."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaveTarget:
+    """Where a calibration goes.
+
+    Attributes:
+        path: The file.
+        overwrite: Whether a file that is there may be replaced.
+    """
+
+    path: Path = Path("calibration.json")
+    overwrite: bool = False
+
+
+class CalibrationDesk:
+    """The calibration of one view, from the first event to the saved file.
+
+    Args:
+        label: What the events are called.
+        size: ``(width, height)`` of the sensor, px.
+        target: Where the calibration goes.
+        open_whole: Opens a recording from its beginning; None for a camera, of which the events
+            that the guide has seen are taken.
+
+    Attributes:
+        tracker: The one that guides.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        size: tuple[int, int],
+        target: SaveTarget,
+        open_whole: Factory[EventSource] | None,
+    ) -> None:
+        self.tracker = GuideTracker(size)
+        self._label, self._target, self._open_whole = label, target, open_whole
+        self._clock: Callable[[], float] = time.monotonic
+        self._made_s = -SHOWN_S
+        self._view = GuideView(size)
+        self._run: CalibrationRun | None = None
+        self._begun_s = 0.0
+        self._state, self._said = "guide", ""
+        self._result: dict[str, Any] | None = None
+
+    def make_tracker(self, _: Any) -> GuideTracker:
+        """Return the one tracker."""
+        return self.tracker
+
+    def begin_anew(self) -> None:
+        """Forget what the guide has seen, and a result that failed."""
+        self.tracker.begin_anew()
+        if self._run is None:
+            self._state, self._said, self._result = "guide", "", None
+        self._made_s = -SHOWN_S
+
+    def calibrate(self, store: EventStore, t_us: int) -> None:
+        """Begin to calibrate from the events up to a time; does nothing while that goes on.
+
+        Args:
+            store: The events.
+            t_us: Up to where a camera's events are taken, us.
+        """
+        if self._run is not None:
+            return
+        scratch = tempfile.TemporaryDirectory(prefix="spikingtac-calibration-")
+        opened = self._open_whole
+        if opened is None:
+            begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
+            events = store.between(begin_us, t_us)
+            first = max(len(events) - MOST_EVENTS, 0)
+            if first:
+                events = events.part(first, len(events), int(events.t[first]), t_us)
+            opened = stored(events, scratch.name)
+        self._run = CalibrationRun(opened, CalibrationConfig(), scratch)
+        self._begun_s = self._clock()
+        self._state, self._said, self._result = "calibrating", "", None
+
+    def poll(self) -> Calibration | None:
+        """Return the calibration once, when it is there; it is saved by then."""
+        found = None if self._run is None else self._run.poll()
+        if self._run is None or found is None:
+            return None
+        self._run.close()
+        self._run = None
+        if isinstance(found, str):
+            self._state, self._said = "failed", found
+            return None
+        found = named(found, self._label)
+        self._state, self._said = "done", self._saved(found)
+        self._result = _figures(found)
+        return found
+
+    def shown(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return what the page shows of all this: scalars, and arrays by marker."""
+        if self._clock() - self._made_s >= SHOWN_S:
+            self._made_s, self._view = self._clock(), self.tracker.guide.view()
+        view = self._view
+        scalars = {
+            "state": self._state,
+            "said": self._said,
+            "result": self._result,
+            "running_s": round(self._clock() - self._begun_s, 1) if self._run else None,
+            "grid": view.grid and list(view.grid),
+            "markers": len(view.place_px),
+            "radius_px": round(view.radius_px, 2),
+            "enough": int(view.enough.sum()),
+            "doubtful": int(view.doubtful.sum()),
+            "rests": view.rests,
+            "resting": view.resting,
+            "ready": view.ready,
+            "advice": advice(view),
+            "path": str(self._target.path.resolve()),
+            "command": f"spikingtac calibrate {self._label} -o {self._target.path}",
+        }
+        return scalars, {} if self._state == "done" else _arrays(view)
+
+    def close(self) -> None:
+        """End a run that goes on."""
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+
+    def _saved(self, calibration: Calibration) -> str:
+        target = self._target
+        try:
+            require_free(target.path, target.overwrite)
+            calibration.save(target.path)
+        except (SpikingTacError, OSError) as error:
+            return f"It is used here, but was not saved: {error}"
+        return f"Saved as {target.path.resolve()}"
+
+
+def _arrays(view: GuideView) -> dict[str, NDArray[Any]]:
+    if not len(view.place_px):
+        return {}
+    ways = [0 if done else WAYS.index(way_of(view, i)) for i, done in enumerate(view.enough)]
+    return {
+        "guide_px": view.place_px.astype(np.float32),
+        "guide_share": np.round(view.share * FULL).astype(np.uint8),
+        "guide_way": np.array(ways, np.uint8),
+    }
+
+
+def _figures(calibration: Calibration) -> dict[str, Any]:
+    notes = calibration.provenance
+    explained = float(np.median(notes["explained"]))
+    return {
+        "quality": notes["quality"],
+        "grid": calibration.rows_and_columns,
+        "polarity": calibration.polarity,
+        "markers": len(calibration.radius_px),
+        "measured": len(calibration.radius_px) - len(notes["missing"]),
+        "missing": notes["missing"],
+        "doubtful": notes["doubtful"],
+        "explained": round(explained, 3),
+        "radius_px": round(float(calibration.radius_px.mean()), 2),
+    }

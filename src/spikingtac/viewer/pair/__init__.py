@@ -1,1 +1,0 @@
-"""Two fingers on one page."""

@@ -1,0 +1,176 @@
+"""What was shown of a view, kept thinly: enough for a table and a picture at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac._version import package_version
+from spikingtac.errors import ConfigError
+from spikingtac.plots.summary import Course, Picture, save_summary
+from spikingtac.tracks import create_tracks
+from spikingtac.types import MarkerFrame
+from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.snapshot import (
+    OFF_CODE,
+    activity,
+    events_per_s,
+    unpack,
+    view_size,
+    view_step,
+)
+from spikingtac.viewer.source import ViewSource
+
+EXPOSURE_US = 30_000
+"""Events of the last two frames of an ordinary camera, as on the page."""
+MOST_ROWS = 4_096
+"""Moments kept: 68 s at 60 per second; a longer record keeps every second, fourth... of them. A row
+of 64 markers holds 512 bytes, so that a record stays at some 3 MiB however long it lasts."""
+US_PER_S = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    t_s: float
+    rate_kev_s: float
+    moved_px: NDArray[np.float32]
+    error_px: NDArray[np.float32] | None
+
+
+class Record:
+    """Takes every estimate of a view, and its playback's state some times a second."""
+
+    def __init__(self) -> None:
+        self._rows: list[_Row] = []
+        self._taken, self._every = 0, 1
+        self._played_us = 0
+        self._last_us: int | None = None
+        self._shown: tuple[float, Picture] | None = None
+        self._held = 0
+        self.largest_px = 0.0
+
+    def estimate(self, frame: MarkerFrame) -> None:
+        """Take every estimate."""
+        far_px = float(np.hypot(*frame.displacement_px.T).max(initial=0.0))
+        self.largest_px = max(self.largest_px, far_px)
+        self._held = max(self._held, int(frame.coasted.sum()))
+
+    def take(self, view: ViewSource, playback: Playback) -> None:
+        """Take the present state."""
+        now_us, start_us = playback.position_us, playback.store.t_start_us
+        last_us = start_us if self._last_us is None else self._last_us
+        self._played_us += max(now_us - last_us, 0)
+        if now_us == self._last_us:
+            return
+        self._last_us = now_us
+        row = self._row(view, playback)
+        largest_px = float(row.moved_px.max(initial=0.0))
+        if self._shown is None or largest_px >= self._shown[0]:  # of events alone, the last moment
+            self._shown = largest_px, picture_of(view, playback)
+        self._taken += 1
+        if self._taken % self._every == 0:
+            self._rows.append(row)
+        if len(self._rows) > MOST_ROWS:
+            self._rows, self._every = self._rows[1::2], 2 * self._every
+
+    def summary(self, view: ViewSource, playback: Playback) -> dict[str, Any]:
+        """Return the figures so far."""
+        p50_us, p99_us = playback.step_percentiles_us()
+        frame = playback.frame
+        document: dict[str, Any] = {
+            "played_s": round(self._played_us / US_PER_S, 3),
+            "calibration": view.calibrated_by or None,
+            "estimates": playback.steps if len(view.calibration.reference_px) else 0,
+            "step_p50_us": round(p50_us, 1),
+            "step_p99_us": round(p99_us, 1),
+            "contacts": len(playback.contacts),
+            "displacement_max_px": round(self.largest_px, 3),
+            "held_at_once": self._held,
+            "losses": dict(view.source.losses),
+            "health": frame.health.summary() if frame else None,
+        }
+        errors_px = np.array([row.error_px for row in self._rows if row.error_px is not None])
+        if len(errors_px):
+            document["error_mean_px"] = round(float(errors_px.mean(dtype=np.float64)), 4)
+            document["error_p95_px"] = round(float(np.percentile(errors_px, 95)), 4)
+        return document
+
+    def save_picture(self, path: Path, view: ViewSource, playback: Playback) -> None:
+        """Write the moment of largest displacement beside the course.
+
+        Raises:
+            ConfigError: Nothing was shown.
+        """
+        if self._shown is None:
+            raise ConfigError(f"{view.label}: nothing was shown, there is nothing to draw")
+        start_us = playback.store.t_start_us
+        markers = max(len(row.moved_px) for row in self._rows) if self._rows else 0
+        rows = sorted(
+            (row for row in self._rows if len(row.moved_px) == markers), key=lambda row: row.t_s
+        )
+        course = Course(
+            t_s=np.array([row.t_s for row in rows]),
+            displacement_px=np.array([row.moved_px for row in rows]),
+            rate_kev_s=np.array([row.rate_kev_s for row in rows]),
+            contacts_s=tuple((t_us - start_us) / US_PER_S for t_us in sorted(playback.contacts)),
+        )
+        title = f"{view.label}{' (simulated)' if view.simulated else ''}"
+        save_summary(path, title, self._shown[1], course)
+
+    def _row(self, view: ViewSource, playback: Playback) -> _Row:
+        frame, now_us = playback.frame, playback.position_us
+        since_s = (now_us - playback.store.t_start_us) / US_PER_S
+        moved_px = np.empty(0, np.float32)
+        truth_px = None
+        if frame is not None:
+            moved_px = np.hypot(*frame.displacement_px.T).astype(np.float32)
+            truth_px = view.truth.at(frame.t_us) if view.truth and len(moved_px) else None
+        error_px = None
+        if frame is not None and truth_px is not None:
+            error_px = np.hypot(*(frame.detected_px - truth_px).T).astype(np.float32)
+        return _Row(since_s, events_per_s(playback) / 1e3, moved_px, error_px)
+
+
+def picture_of(view: ViewSource, playback: Playback) -> Picture:
+    """Return what a page would show now."""
+    frame, store, calibration = playback.frame, playback.store, view.calibration
+    now_us, step = playback.position_us, view_step(playback.store.size)
+    exposed = store.between(now_us - EXPOSURE_US, now_us)
+    codes = unpack(activity(exposed), view_size(store.size))
+    tracked = frame is not None and len(frame.position_px) == len(calibration.reference_px)
+    position_px = frame.position_px if frame and tracked else calibration.reference_px
+    return Picture(
+        image=np.where(codes == 0, 0, np.where(codes < OFF_CODE, 1, 2)).astype(np.uint8),
+        reference_px=calibration.reference_px / step,
+        position_px=position_px / step,
+        radius_px=calibration.radius_px / step,
+        t_s=(now_us - store.t_start_us) / US_PER_S,
+    )
+
+
+class TrackFile:
+    """Every estimate of a session as a tracks file that holds each time once, in order.
+
+    What is played again, scrubbed through or tracked again with other settings is not written a
+    second time, so a recording that repeats leaves tracks of its own length.
+    """
+
+    def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
+        self._writer = create_tracks(path, reference_px)
+        self._last_us: int | None = None
+
+    def take(self, frame: MarkerFrame) -> None:
+        """Write an estimate that is later than all before it."""
+        if self._last_us is None or frame.t_us > self._last_us:
+            self._last_us = frame.t_us
+            self._writer.write(frame)
+
+    def close(self, meta: Mapping[str, Any]) -> None:
+        """Complete the file."""
+        made = {"made_by": "spikingtac demo", "package_version": package_version()}
+        self._writer.close({**made, **meta})

@@ -1,1 +1,0 @@
-"""One viewing session: open, play, track, publish."""

@@ -1,1 +1,0 @@
-"""Calibrating a sensor with the page: the guide, the run and its result."""

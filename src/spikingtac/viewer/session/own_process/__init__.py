@@ -1,1 +1,0 @@
-"""What runs in the session's own process."""

@@ -1,0 +1,81 @@
+"""The record of what was shown: small, whole, and drawn where there is something to draw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError
+from spikingtac.tracks import Tracks
+from spikingtac.types import MarkerFrame
+from spikingtac.viewer import record as module
+from spikingtac.viewer.export import check_picture, open_stretch, summarize, tracks_beside
+from spikingtac.viewer.record import Record, TrackFile
+from stand_ins.viewer import open_circling
+
+REST = np.array([[1.0, 2.0]])
+
+
+def test_a_record_stays_small_and_covers_the_whole_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MOST_ROWS", 20)
+    with open_stretch(open_circling(1_000_000), None) as stretch:
+        record, playback = stretch.record, stretch.playback
+        while stretch.advance(16_000):
+            record.take(stretch.view, playback)
+            assert len(record._rows) <= 20
+        playback.aim(500_000)  # going back and on counts as played
+        playback.work(60.0)
+        record.take(stretch.view, playback)
+        stretch.advance(16_000)
+        record.take(stretch.view, playback)
+        summary = record.summary(stretch.view, playback)
+        record.save_picture(tmp_path / "x.png", stretch.view, playback)
+    times_s = np.array([row.t_s for row in record._rows])
+    assert times_s[0] < 0.2
+    assert times_s.max() > 0.9
+    assert summary["played_s"] == pytest.approx(1.016, abs=0.002)
+    assert summary["contacts"] == 1
+    assert summary["error_mean_px"] < 0.1
+    assert summary["displacement_max_px"] > 5.0
+    assert (tmp_path / "x.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_nothing_seen_is_nothing_drawn(tmp_path: Path) -> None:
+    with (
+        open_stretch(open_circling(1_000_000), 0.1) as stretch,
+        pytest.raises(ConfigError, match="nothing was shown"),
+    ):
+        Record().save_picture(tmp_path / "x.png", stretch.view, stretch.playback)
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_a_recording_is_summarized_to_its_end() -> None:
+    summary = summarize(open_circling(300_000))
+    assert summary["played_s"] == pytest.approx(0.3, abs=0.011)
+    assert summary["estimates"] == pytest.approx(300, abs=12)
+
+
+def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) -> None:
+    tracks = TrackFile(tmp_path / "x.npz", REST)
+    for t_us in (1, 2, 3, 2, 3, 4, 1, 5):
+        moved = REST + t_us
+        tracks.take(MarkerFrame(t_us, moved, moved, moved - REST, np.zeros(1, bool), np.ones(1)))
+    tracks.close({"seed": 3})
+    written = Tracks.load(tmp_path / "x.npz")
+    assert written.t_us.tolist() == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(written.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
+    assert written.meta["seed"] == 3
+
+
+def test_a_picture_is_replaced_only_when_asked(tmp_path: Path) -> None:
+    path = tmp_path / "x.png"
+    check_picture(path, overwrite=False)
+    path.write_bytes(b"mine")
+    with pytest.raises(ConfigError, match="--overwrite"):
+        check_picture(path, overwrite=False)
+    check_picture(path, overwrite=True)
+    assert tracks_beside(Path("a/b.png")) == Path("a/b.tracks.npz")

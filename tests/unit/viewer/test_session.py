@@ -1,0 +1,214 @@
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import DeviceError
+from spikingtac.types import EventPacket
+from spikingtac.viewer import event_store
+from spikingtac.viewer import session as module
+from spikingtac.viewer.session import Session
+from spikingtac.viewer.snapshot import unpack
+from spikingtac.viewer.wire import decode
+from stand_ins.viewer import (
+    PERIOD_US,
+    SIZE,
+    CirclingDots,
+    open_circling,
+    positions_px,
+    reference_px,
+)
+
+
+class Kept:
+    """A publisher that keeps the last message."""
+
+    def __init__(self) -> None:
+        self.message = b""
+
+    def publish(self, message: bytes) -> bool:
+        self.message = message
+        return True
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
+    frames, greetings = Kept(), Kept()
+    session = Session(open_circling(duration_us=1_000_000), frames, greetings)
+    monkeypatch.setattr(session, "_wait", lambda: None)
+    yield session, frames, greetings
+    session.close()
+
+
+def stepped(opened: tuple[Session, Kept, Kept], steps: int = 1) -> tuple[dict, dict]:
+    for _ in range(steps):
+        opened[0].step()
+    return decode(opened[1].message)
+
+
+def test_the_greeting_says_what_stands_still(opened: tuple[Session, Kept, Kept]) -> None:
+    stepped(opened)
+    hello = json.loads(opened[2].message)
+    assert (hello["label"], hello["simulated"], hello["truth"]) == ("circling dots", True, True)
+    assert hello["size"] == list(SIZE)
+    np.testing.assert_allclose(hello["reference_px"], reference_px(), atol=1e-3)
+    assert [control["name"] for control in hello["controls"]] == ["gain", "law"]
+    assert sum(hello["overview"]["counts"]) == len(opened[0].playback.store)
+
+
+def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> None:
+    meta, arrays = stepped(opened, 20)
+    expected = positions_px(meta["estimate_us"])
+    np.testing.assert_allclose(arrays["position_px"], expected, atol=1e-4)
+    np.testing.assert_allclose(arrays["truth_px"], expected, atol=0.01)
+    assert arrays["held"].tolist() == [int(marker == 9) for marker in range(64)]
+    assert meta["t_us"] == pytest.approx(20 / 60 * 1e6, abs=1000)
+    store, last = opened[0].playback.store, meta["last_window"]
+    assert arrays["counts"][-1] == len(store.between(last * 1000, (last + 1) * 1000))
+    assert arrays["counts"].sum() == len(store.between(0, (last + 1) * 1000))
+    exposed = store.between(meta["t_us"] - 30_000, meta["t_us"])
+    shown = unpack(arrays["activity"], SIZE)
+    np.testing.assert_array_equal(np.unique(np.nonzero(shown)[1]), np.unique(exposed.x))
+    assert meta["losses"] == {"time_gap": 2}
+    assert "map" not in arrays
+
+
+def test_contacts_appear_when_they_have_happened(opened: tuple[Session, Kept, Kept]) -> None:
+    assert stepped(opened, 17)[0]["contacts_us"] == []
+    meta, _ = stepped(opened, 3)
+    assert meta["contacts_us"] == [300_000]
+    assert meta["contact"]["threshold"] == 20.0
+    opened[0].command("seek_us", 100_000)
+    meta, _ = stepped(opened)
+    assert meta["contacts_us"] == []
+    assert meta["contacts_found"] == 1  # the summary counts every contact of the session once
+
+
+def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, Kept]) -> None:
+    stepped(opened, 5)
+    opened[0].command("play", False)
+    before = stepped(opened)[0]["t_us"]
+    assert stepped(opened, 3)[0]["t_us"] == before
+    opened[0].command("seek_us", 750_000)
+    meta, arrays = stepped(opened)
+    assert meta["t_us"] == 750_000
+    assert 0 <= meta["t_us"] - meta["estimate_us"] < 1e6 / open_circling().rate_hz
+    np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
+    opened[0].command("seek_us", 10**15)
+    assert stepped(opened)[0]["t_us"] == 1_000_000
+
+
+def test_speed_scales_time(opened: tuple[Session, Kept, Kept]) -> None:
+    opened[0].command("speed", 0.25)
+    assert stepped(opened, 24)[0]["t_us"] == pytest.approx(0.1e6, abs=1000)
+
+
+def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> None:
+    stepped(opened, 10)
+    opened[0].command("play", False)
+    opened[0].command("set", ["gain", 2.0])
+    meta, arrays = stepped(opened)
+    moved = positions_px(meta["estimate_us"]) - reference_px()
+    np.testing.assert_allclose(arrays["position_px"] - reference_px(), 2 * moved, atol=1e-3)
+    assert json.loads(opened[2].message)["controls"][0]["value"] == 2.0
+    opened[0].command("defaults", True)
+    _, arrays = stepped(opened)
+    np.testing.assert_allclose(arrays["position_px"] - reference_px(), moved, atol=1e-3)
+
+
+def test_a_wrong_control_is_said_and_changes_nothing(opened: tuple[Session, Kept, Kept]) -> None:
+    opened[0].command("set", ["gain", 99.0])
+    assert "0 to 2" in stepped(opened)[0]["notice"]
+    opened[0].command("set", ["gain", 1.5])
+    assert stepped(opened)[0]["notice"] == ""
+
+
+def test_the_state_map_is_sent_only_when_asked_for(opened: tuple[Session, Kept, Kept]) -> None:
+    opened[0].command("map", True)
+    _, arrays = stepped(opened, 10)
+    shown = unpack(arrays["map"], SIZE)
+    tracker = opened[0].playback.tracker
+    np.testing.assert_array_equal(shown > 0, tracker.state_map.values > 0)
+
+
+def test_at_the_end_it_stops_and_begins_again_on_demand(opened: tuple[Session, Kept, Kept]) -> None:
+    meta, _ = stepped(opened, 70)
+    assert (meta["playing"], meta["t_us"]) == (False, PERIOD_US)
+    opened[0].command("play", True)
+    assert stepped(opened)[0]["t_us"] < 50_000
+
+
+def test_far_behind_its_aim_the_picture_stays(
+    opened: tuple[Session, Kept, Kept], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, arrays = stepped(opened, 3)
+    monkeypatch.setattr(module, "WORK_SHARE", 0.0)
+    opened[0].command("seek_us", 900_000)
+    meta, held = stepped(opened)
+    assert meta["state"] == "CATCHING UP"
+    assert meta["t_us"] == before["t_us"]
+    np.testing.assert_array_equal(held["position_px"], arrays["position_px"])
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)
+    meta, _ = stepped(opened)
+    assert meta["state"] == "OK"
+    assert meta["t_us"] >= 900_000
+
+
+class Cut(CirclingDots):
+    """A live sensor whose cable is pulled after 0.2 s; its clock stands still once before."""
+
+    def __iter__(self) -> Iterator[EventPacket]:
+        for packet in super().__iter__():
+            if packet.t_start_us == 100_000:
+                Cut.now_s += 0.6
+            if packet.t_start_us == 200_000:
+                raise DeviceError("the sensor was unplugged")
+            yield packet
+
+    now_s = 0.0
+
+
+@pytest.fixture
+def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]]:
+    monkeypatch.setattr(module, "WORK_SHARE", 600.0)
+    monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
+    frames, greetings = Kept(), Kept()
+    session = Session(replace(open_circling(), source=Cut(10**6), ends=False), frames, greetings)
+    monkeypatch.setattr(session, "_wait", lambda: None)
+    yield session, frames, greetings
+    session.close()
+
+
+def test_a_standstill_of_a_live_source_is_seen_until_it_is_reset(
+    live: tuple[Session, Kept, Kept],
+) -> None:
+    assert stepped(live, 3)[0]["watchdog"] == {"health": "OK", "reason": ""}
+    meta, _ = stepped(live, 6)
+    assert meta["watchdog"]["health"] == "STALE"
+    assert "600.0 ms" in meta["watchdog"]["reason"]
+    assert meta["state"] == "OK"  # it has passed
+    live[0].command("reset", True)
+    assert stepped(live)[0]["watchdog"]["health"] == "OK"
+
+
+def test_what_came_before_a_source_was_lost_can_be_looked_at(
+    live: tuple[Session, Kept, Kept],
+) -> None:
+    meta, _ = stepped(live, 20)
+    assert meta["state"] == "DISCONNECTED"
+    assert meta["watchdog"] == {"health": "DISCONNECTED", "reason": "the sensor was unplugged"}
+    assert isinstance(live[0].failure, DeviceError)
+    live[0].command("reset", True)
+    live[0].command("seek_us", 50_000)
+    live[0].command("play", False)
+    meta, arrays = stepped(live)
+    assert meta["watchdog"]["health"] == "DISCONNECTED"
+    assert meta["t_us"] == 50_000
+    np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
+
+
+def test_a_recording_has_no_watchdog(opened: tuple[Session, Kept, Kept]) -> None:
+    assert stepped(opened)[0]["watchdog"] is None
