@@ -9,7 +9,7 @@ import pytest
 from spikingtac.events.open import open_events
 from spikingtac.ros2.messages import FIELD
 from spikingtac.types import EventPacket
-from spikingtac.viewer.mcap import MESSAGE_US, export_mcap
+from spikingtac.viewer.export.mcap import MESSAGE_US, export_mcap
 from stand_ins.viewer import CirclingDots, open_circling, positions_px, reference_px
 
 pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")

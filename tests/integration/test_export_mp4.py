@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import features
 
-from spikingtac.viewer.mp4 import FRAME_MS, as_video, export_mp4
+from spikingtac.viewer.export.mp4 import FRAME_MS, as_video, export_mp4
 from stand_ins.animations import COLORS, SIZE, animation
 from stand_ins.browser import browser
 from stand_ins.viewer import open_circling

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import MissingExtraError
 from spikingtac.viewer.export import export
-from spikingtac.viewer.rrd import STEP_US
+from spikingtac.viewer.export.rrd import STEP_US
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
 DURATION_US = 400_000

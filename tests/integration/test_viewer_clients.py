@@ -17,9 +17,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.web.page_feed import MOST_PAGES, UNACKNOWLEDGED
-from spikingtac.viewer.wire import decode
+from spikingtac.viewer.web.process import SessionProcess
+from spikingtac.viewer.web.wire import decode
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, open_nothing
 

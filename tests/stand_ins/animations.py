@@ -6,7 +6,7 @@ import io
 
 from PIL import Image
 
-from spikingtac.viewer.mp4 import FRAME_MS
+from spikingtac.viewer.export.mp4 import FRAME_MS
 
 COLORS = ((200, 30, 30), (30, 200, 30), (30, 30, 200), (220, 220, 220))
 SIZE = (64, 48)

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.source import ViewSource
 from spikingtac.viewer.web.access import Gate
+from spikingtac.viewer.web.process import SessionProcess
 from spikingtac.viewer.web.server import make_app, serve
 
 START_S = 180.0

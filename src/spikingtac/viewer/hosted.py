@@ -25,7 +25,7 @@ from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import images, moving, starting
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.wire import FRAME_BYTES, GREETING_BYTES, STOP
+from spikingtac.viewer.web.wire import FRAME_BYTES, GREETING_BYTES, STOP
 
 COMPLETE_S = 20.0
 """Longest time to complete the tracks once the asker is gone, s; an idle machine needs 0.1 s."""

@@ -24,7 +24,7 @@ from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile
 from spikingtac.viewer.snapshot import greeting, images, moving
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.wire import encode
+from spikingtac.viewer.web.wire import encode
 
 FRAME_HZ = 60.0
 """Frames offered per second; displays show no more."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,23 @@ from spikingtac.markers.tracker import MarkerTracker
 if TYPE_CHECKING:  # both need every kernel of the calibration and of touch
     from spikingtac.viewer.calibrating import CalibrationDesk
     from spikingtac.viewer.felt import FeltLayer
-    from spikingtac.viewer.openers import Shelf
 
 FIRST_ROWS = 4_096
 """Room for 4 s of truth at 1 kHz; it doubles."""
 BEYOND_US = 2_000
 """How far the last line is prolonged: one step of a simulation at 500 Hz."""
+
+
+class Recordings(Protocol):
+    """Other recordings that a page may open, by their names."""
+
+    def names(self) -> list[str]:
+        """Return the names of those that are there now."""
+        ...
+
+    def open(self, name: str) -> ViewSource:
+        """Open one of them."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +80,7 @@ class ViewSource:
     calibrated: Callable[[ViewSource, Calibration], ViewSource] = field(
         default=lambda view, _: view
     )
-    shelf: Shelf | None = None
+    shelf: Recordings | None = None
     opened: str = ""
     calibrated_by: str = ""
     own_calibration: bool = False

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spikingtac.viewer.wire import CommandError, parse_command
+from spikingtac.viewer.web.wire import CommandError, parse_command
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from PIL import features
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.viewer.mp4 import FRAME_MS, as_video, export_mp4
+from spikingtac.viewer.export.mp4 import FRAME_MS, as_video, export_mp4
 from stand_ins.animations import COLORS, animation
 from stand_ins.viewer import open_circling
 

@@ -11,7 +11,8 @@ from spikingtac.errors import ConfigError
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
-from spikingtac.viewer.export import check_picture, open_stretch, summarize, tracks_beside
+from spikingtac.viewer.export import check_picture, summarize, tracks_beside
+from spikingtac.viewer.export.stretch import open_stretch
 from spikingtac.viewer.record import Record, TrackFile
 from stand_ins.viewer import open_circling
 

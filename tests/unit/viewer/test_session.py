@@ -11,7 +11,7 @@ from spikingtac.viewer import event_store
 from spikingtac.viewer import session as module
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import unpack
-from spikingtac.viewer.wire import decode
+from spikingtac.viewer.web.wire import decode
 from stand_ins.viewer import (
     PERIOD_US,
     SIZE,

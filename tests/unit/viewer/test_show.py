@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.viewer import show as module
+from spikingtac.viewer.web import show as module
 
 
 class Clock:

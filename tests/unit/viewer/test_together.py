@@ -8,9 +8,9 @@ from typing import Any
 import httpx
 import pytest
 
-from spikingtac.viewer.show import Together
 from spikingtac.viewer.web.access import Gate
 from spikingtac.viewer.web.server import make_app
+from spikingtac.viewer.web.show import Together
 
 
 class Session:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac.viewer.wire import decode, encode
+from spikingtac.viewer.web.wire import decode, encode
 
 
 def test_what_goes_in_comes_out() -> None:

@@ -15,8 +15,8 @@ from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 
 if TYPE_CHECKING:
-    from spikingtac.viewer.show import PageOptions
     from spikingtac.viewer.source import ViewSource
+    from spikingtac.viewer.web.show import PageOptions
 
 HEADLESS_S = 10.0
 """Duration of a live source with --headless where --seconds is not given, s."""
@@ -113,7 +113,7 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
     from spikingtac.stream.host import Factory
     from spikingtac.viewer.openers import open_second_view
     from spikingtac.viewer.opening import open_felt_source, open_view_source
-    from spikingtac.viewer.show import show
+    from spikingtac.viewer.web.show import show
 
     if args.export is not None or args.picture is not None or args.calibrate:
         raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
@@ -206,8 +206,8 @@ def show_source(
     from spikingtac.viewer.export import check_picture
     from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
     from spikingtac.viewer.opening import open_felt_source
-    from spikingtac.viewer.show import show
     from spikingtac.viewer.web.access import is_loopback
+    from spikingtac.viewer.web.show import show
 
     check_seconds(args.seconds)
     if args.picture is not None:
@@ -240,7 +240,7 @@ def _headless(view: ViewSource, args: Any, tracks: Path | None) -> dict[str, Any
 
 def page_options(args: Any) -> PageOptions:
     """Return how the page is served, by the options that ``view`` and ``demo`` share."""
-    from spikingtac.viewer.show import PageOptions
+    from spikingtac.viewer.web.show import PageOptions
 
     return PageOptions(
         host=args.host,

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from spikingtac.viewer.web.access import Gate, page_headers, unusable
 from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
-from spikingtac.viewer.wire import LONGEST_COMMAND, CommandError, parse_command
+from spikingtac.viewer.web.wire import LONGEST_COMMAND, CommandError, parse_command
 
 KINDS = {
     "html": "text/html; charset=utf-8",

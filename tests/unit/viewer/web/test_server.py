@@ -16,14 +16,15 @@ from starlette.types import ASGIApp
 from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
-from spikingtac.viewer import process
-from spikingtac.viewer import show as show_module
-from spikingtac.viewer.process import SessionProcess
-from spikingtac.viewer.show import PageOptions, show
-from spikingtac.viewer.web import deadline
+from spikingtac.stream.host import Factory
+from spikingtac.viewer.web import deadline, process
+from spikingtac.viewer.web import show as show_module
 from spikingtac.viewer.web.access import Gate
 from spikingtac.viewer.web.deadline import DeadlineProtocol
+from spikingtac.viewer.web.process import SessionProcess
 from spikingtac.viewer.web.server import make_app
+from spikingtac.viewer.web.show import PageOptions, show
+from stand_ins.viewer import open_circling
 
 pytestmark = pytest.mark.waits
 

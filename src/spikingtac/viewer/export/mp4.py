@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.viewer.export import draw_stretch
+from spikingtac.viewer.export.stretch import draw_stretch
 from spikingtac.viewer.source import ViewSource
 
 FRAME_MS = 40

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.stream.ring import SharedRing
-from spikingtac.viewer.wire import FRAME_BYTES, GREETING_BYTES, STOP
+from spikingtac.viewer.web.wire import FRAME_BYTES, GREETING_BYTES, STOP
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource

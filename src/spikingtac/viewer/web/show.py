@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.process import SHUTDOWN_S, SessionProcess
 from spikingtac.viewer.web.access import Gate, addresses, check_address, page_url
+from spikingtac.viewer.web.process import SHUTDOWN_S, SessionProcess
 
 if TYPE_CHECKING:
     from spikingtac.viewer.source import ViewSource

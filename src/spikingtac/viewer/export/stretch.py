@@ -1,17 +1,15 @@
-"""What a view is tracked into without a page: figures, pictures, animations, messages."""
+"""A stretch of a view that is tracked as fast as the machine can, and its pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spikingtac.atomic_files import replacing, require_free
-from spikingtac.errors import ConfigError, nearest
-from spikingtac.plots.summary import DPI, PANEL, PICTURE_ENDINGS, SensorDrawing
+from spikingtac.errors import ConfigError
+from spikingtac.plots.summary import DPI, PANEL, SensorDrawing
 from spikingtac.types import EventPacket
 from spikingtac.viewer.event_store import EventStore
 from spikingtac.viewer.playback import Playback
@@ -21,17 +19,12 @@ from spikingtac.viewer.source import ViewSource
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-ENDINGS = (".mcap", ".rrd", ".mp4", ".gif", *PICTURE_ENDINGS)
 US_PER_S = 1_000_000
 BUDGET_S = 3600.0
 """Time for one step of an export, s: none is cut off."""
 SIDE_IN = 3.4
 LONGEST_S = 60.0
 """A GIF of a minute has tens of megabytes already."""
-GIF_FRAME_MS, GIF_COLORS = 50, 32
-"""Twenty frames per second: GIF counts in 10 ms, and browsers slow down what is below 20 ms."""
-LOOKS, LEAST_STEP_US = 4_000, 10_000
-"""Moments of a course, more than a figure has pixels, and the least time between two, us."""
 
 
 class Stretch:
@@ -100,82 +93,6 @@ def open_stretch(view: ViewSource, seconds: float | None) -> Iterator[Stretch]:
         store.close()
 
 
-def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a view into a file; return the number of messages or pictures.
-
-    Args:
-        view: From :func:`spikingtac.viewer.opening.open_view_source`.
-        path: ``.mcap`` (ROS 2 schemas), ``.rrd`` (Rerun), ``.mp4``, ``.gif``, or one picture:
-            ``.png``, ``.svg``, ``.pdf``.
-        seconds: Length of the stretch from its beginning; None is all of it.
-
-    Raises:
-        ConfigError: The ending is another, the folder does not exist, the source does not end and
-            no length was given, or nothing was tracked.
-        MissingExtraError: The format needs an extra.
-    """
-    target = Path(path)
-    check_target(target, overwrite=True)
-    with replacing(target) as partial:
-        if target.suffix in PICTURE_ENDINGS:
-            summarize(view, seconds=seconds, picture=partial)
-            return 1
-        if target.suffix == ".mcap":
-            from spikingtac.viewer.mcap import export_mcap as write
-        elif target.suffix == ".rrd":
-            from spikingtac.viewer.rrd import export_rrd as write
-        elif target.suffix == ".mp4":
-            from spikingtac.viewer.mp4 import export_mp4 as write
-        else:
-            write = export_gif
-        return write(view, partial, seconds=seconds)
-
-
-def check_target(path: Path, *, overwrite: bool) -> None:
-    """Refuse a file that no export writes or may not replace, before anything is tracked.
-
-    Raises:
-        ConfigError: The ending is another, the folder does not exist, or something is there.
-    """
-    if path.suffix not in ENDINGS:
-        valid = ", ".join(ENDINGS)
-        hint = nearest(path.suffix, ENDINGS)
-        raise ConfigError(f"cannot write {path.name!r}{hint} (valid endings: {valid})")
-    require_free(path, overwrite)
-
-
-def summarize(
-    view: ViewSource, *, seconds: float | None = None, picture: Path | None = None
-) -> dict[str, Any]:
-    """Track a recording as fast as the machine can, and return its figures.
-
-    Args:
-        view: A recording, with its calibration or without.
-        seconds: Length of the stretch from its beginning; None is all of it.
-        picture: File for the moment of largest displacement beside the whole course, or None.
-
-    Raises:
-        ConfigError: The source does not end and no length was given, or it holds nothing.
-    """
-    with open_stretch(view, seconds) as stretch:
-        playback, record = stretch.playback, stretch.record
-        step_us = max((stretch.end_us - playback.position_us) // LOOKS, LEAST_STEP_US)
-        while stretch.advance(step_us):
-            record.take(view, playback)
-        if picture is not None:
-            record.save_picture(picture, view, playback)
-        return record.summary(view, playback)
-
-
-def export_gif(view: ViewSource, path: str | Path, *, seconds: float | None = None) -> int:
-    """Track a view and write an animated GIF; see :func:`export`."""
-    first, *rest = pictures = draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
-    first.save(
-        path, save_all=True, append_images=rest, duration=GIF_FRAME_MS, loop=0, optimize=True
-    )
-    return len(pictures)
-
-
 def draw_stretch(
     view: ViewSource, frame_ms: int, most_colors: int, seconds: float | None
 ) -> list[Image]:
@@ -222,20 +139,3 @@ def _pictures(stretch: Stretch, frame_ms: int, seconds: float | None) -> Iterato
             drawing.show(picture)
         canvas.draw()
         yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-
-
-def tracks_beside(picture: Path) -> Path:
-    """Return where the tracks that belong to a picture go: ``demo.png``, ``demo.tracks.npz``."""
-    return picture.with_name(f"{picture.stem}.tracks.npz")
-
-
-def check_picture(path: Path, overwrite: bool) -> None:
-    """Refuse a picture that could not be written at the end, before anything is shown.
-
-    Raises:
-        ConfigError: The ending is no picture's, or as :func:`check_target`.
-    """
-    if path.suffix not in PICTURE_ENDINGS:
-        hint, valid = nearest(path.suffix, PICTURE_ENDINGS), ", ".join(PICTURE_ENDINGS)
-        raise ConfigError(f"cannot draw {path.name!r}{hint} (valid endings: {valid})")
-    require_free(path, overwrite)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import MissingExtraError
-from spikingtac.viewer.export import US_PER_S, Stretch, open_stretch
+from spikingtac.viewer.export.stretch import US_PER_S, Stretch, open_stretch
 from spikingtac.viewer.snapshot import grey_image, view_step
 from spikingtac.viewer.source import ViewSource
 
