@@ -42,7 +42,7 @@ def test_its_events_are_shown_with_figures_and_advice(
     warm_up(view)
     frames, greetings = Kept(), Kept()
     session = Session(view, frames, greetings)
-    monkeypatch.setattr(session, "_wait", lambda: None)
+    monkeypatch.setattr(session.pacer, "wait", lambda: None)
     for _ in range(20):
         session.step()
     hello = json.loads(greetings.message)

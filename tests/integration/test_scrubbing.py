@@ -12,8 +12,8 @@ from spikingtac.markers.registry import make_tracker
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.playback import Playback
 
 RATE_HZ = 200.0
 """At every moment that is looked at, whatever the preset's rate."""

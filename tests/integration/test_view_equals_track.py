@@ -52,7 +52,7 @@ def test_a_viewed_recording_gives_the_tracks_of_a_tracked_one(
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     source = open_view_source(str(folder), preset=preset)
     session = Session(source, Dropped(), Dropped(), tracks=tmp_path / "viewed.npz")
-    monkeypatch.setattr(session, "_wait", lambda: None)
+    monkeypatch.setattr(session.pacer, "wait", lambda: None)
     while session.playing:
         session.step()
         if session.playback.position_us == 250_000:  # going back adds nothing and changes nothing

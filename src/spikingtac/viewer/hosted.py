@@ -20,8 +20,8 @@ from spikingtac.stream.host import Asker, Factory
 from spikingtac.stream.real_time import meet_deadlines
 from spikingtac.stream.ring import SharedRing
 from spikingtac.types import EventPacket
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import images, moving, starting
 from spikingtac.viewer.source import ViewSource

@@ -15,7 +15,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import Course, Picture, save_summary
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.snapshot import (
     OFF_CODE,
     activity,

@@ -8,21 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.checked_source import CheckedSource
-from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig
 from spikingtac.schema import to_mapping
 from spikingtac.stream.ring import Publisher
 from spikingtac.tuning import with_value
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.pace import Pacer, StreamHealth
 from spikingtac.viewer.record import EXPOSURE_US, Record, TrackFile
-from spikingtac.viewer.snapshot import greeting, images, moving
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.playback import Playback
+from spikingtac.viewer.snapshot import greeting, images, map_of, moving
 from spikingtac.viewer.source import ViewSource
 from spikingtac.viewer.web.wire import encode
 
@@ -36,8 +35,6 @@ CATCHING_UP_US = 50_000
 """Further behind its aim, tracking repeats a stretch; the page keeps its picture meanwhile."""
 SLACK_US = 40_000
 """A delay of up to this is made up for; a longer one stretches the time."""
-STALE_S = 0.5
-"""Waiting this long for a live source is a standstill, s; an arm is stopped after 40 ms (ours)."""
 
 
 class Session:
@@ -86,8 +83,7 @@ class Session:
         self.playing, self.speed = True, 1.0
         self._exposure_us, self._with_map = EXPOSURE_US, False
         self._playhead_us = float(store.t_start_us)
-        self._due_s: float | None = None
-        self._overruns = 0
+        self.pacer = Pacer(1 / FRAME_HZ)
         self._shown: tuple[dict[str, Any], dict[str, NDArray[Any]]] | None = None
         self._greeted_s = 0.0
         self.failure: Exception | None = None
@@ -95,7 +91,7 @@ class Session:
 
     def command(self, name: str, value: Any) -> None:
         """Carry out a command of a page (already parsed); a refusal becomes a notice."""
-        actions: dict[str, Callable[[Any], None]] = {
+        actions: dict[str, Callable[[Any], object]] = {
             "play": self._play,
             "speed": lambda speed: setattr(self, "speed", float(speed)),
             "seek_us": self._seek,
@@ -117,8 +113,7 @@ class Session:
 
     def step(self) -> None:
         """Play on by one frame, publish it, and wait for the time of the next one."""
-        if self._due_s is None:
-            self._due_s = time.perf_counter() + 1 / FRAME_HZ
+        self.pacer.begin()
         self._adopt_calibration()
         start_us = self.playback.position_us
         # Where tracking cannot keep up, the playhead waits: time slows down, no event is skipped.
@@ -127,10 +122,10 @@ class Session:
             self.playback.aim(int(self._playhead_us))
         reached = self._work()
         if self.playing and reached and self._playhead_us >= self._last_us():
-            self._end()
+            self._play(self._repeat)
         self.record.take(self._view, self.playback)
         self._publish(start_us, reached)
-        self._wait()
+        self.pacer.wait()
 
     def summary(self, picture: Path | None = None) -> dict[str, Any]:
         """Return the figures of what was shown so far, and draw it where a file is given.
@@ -173,16 +168,6 @@ class Session:
     def view(self) -> ViewSource:
         """What is shown now."""
         return self._view
-
-    def _wait(self) -> None:
-        """Sleep until the next frame; a late step delays the loop, no burst makes up for it."""
-        now_s = time.perf_counter()
-        due_s = now_s if self._due_s is None else self._due_s
-        if now_s > due_s:
-            self._overruns += 1
-            due_s = now_s
-        time.sleep(due_s - now_s)
-        self._due_s = due_s + 1 / FRAME_HZ
 
     def _work(self) -> bool:
         """Track for a frame's time; True once the aim is reached or the source is lost."""
@@ -253,12 +238,6 @@ class Session:
         store = self.playback.store
         return store.t_end_us if store.ended else float("inf")
 
-    def _end(self) -> None:
-        if self._repeat:
-            self._seek(self.playback.store.t_start_us)
-        else:
-            self.playing = False
-
     def _set(self, setting: list[Any]) -> None:
         try:
             self._retune(with_value(self._config, setting[0], setting[1]))
@@ -288,8 +267,8 @@ class Session:
             "pace": 0.0 if catching_up else round(advanced_us / 1e6 * FRAME_HZ, 3),
             "behind_us": behind_us,
             "state": state,
-            "overruns": self._overruns,
-            "watchdog": self._watchdog(),
+            "overruns": self.pacer.overruns,
+            "watchdog": self._health.told() if self._health else None,
             "exposure_us": self._exposure_us,
             "notice": self._notice,
             "displacement_max_px": round(self.record.largest_px, 3),
@@ -297,13 +276,6 @@ class Session:
         }
         if not self._frames.publish(encode({**scalars, **status}, arrays)):
             raise ValueError("a frame is larger than the ring's slots")
-
-    def _watchdog(self) -> dict[str, str] | None:
-        """Return the state of a live source's watchdog; recordings have none."""
-        if self._health is None:
-            return None
-        watchdog = self._health.watchdog
-        return {"health": watchdog.health.name, "reason": watchdog.reason}
 
     def _greet(self) -> None:
         now_s = time.monotonic()
@@ -316,44 +288,5 @@ class Session:
     def _snapshot(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         scalars, arrays = moving(self._view, self.playback)
         scalars["losses"] = dict(self._view.source.losses)
-        state_map = _map_of(self.playback.tracker) if self._with_map else None
+        state_map = map_of(self.playback) if self._with_map else None
         return scalars, {**arrays, **images(self.playback, self._exposure_us, state_map)}
-
-
-def _map_of(tracker: MarkerTracker) -> NDArray[np.floating] | None:
-    """Return the tracker's state map where it shows one."""
-    shown = getattr(tracker, "state_map", None)
-    return getattr(shown, "values", None)
-
-
-class StreamHealth:
-    """The robot's watchdog for a display, with a longer time limit and nothing to stop.
-
-    Its clock is the time spent waiting for the source: a slow tracker, a pause or a first
-    compilation is no silence of the sensor. A fault stays until it is reset.
-
-    Args:
-        waited_s: Seconds spent waiting for the source so far.
-    """
-
-    def __init__(self, waited_s: Callable[[], float]) -> None:
-        self.watchdog = Watchdog(WatchdogConfig(stale_s=STALE_S), lambda: None, waited_s)
-        self.reset()
-
-    def delivered(self) -> None:
-        """Report that the source has delivered everything that was asked of it."""
-        self.watchdog.check()
-        self.watchdog.beat()
-
-    def lost(self, reason: str) -> None:
-        """Report that the source has failed for good; the loss replaces an earlier fault."""
-        self.watchdog.reset()
-        self.watchdog.disconnected(reason)
-
-    def reset(self) -> None:
-        """Clear a fault; a source that is lost stays lost."""
-        if self.watchdog.health is not Health.DISCONNECTED:
-            self.watchdog.disarm()
-            self.watchdog.reset()
-            self.watchdog.self_test()
-            self.watchdog.arm()

@@ -12,7 +12,7 @@ from spikingtac.contact.window import WINDOW_US
 from spikingtac.events.quality import judge_events
 from spikingtac.tuning import in_use
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.source import ViewSource
 
 WIDEST_PX = 640
@@ -250,3 +250,9 @@ def _histogram(playback: Playback, edges_us: NDArray[np.int64]) -> NDArray[np.ui
         return np.empty(0, np.uint32)
     times_us = playback.store.between(int(edges_us[0]), int(edges_us[-1])).t
     return np.diff(np.searchsorted(times_us, edges_us)).astype(np.uint32)
+
+
+def map_of(playback: Playback) -> NDArray[np.floating] | None:
+    """Return the tracker's state map where it shows one."""
+    shown = getattr(playback.tracker, "state_map", None)
+    return getattr(shown, "values", None)

@@ -11,7 +11,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.source import PacketSource
 from spikingtac.viewer.calibrating import WAYS, CalibrationDesk, SaveTarget
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.replay.event_store import EventStore
 from stand_ins.sliding import GRID, SIZE, sliding_packets
 
 PATIENCE_S = 120.0

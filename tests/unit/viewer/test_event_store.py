@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spikingtac.types import EventPacket
-from spikingtac.viewer import event_store
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.replay import event_store
+from spikingtac.viewer.replay.event_store import EventStore
 from stand_ins.live import SIZE, random_packets, random_source
 
 
@@ -56,7 +56,7 @@ def test_an_empty_source_has_no_events_and_no_end() -> None:
 LEFT_BEHIND = """
 import os, signal, sys
 sys.path.insert(0, {tests!r})
-from spikingtac.viewer.event_store import EventStore
+from spikingtac.viewer.replay.event_store import EventStore
 from stand_ins.live import random_source
 store = EventStore(random_source(1, 20))
 store.extend_to_end()

@@ -8,9 +8,9 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.source import PacketSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import MarkerFrame
-from spikingtac.viewer import tracker_history as history
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay import tracker_history as history
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.playback import Playback
 from stand_ins.live import (
     SIZE,
     BurstDetector,

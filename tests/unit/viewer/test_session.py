@@ -7,8 +7,8 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.types import EventPacket
-from spikingtac.viewer import event_store
 from spikingtac.viewer import session as module
+from spikingtac.viewer.replay import event_store
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import unpack
 from spikingtac.viewer.web.wire import decode
@@ -38,7 +38,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kep
     monkeypatch.setattr(module, "WORK_SHARE", 600.0)  # a step always reaches its aim
     frames, greetings = Kept(), Kept()
     session = Session(open_circling(duration_us=1_000_000), frames, greetings)
-    monkeypatch.setattr(session, "_wait", lambda: None)
+    monkeypatch.setattr(session.pacer, "wait", lambda: None)
     yield session, frames, greetings
     session.close()
 
@@ -177,7 +177,7 @@ def live(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Session, Kept, Kept]
     monkeypatch.setattr(event_store.time, "perf_counter", lambda: Cut.now_s)
     frames, greetings = Kept(), Kept()
     session = Session(replace(open_circling(), source=Cut(10**6), ends=False), frames, greetings)
-    monkeypatch.setattr(session, "_wait", lambda: None)
+    monkeypatch.setattr(session.pacer, "wait", lambda: None)
     yield session, frames, greetings
     session.close()
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from spikingtac.viewer import tracker_history as module
-from spikingtac.viewer.tracker_history import TrackerHistory
+from spikingtac.viewer.replay import tracker_history as module
+from spikingtac.viewer.replay.tracker_history import TrackerHistory
 
 STEP_US = 1_000
 PIXELS = 10_000

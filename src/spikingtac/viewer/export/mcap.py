@@ -22,7 +22,7 @@ from spikingtac.ros2.messages import (
 from spikingtac.ros2.types import definition, ros_type
 from spikingtac.types import EventPacket
 from spikingtac.viewer.export.stretch import Stretch, open_stretch
-from spikingtac.viewer.playback import Playback
+from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.snapshot import grey_image
 from spikingtac.viewer.source import ViewSource
 

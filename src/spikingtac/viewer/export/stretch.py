@@ -11,9 +11,9 @@ import numpy as np
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import DPI, PANEL, SensorDrawing
 from spikingtac.types import EventPacket
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.playback import Playback
 from spikingtac.viewer.record import EXPOSURE_US, Record, picture_of
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.playback import Playback
 from spikingtac.viewer.source import ViewSource
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
-from spikingtac.viewer.event_store import EventStore
-from spikingtac.viewer.tracker_history import TrackerHistory
+from spikingtac.viewer.replay.event_store import EventStore
+from spikingtac.viewer.replay.tracker_history import TrackerHistory
 
 RECENT_STEPS = 2_000
 """Step times kept for the percentiles, 2 s at 1 kHz."""

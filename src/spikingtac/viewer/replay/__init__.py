@@ -1,0 +1,1 @@
+"""A stored stream that is tracked forwards and revisited at any time."""
