@@ -19,7 +19,7 @@ from spikingtac.contact.self_calibrating import SelfCalibratingDetector
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.address import is_address
 from spikingtac.events.clocks.second import is_same_folder, open_second
-from spikingtac.events.formats.evt.raw_stream import is_stream
+from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.events.manifest import name_of
 from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
