@@ -116,28 +116,13 @@ def rotate(packet: EventPacket, angle_deg: int) -> EventPacket:
     return replace(packet, x=packet.y, y=_mirrored(packet.x, width), size=(height, width))
 
 
-def resize(packet: EventPacket, size: tuple[int, int]) -> EventPacket:
-    """Scale the coordinates to a sensor of another size, px; every event stays.
-
-    Raises:
-        ConfigError: A side is not positive, or beyond what a coordinate of two bytes can name.
-    """
-    if min(size) < 1 or max(size) > 1 << 16:
-        raise ConfigError(f"size {size[0]} {size[1]} is not possible (valid: 1 to 65536 px a side)")
-    x, y = (
-        (column.astype(np.int64) * to // of).astype(np.uint16)
-        for column, to, of in zip((packet.x, packet.y), size, packet.size, strict=True)
-    )
-    return replace(packet, x=x, y=y, size=size)
-
-
 def _mirrored(column: NDArray[np.uint16], length: int) -> NDArray[np.uint16]:
     return (length - 1 - column.astype(np.int64)).astype(np.uint16)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Transform:
-    """Changes in a fixed order: time, polarity, crop, flip, rotation, size.
+    """Changes in a fixed order: time, polarity, crop, flip, rotation.
 
     Attributes:
         from_us: First microsecond to keep, or None.
@@ -147,7 +132,6 @@ class Transform:
         crop_px: ``(x0, y0, x1, y1)`` of the rectangle to keep, or None.
         flip: Axis that is mirrored, ``x`` or ``y``, or None.
         rotate_deg: Angle of a turn clockwise: 0, 90, 180 or 270.
-        resize_px: ``(width, height)`` to scale to, or None.
     """
 
     from_us: int | None = None
@@ -157,7 +141,6 @@ class Transform:
     crop_px: tuple[int, int, int, int] | None = None
     flip: Literal["x", "y"] | None = None
     rotate_deg: int = 0
-    resize_px: tuple[int, int] | None = None
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
         """Return the size that a sensor of a given size becomes, px.
@@ -199,4 +182,4 @@ class Transform:
             packet = flip(packet, self.flip)
         if self.rotate_deg:
             packet = rotate(packet, self.rotate_deg)
-        return packet if self.resize_px is None else resize(packet, self.resize_px)
+        return packet

@@ -49,7 +49,6 @@ CASES = {
     "90": (Transform(rotate_deg=90), lambda t, x, y, p: (t, 8 - y, x, p), (9, 12)),
     "180": (Transform(rotate_deg=180), lambda t, x, y, p: (t, 11 - x, 8 - y, p), SIZE),
     "270": (Transform(rotate_deg=270), lambda t, x, y, p: (t, y, 11 - x, p), (9, 12)),
-    "size": (Transform(resize_px=(6, 18)), lambda t, x, y, p: (t, x // 2, 2 * y, p), (6, 18)),
 }
 
 
@@ -82,8 +81,6 @@ def test_what_is_not_possible_is_refused() -> None:
         transform.rotate(events(1), 45)
     with pytest.raises(ConfigError, match="valid: x, y"):
         transform.flip(events(1), "z")  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="1 to 65536"):
-        transform.resize(events(1), (0, 5))
 
 
 def test_triggers_follow_the_time() -> None:

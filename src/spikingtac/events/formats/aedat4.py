@@ -54,14 +54,14 @@ class Aedat4Head:
 
     Attributes:
         streams: Number, size (px) and name of each stream of events.
-        triggers: Numbers of the streams of trigger edges.
+        triggers: Number and camera's name of each stream of trigger edges.
         compression: 0 none, 1 and 2 LZ4, 3 and 4 Zstandard.
         table_position: Where the index at the end begins, or -1.
         length: Bytes before the first packet.
     """
 
     streams: list[tuple[int, tuple[int, int], str]]
-    triggers: list[int]
+    triggers: list[tuple[int, str]]
     compression: int
     table_position: int
     length: int
@@ -85,7 +85,9 @@ class Aedat4Source(FileSource):
         self._head = read_head(path)
         streams = self._head.streams
         cameras = [f"{name}, {size[0]}x{size[1]} px" for _, size, name in streams]
-        self._stream, self._named_size, _ = streams[chosen_sensor(cameras, options.sensor, path)]
+        self._stream, self._named_size, own = streams[chosen_sensor(cameras, options.sensor, path)]
+        named = [number for number, name in self._head.triggers if name == own]
+        self._edges = named or [number for number, _ in self._head.triggers]
         super().__init__(path, options)
 
     def _size(self) -> tuple[int, int]:
@@ -107,7 +109,7 @@ class Aedat4Source(FileSource):
                 stream, length = head or (self._stream, total - place - PACKET_HEAD.size)
                 place += PACKET_HEAD.size + length
                 self.progress = place / total
-                if stream in (self._stream, *self._head.triggers) and length > 0:
+                if stream in (self._stream, *self._edges) and length > 0:
                     file.seek(place - length)
                     take = self._events if stream == self._stream else self._take_triggers
                     yield from self._taken(file, length, head is None, take)
@@ -233,7 +235,9 @@ class _Table:
         return self._data[start : start + length].decode("utf-8")
 
 
-def _streams_named(info: str) -> tuple[list[tuple[int, tuple[int, int], str]], list[int]]:
+def _streams_named(
+    info: str,
+) -> tuple[list[tuple[int, tuple[int, int], str]], list[tuple[int, str]]]:
     """Return the streams of events that the XML names, and the numbers of those of triggers."""
     if "<!" in info:
         raise ValueError("its XML declares entities, which no recorder does")
@@ -241,13 +245,13 @@ def _streams_named(info: str) -> tuple[list[tuple[int, tuple[int, int], str]], l
     for node in ElementTree.fromstring(info).iter("node"):
         kinds = [attr.text for attr in node.findall("attr") if attr.get("key") == "typeIdentifier"]
         told = {attr.get("key"): attr.text or "" for attr in node.iter("attr")}
+        name = told.get("source") or told.get("originalModuleName") or "camera"
         if kinds == ["TRIG"]:
-            triggers.append(int(node.get("name") or 0))
+            triggers.append((int(node.get("name") or 0), name))
         if kinds == ["EVTS"]:
             width, height = int(told.get("sizeX") or 0), int(told.get("sizeY") or 0)
             if not (0 < width <= 1 << 15 and 0 < height <= 1 << 15):
                 raise ValueError(f"a sensor of {width}x{height} px")
-            name = told.get("source") or told.get("originalModuleName") or "camera"
             events.append((int(node.get("name") or 0), (width, height), name))
     if not events:
         raise ValueError("it holds no stream of events")

@@ -22,6 +22,8 @@ from spikingtac.file_kinds import told_kind
 
 TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
 """Columns of trigger edges, where there are any."""
+TABLE_WIDTHS = (4, 5)
+"""Columns of an array of numbers that may be events."""
 _SIZES = ("size", "resolution", "sensor_size")
 
 # The GenX320 recorder of OpenMV boards (openmv-genx320-recorder, MIT) writes rows of type (1 ON,
@@ -201,7 +203,8 @@ def _holds_rows(arrays: _Arrays, name: str) -> bool:
         array = arrays.open(name)
     except FormatError:
         return False
-    return array.plain and (array.width >= 4 or bool(array.type.names))
+    wide = array.width in TABLE_WIDTHS or (name == "events" and array.width == OPENMV_COLUMNS)
+    return array.plain and (wide or bool(array.type.names))
 
 
 def _is_openmv(arrays: _Arrays, members: list[str]) -> bool:

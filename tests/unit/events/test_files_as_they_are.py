@@ -1,0 +1,513 @@
+"""The same events in every form that people have: all of them are read alike."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikingtac.errors import ConfigError, FormatError, MissingExtraError, RecordingError
+from spikingtac.events import create_events, open_events
+from spikingtac.types import EventPacket
+
+N, SIZE = 600, (346, 260)
+rng = np.random.default_rng(11)
+T = np.sort(rng.choice(900_000, N, replace=False)).astype(np.int64) + 1_000
+X, Y = rng.integers(0, SIZE[0], N), rng.integers(0, SIZE[1], N)
+P = rng.random(N) < 0.6
+COLUMNS = {"t": T, "x": X, "y": Y, "p": P.astype(np.int64)}
+PACKET = EventPacket(
+    X.astype(np.uint16), Y.astype(np.uint16), P, T, int(T[0]), int(T[-1]) + 1, SIZE
+)  # fmt: skip
+
+
+def read(path: Path, **options: Any) -> tuple[EventPacket, Any]:
+    source = open_events(path, **options)
+    return EventPacket.concatenate(list(source)), source
+
+
+def assert_read(path: Path, shift_us: int = 0, **options: Any) -> Any:
+    found, source = read(path, **options)
+    np.testing.assert_array_equal(found.t, T + shift_us)
+    for name, column in (("x", X), ("y", Y), ("p", P)):
+        np.testing.assert_array_equal(getattr(found, name), column, name)
+    return source
+
+
+def table(order: str = "txyp", mark: str = ",", head: str = "", **changes: Any) -> str:
+    """Return the events as text; ``changes`` replace a column or give its format."""
+    columns = [changes.get(name, COLUMNS.get(name, 7)) for name in order]
+    rows = zip(*(np.broadcast_to(column, N) for column in columns), strict=True)
+    return head + "\n".join(mark.join(str(value) for value in row) for row in rows) + "\n"
+
+
+SIGNS = np.where(P, 1, -1)
+SECONDS = np.array([f"{t / 1e6:.6f}" for t in T])
+TEXTS: dict[str, str] = {
+    "t,x,y,p without a header": table(),
+    "x,y,p,t without a header": table("xypt"),
+    "p,t,x,y without a header": table("ptxy"),
+    "x,y,t,p without a header, signs": table("xytp", " ", p=SIGNS),
+    "seconds by blanks": table(mark=" ", t=SECONDS),
+    "first line of the size": table(mark=" ", head="346 260\n", t=SECONDS),
+    "any order by a header": table("pyxt", head="Polarity,Y,X,Timestamp\n"),
+    "more columns": table("txkyp", head="t,x,k,y,p\n"),
+    "an index column": table("ktxyp", head=",t,x,y,p\n", k=np.arange(N)),
+    "ms in a suffix": table(head="t_ms,x,y,p\n", t=T / 1e3),
+    "ns in a suffix": table("xypt", head="x,y,pol,time_ns\n", t=T * 1_000),
+    "unit as a name": table(head="us,x,y,p\n"),
+    "us in brackets": table(mark=" ", head="t [us] x [px] y [px] polarity\n"),
+    "seconds in brackets": table(mark=";", head="time (s);col;row;on\n", t=SECONDS),
+    "decimal commas": table(
+        mark=";", head="time (s);x;y;p\n", t=[s.replace(".", ",") for s in SECONDS]
+    ),
+    "tabs and a comment": table(mark="\t", head="# timestamp x y polarity\n", t=SECONDS),
+    "v2e's comments": table(
+        mark=" ",
+        head="#!events.txt\n# made by v2e\n#Format: time (float s), x, y, polarity (0=off, 1=on)\n",
+        t=SECONDS,
+    ),
+    "bars": table(mark="|", head="t|x|y|p\n"),
+    "true and false": table("xytp", head="x,y,t,p\n", p=P),
+    "floats": table(head="t,x,y,p\n", t=T.astype(float), x=X.astype(float)),
+    "commas and blanks": table(mark=", ", head="t, x, y, p\n"),
+    "%geometry": table("xypt", head="%geometry:346,260\n"),
+    "size in a comment": table(head="# size 346 260\n# by hand\n"),
+    "CRLF": table(head="t,x,y,p\n").replace("\n", "\r\n"),
+    "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
+    "seconds since 1970": table(t=[f"{1_700_000_000 + t / 1e6:.6f}" for t in T]),
+}
+
+
+@pytest.mark.parametrize("form", TEXTS)
+def test_text(tmp_path: Path, form: str) -> None:
+    (tmp_path / "a.csv").write_text(TEXTS[form], encoding="utf-8", newline="")
+    since = 1_700_000_000_000_000 if "1970" in form else 0
+    source = assert_read(tmp_path / "a.csv", since)
+    assert source.size == SIZE
+    assert not source.losses
+
+
+@pytest.mark.parametrize("mark", [",", "\t"])
+def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str) -> None:
+    lines = table(mark=mark, t=T - 500_000).splitlines()
+    mixed = [lines[k] for k in np.random.default_rng(1).permutation(N)]
+    head = mark.join("txyp")
+    (tmp_path / "a.txt").write_text("\n".join([head, *mixed]))
+    source = assert_read(tmp_path / "a.txt", -500_000)
+    assert source.losses["unsorted"] > N // 3
+    lines[10], lines[11] = lines[11], lines[10]
+    (tmp_path / "b.txt").write_text("\n".join([head, *lines]))
+    assert dict(assert_read(tmp_path / "b.txt", -500_000).losses) == {"unsorted": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("t,x,y\n1,2,3\n", "lacks p"),
+        ("t,x,y,p,time\n1,2,3,1,5\n", "twice"),
+        ("1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
+        ("t,x,y,p\n", "holds no events"),
+        ("0,1,2,1\n1,2,3,0\n", r"several ways: x,y,t,p; t,x,y,p"),
+        ("1.5,2.5,3.5,1\n2.5,4.5,6.5,0\n", "fit no order"),
+        ("t,x,y,p\n1,2,3,17\n2,3,4,99\n", "the polarity holds 17, 99"),
+    ],
+)
+def test_what_cannot_be_told_is_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordingError, match=told):
+        read(tmp_path / "a.csv")
+
+
+def structured(**kinds: str) -> np.ndarray:
+    names = {"t": "t", "x": "x", "y": "y", "p": "p", "timestamp": "t", "polarity": "p"}
+    rows = np.zeros(N, list(kinds.items()))
+    for name in kinds:
+        rows[name] = COLUMNS[names[name]]
+    return rows
+
+
+def rows(order: str, kind: Any = np.int64, p: Any = None) -> np.ndarray:
+    columns = COLUMNS | ({} if p is None else {"p": p})
+    return np.column_stack([columns[name] for name in order]).astype(kind)
+
+
+ARRAYS: dict[str, Any] = {
+    "Metavision": structured(x="<u2", y="<u2", p="<i2", t="<i8"),
+    "dv": structured(timestamp="<i8", x="<i2", y="<i2", polarity="?"),
+    "big-endian": structured(t=">i8", x=">u2", y=">u2", p="u1"),
+    "t,x,y,p": rows("txyp", float),
+    "x,y,t,p": rows("xytp", np.int32, SIGNS),
+    "by columns": np.asfortranarray(rows("xypt")),
+    "across": np.ascontiguousarray(rows("txyp").T),
+    "wrapped": rows("txyp", np.uint32, SIGNS),
+    "seconds": rows("txyp", float) / [1e6, 1, 1, 1],
+}
+
+
+@pytest.mark.parametrize("form", ARRAYS)
+def test_arrays(tmp_path: Path, form: str) -> None:
+    np.save(tmp_path / "a.npy", ARRAYS[form])
+    np.savez_compressed(tmp_path / "a.npz", events=ARRAYS[form])
+    for name in ("a.npy", "a.npz"):
+        assert assert_read(tmp_path / name).size == SIZE
+
+
+def test_columns_of_other_names(tmp_path: Path) -> None:
+    columns = {"xs": X, "ys": Y, "timestamps": T / 1e6, "polarity": SIGNS.astype(np.int8)}
+    np.savez(tmp_path / "a.npz", **columns, resolution=np.array([640, 480]))
+    assert assert_read(tmp_path / "a.npz").size == (640, 480)
+    np.savez(tmp_path / "b.npz", wrench=np.zeros((9, 6)), t_us=np.arange(9))
+    with pytest.raises(FormatError, match="no columns of time"):
+        read(tmp_path / "b.npz")
+
+
+def group(file: Any, place: str, t: Any = T, **names: str) -> None:
+    names = {name: name for name in "xypt"} | names
+    for role, column in (COLUMNS | {"t": t}).items():
+        file[f"{place}/{names[role]}"] = column
+
+
+def m3ed(file: Any) -> None:
+    group(file, "prophesee/left")
+    file["prophesee/left/calib/resolution"] = np.array([640, 480])
+    file["prophesee/left/ms_map_idx"] = np.arange(900)
+
+
+def dsec(file: Any) -> None:
+    group(file, "events", t=(T - 700).astype(np.uint32))
+    file["t_offset"], file["ms_to_idx"] = np.int64(700), np.arange(900)
+
+
+def mvsec(file: Any) -> None:
+    file["davis/left/events"] = rows("xytp", float, SIGNS) / [1, 1, 1e6, 1]
+    file["davis/left/imu"] = np.zeros((50, 6))
+    file["davis/left/image_raw_event_inds"] = np.arange(30)
+
+
+def openeb(file: Any) -> None:
+    file.create_dataset("CD/events", data=ARRAYS["Metavision"], compression="gzip")
+    edge = np.dtype([("p", "<i2"), ("t", "<i8"), ("id", "<i2")])
+    file["EXT_TRIGGER/events"] = np.array([(1, 5_000, 6), (0, 9_000, 6)], edge)
+    file.attrs["geometry"] = "346x260"
+
+
+def e2vid(file: Any) -> None:
+    group(file, "events", t=T / 1e6, x="xs", y="ys", p="ps")
+    file.move("events/t", "events/ts")
+    file["events"].attrs["sensor_resolution"] = np.array([260, 346])
+
+
+HDF5: dict[str, Callable[[Any], None]] = {
+    "v2e": lambda file: file.create_dataset("events", data=rows("txyp", np.uint32), chunks=(97, 4)),
+    "v2e wrapped": lambda file: file.create_dataset("events", data=rows("txyp", np.uint32, SIGNS)),
+    "MVSEC": mvsec,
+    "M3ED": m3ed,
+    "DSEC": dsec,
+    "OpenEB": openeb,
+    "e2vid": e2vid,
+    "columns at the root": lambda file: group(file, ""),
+}
+
+
+@pytest.mark.parametrize("form", HDF5)
+def test_hdf5(tmp_path: Path, form: str) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        HDF5[form](file)
+    source = assert_read(tmp_path / "a.h5")
+    assert source.size == ((640, 480) if form == "M3ED" else SIZE)
+    if form == "OpenEB":
+        assert list(source.triggers) == [(5_000, 6, True), (9_000, 6, False)]
+
+
+def test_what_is_written_has_openebs_layout(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    with create_events(tmp_path / "a.h5", SIZE) as writer:
+        for first in range(0, N, 97):
+            writer.write(PACKET.part(first, first + 97, 0, 0))
+    # The entries as OpenEB's writer finds them, event by event.
+    entries, ahead, begin, since = [], (0, -1), (0, -1), (T - T[0]).tolist()
+    for number, time_us in enumerate(since):
+        while time_us // 2_000 + 1 > len(entries):
+            ahead = begin if number != begin[0] else ahead
+            entries.append(ahead)
+            begin = (number, time_us)
+    with h5py.File(tmp_path / "a.h5") as file:
+        events, indexes = file["CD/events"], file["CD/indexes"]
+        assert (events.dtype.itemsize, events.dtype.names) == (16, ("x", "y", "p", "t"))
+        np.testing.assert_array_equal(events["t"], T)
+        assert [tuple(map(int, entry)) for entry in indexes[:]] == [*entries, begin]
+        assert indexes.attrs["offset"] == str(-T[0])
+        assert file["EXT_TRIGGER/events"].dtype.itemsize == 24
+        assert len(file["EXT_TRIGGER/indexes"]) == 0
+
+
+def test_two_cameras_in_hdf5_are_chosen_by_number(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group(file, "prophesee/left", t=T + 5)
+        group(file, "prophesee/right")
+    with pytest.raises(ConfigError, match=r"--sensor.*0 \(/prophesee/left\), 1 \(/prophesee/right"):
+        open_events(tmp_path / "a.h5")
+    assert_read(tmp_path / "a.h5", sensor=1)
+    assert_read(tmp_path / "a.h5", 5, sensor=0)
+
+
+def test_prophesees_compression_is_named_with_a_package_that_reads_it(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        kind.set_chunk((N,))
+        kind.set_filter(0x8ECF, h5py.h5z.FLAG_OPTIONAL, ())
+        events = ARRAYS["Metavision"]
+        space, of = h5py.h5s.create_simple((N,)), h5py.h5t.py_create(events.dtype, logical=True)
+        made = h5py.h5d.create(file.create_group("CD").id, b"events", of, space, kind)
+        made.write_direct_chunk((0,), b"compressed" * 9, filter_mask=0)
+    with pytest.raises(MissingExtraError, match="pip install evlib"):
+        read(tmp_path / "a.h5", size=SIZE)
+
+
+def aedat2(chip: str, words: np.ndarray, times: np.ndarray) -> bytes:
+    pairs = np.column_stack([words, times]).astype(">u4")
+    head = f"#!AER-DAT2.0\r\n# This is a raw AE data file\r\n# AEChip: {chip}\r\n"
+    return head.encode() + pairs.tobytes()
+
+
+def test_aedat2_of_a_davis_leaves_frames_and_imu_out(tmp_path: Path) -> None:
+    words = (259 - Y) << 22 | (345 - X) << 12 | P.astype(np.int64) << 11
+    others = np.array([1 << 31 | 5 << 12, 1 << 31 | 3 << 10, 1 << 10])  # a frame, IMU, special
+    data = aedat2(
+        "eu.seebetter.ini.chips.davis.DAVIS346blue",
+        np.insert(words, [3, 40, 90], others),
+        np.insert(T, [3, 40, 90], T[[3, 40, 90]]),
+    )
+    (tmp_path / "a.aedat").write_bytes(data + b"\0\0\0")
+    source = assert_read(tmp_path / "a.aedat")
+    assert (source.size, dict(source.losses)) == (SIZE, {"other_data": 3, "truncated": 1})
+    (tmp_path / "a.aedat").write_bytes(aedat2("some.Retina", words, T))
+    with pytest.raises(FormatError, match="names no chip"):
+        open_events(tmp_path / "a.aedat")
+
+
+def test_aedat2_of_a_dvs128_has_addresses_of_its_own(tmp_path: Path) -> None:
+    x, y = X % 128, Y % 128
+    words = (127 - y) << 8 | (127 - x) << 1 | ~P
+    data = aedat2("ch.unizh.ini.jaer.chip.retina.DVS128", words, T)
+    (tmp_path / "a.aedat").write_bytes(data)
+    found, source = read(tmp_path / "a.aedat")
+    assert source.size == (128, 128)
+    for name, column in (("t", T), ("x", x), ("y", y), ("p", P)):
+        np.testing.assert_array_equal(getattr(found, name), column)
+
+
+def test_aedat3_keeps_its_triggers_and_leaves_frames_out(tmp_path: Path) -> None:
+    data = X.astype("u4") << 17 | Y.astype("u4") << 2 | P.astype("u4") << 1 | 1
+    data[7] ^= 1  # not valid
+
+    def packet(kind: int, size: int, body: bytes, overflows: int = 1) -> bytes:
+        count = len(body) // size
+        return struct.pack("<hhiiiiii", kind, 1, size, 4, overflows, count, count, count) + body
+
+    pairs = np.column_stack([data, T]).astype("<u4")
+    special = np.array([2 << 1 | 1, 100, 3 << 1 | 1, 200, 7 << 1 | 1, 300], "<u4")
+    head = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n"
+    body = packet(0, 8, special.tobytes()) + packet(1, 8, pairs[:300].tobytes())
+    body += (
+        packet(2, 36, bytes(72)) + packet(3, 36, bytes(36)) + packet(1, 8, pairs[300:].tobytes())
+    )
+    (tmp_path / "a.aedat").write_bytes(head + body)
+    found, source = read(tmp_path / "a.aedat")
+    np.testing.assert_array_equal(found.t, np.delete(T, 7) + (1 << 31))
+    np.testing.assert_array_equal(found.y, np.delete(Y, 7))
+    since = 1 << 31
+    edges = [(since + 100, 0, True), (since + 200, 0, False), (since + 300, 1, False)]
+    assert list(source.triggers) == edges
+    assert dict(source.losses) == {"other_data": 3, "trigger": 3}
+
+
+def test_aedat4_of_two_cameras_and_its_triggers(tmp_path: Path) -> None:
+    dv = pytest.importorskip("dv_processing", reason="the oracle comes with the extra [dv]")
+    left, right = (dv.io.MonoCameraWriter.Config(name) for name in ("LEFT_1", "RIGHT_2"))
+    for camera in (left, right):
+        camera.addEventStream(SIZE)
+        camera.addTriggerStream()
+    writer = dv.io.StereoCameraWriter(str(tmp_path / "a.aedat4"), left, right)
+    for side, shift in ((writer.left, 0), (writer.right, 5)):
+        store = dv.EventStore()
+        for t, x, y, p in zip(T.tolist(), X.tolist(), Y.tolist(), P.tolist(), strict=True):
+            store.push_back(t + shift, x, y, p)
+        side.writeEvents(store)
+    writer.left.writeTrigger(dv.Trigger(7_000, dv.TriggerType.EXTERNAL_SIGNAL_RISING_EDGE))
+    writer.left.writeTrigger(dv.Trigger(8_000, dv.TriggerType.EXTERNAL_SIGNAL_FALLING_EDGE))
+    writer.left.writeTrigger(dv.Trigger(8_500, dv.TriggerType.APS_FRAME_START))
+    del writer, side
+    with pytest.raises(ConfigError, match=r"0 \(LEFT_1, 346x260 px\), 1 \(RIGHT_2"):
+        open_events(tmp_path / "a.aedat4")
+    source = assert_read(tmp_path / "a.aedat4", sensor=0)
+    assert list(source.triggers) == [(7_000, 0, True), (8_000, 0, False)]
+    assert_read(tmp_path / "a.aedat4", 5, sensor=1)
+
+
+MESSAGES = {
+    "dvs_msgs/msg/Event": "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity",
+    "dvs_msgs/msg/EventArray": (
+        "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events"
+    ),
+}
+
+
+def write_bag(path: Path, kind: str, topics: dict[str, int], storage: str) -> None:
+    """Write messages of events with rosbags: ``topics`` are shifted by so many us."""
+    rosbags = pytest.importorskip("rosbags", reason="the oracle of bags")
+    assert rosbags
+    from rosbags import rosbag1, rosbag2, typesys
+
+    ros1 = storage == "ros1"
+    store = typesys.get_typestore(
+        typesys.Stores.ROS1_NOETIC if ros1 else typesys.Stores.ROS2_HUMBLE
+    )
+    for name, text in MESSAGES.items():
+        own = name.replace("dvs_msgs", kind)
+        store.register(typesys.get_types_from_msg(text.replace("dvs_msgs", kind), own))
+    types, name = store.types, f"{kind}/msg/EventArray"
+    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    if ros1:
+        writer: Any = rosbag1.Writer(path)
+    else:
+        plugin = getattr(rosbag2.StoragePlugin, "MCAP" if storage == "mcap" else "SQLITE3")
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    with writer:
+        links = {topic: writer.add_connection(topic, name, typestore=store) for topic in topics}
+        for first in range(0, N, 37):
+            for topic, shift in topics.items():
+                events = [
+                    types[f"{kind}/msg/Event"](x, y, time(*divmod((t + shift) * 1_000, 10**9)), p)
+                    for t, x, y, p in zip(
+                        *(column[first : first + 37].tolist() for column in (T, X, Y, P)),
+                        strict=True,
+                    )
+                ]
+                stamp = {"seq": 0} if ros1 else {}
+                head = header(stamp=time(1, 2), frame_id="camera", **stamp)
+                message = types[name](header=head, height=260, width=346, events=events)
+                serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+                writer.write(links[topic], first + 1, serialize(message, name))
+
+
+@pytest.mark.parametrize("storage", ["ros1", "sqlite3", "mcap"])
+@pytest.mark.parametrize("kind", ["dvs_msgs", "prophesee_event_msgs"])
+def test_bags_of_single_events(tmp_path: Path, storage: str, kind: str) -> None:
+    path = tmp_path / ("a.bag" if storage == "ros1" else "a")
+    write_bag(path, kind, {"/camera/events": 0}, storage)
+    source = assert_read(path)
+    assert (source.size, dict(source.losses)) == (SIZE, {})
+    if storage != "ros1":
+        assert_read(next(item for item in path.iterdir() if item.suffix in (".db3", ".mcap")))
+
+
+@pytest.mark.parametrize("storage", ["ros1", "sqlite3"])
+def test_bags_of_two_cameras(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / ("a.bag" if storage == "ros1" else "a")
+    write_bag(path, "dvs_msgs", {"/right/events": 5, "/left/events": 0}, storage)
+    with pytest.raises(ConfigError, match=r"0 \(/left/events\), 1 \(/right/events\)"):
+        open_events(path)
+    assert_read(path, sensor=0)
+    assert_read(path, 5, sensor=1)
+
+
+def test_split_bags_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number, shift in ((10, 2_000_000), (9, 1_000_000), (2, 0)):
+        write_bag(tmp_path / f"drive_{number}.bag", "dvs_msgs", {"/e": shift}, "ros1")
+    found, _ = read(tmp_path)
+    expected = np.concatenate([T, T + 1_000_000, T + 2_000_000])
+    np.testing.assert_array_equal(found.t, expected)
+
+
+@pytest.mark.parametrize("name", ["a.raw", "a.csv", "a.npz", "a.aedat4"])
+def test_packed_recordings(tmp_path: Path, name: str) -> None:
+    with create_events(tmp_path / name, SIZE) as writer:
+        writer.write(PACKET)
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / f"{name}.gz").write_bytes(gzip.compress(content))
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("__MACOSX/junk", b"")
+        archive.writestr(f"day/{name}", content)
+    for path in (tmp_path / f"{name}.gz", tmp_path / "a.zip"):
+        source = assert_read(path)
+        assert any("unpacked" in note for note in source.notes)
+        folder = source.path.parent
+        del source
+        assert not folder.exists()
+
+
+def test_archives_are_bounded_and_must_hold_one_recording(tmp_path: Path) -> None:
+    (tmp_path / "bomb.gz").write_bytes(gzip.compress(bytes(300 << 20), 9))
+    with pytest.raises(FormatError, match="unpacks to more than"):
+        open_events(tmp_path / "bomb.gz")
+    with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:
+        for name in ("a.raw", "b.raw"):
+            archive.writestr(name, b"% evt 3.0\n")
+    with pytest.raises(FormatError, match=r"holds a\.raw, b\.raw; a zip with exactly one"):
+        open_events(tmp_path / "two.zip")
+    cut = gzip.compress(table().encode())[:3_000]
+    (tmp_path / "cut.csv.gz").write_bytes(cut)
+    found, source = read(tmp_path / "cut.csv.gz")
+    assert 100 < len(found) < N
+    assert source.losses["truncated"] == 1
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+def test_the_content_decides_before_the_ending(tmp_path: Path, encoding: str) -> None:
+    with create_events(tmp_path / "a.raw", SIZE, encoding=encoding) as writer:
+        writer.write(PACKET)
+    data = (tmp_path / "a.raw").read_bytes()
+    for name in ("a.bin", "a.csv", "a", "a.dat"):
+        (tmp_path / name).write_bytes(data)
+        assert assert_read(tmp_path / name).format.startswith("EVT")
+    (tmp_path / "b.log").write_text(TEXTS["any order by a header"])
+    assert_read(tmp_path / "b.log")
+
+
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+def test_triggers_outlive_a_copy(tmp_path: Path, encoding: str) -> None:
+    from spikingtac.events.formats.codec import Triggers
+
+    triggers = Triggers()
+    triggers.append(
+        [T[0] - 5, T[5], T[5] + 1, 500_000, T[-1] + 70], [0, 1, 1, 4, 0], [1, 1, 0, 1, 0]
+    )
+    for name, code in (("a.raw", encoding), ("a.npz", None), ("a.h5", None)):
+        with create_events(tmp_path / name, SIZE, encoding=code) as writer:
+            writer.add_triggers(triggers)
+            writer.write(PACKET.part(0, 300, 0, 0))
+            writer.write(PACKET.part(300, N, 0, 0))
+        source = assert_read(tmp_path / name, strict=True)
+        assert list(source.triggers) == list(triggers)
+        assert source.triggers.channels()["1"]["count"] == 2
+
+
+def test_the_collection_is_read_as_its_index_says(data_dir: Path) -> None:
+    folder = data_dir / "files"
+    index = json.loads((folder / "index.json").read_text(encoding="utf-8"))
+    assert len(index) == 28
+    for case in index.values():
+        if case.get("refused"):
+            with pytest.raises(FormatError):
+                read(folder / case["file"])
+            continue
+        found, source = read(folder / case["file"])
+        tolerance = case.get("tolerance_us", 0)
+        assert len(found) == case["events"], case["file"]
+        assert case["size"] in (None, list(source.size)), case["file"]
+        assert found.p.mean() == pytest.approx(case["on_fraction"], abs=1e-3)
+        assert abs(found.t[0] - case["t_first_us"]) <= tolerance
+        assert abs(found.t[-1] - case["t_last_us"]) <= tolerance
+        assert len(source.triggers) == case.get("triggers", 0)
