@@ -7,7 +7,13 @@ import pytest
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.course import Course, PixelSteps
+from spikingtac.markers.calibration.disc_corrections import (
+    RESIDUAL_LEVEL,
+    common_sums_kernel,
+    corrections,
+    slopes_kernel,
+    state_sums_kernel,
+)
 from spikingtac.markers.calibration.disc_fits import (
     claim_kernel,
     fit_kernel,
@@ -16,34 +22,26 @@ from spikingtac.markers.calibration.disc_fits import (
     sums_kernel,
 )
 from spikingtac.markers.calibration.disc_levels import (
+    Course,
     Discs,
+    PixelSteps,
     draw_kernel,
     nearest_markers,
     stretched_kernel,
 )
-from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, swings_kernel
+from spikingtac.markers.calibration.expected_levels import (
+    PHASES,
+    Walk,
+    walk,
+)
 from spikingtac.markers.calibration.following import (
     lead_kernel,
     move_kernel,
     note_polarity_kernel,
     pull_kernel,
 )
-from spikingtac.markers.calibration.refinement.disc_corrections import (
-    RESIDUAL_LEVEL,
-    common_sums_kernel,
-    corrections,
-    slopes_kernel,
-    state_sums_kernel,
-)
-from spikingtac.markers.calibration.refinement.expected_levels import (
-    PHASES,
-    Walk,
-    walk,
-)
-from spikingtac.markers.calibration.refinement.offset_memory import (
-    OffsetMemory,
-    remove_offsets_kernel,
-)
+from spikingtac.markers.calibration.level_maps import MeanSteps, level_maps, swings_kernel
+from spikingtac.markers.calibration.offset_memory import OffsetMemory, remove_offsets_kernel
 from spikingtac.markers.calibration.swing_counts import count_swings_kernel
 from spikingtac.markers.calibration.swings import steps_of_counts
 from spikingtac.markers.calibration_check import (

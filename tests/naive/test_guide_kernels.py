@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide.streamed_levels import (
+from spikingtac.markers.calibration.guide_levels import (
     DARK,
     SLOWEST_SWING_US,
     SWUNG_LEVEL,

@@ -22,9 +22,8 @@ from spikingtac.calibration.document import (
     checked_document,
     pack_map,
 )
-from spikingtac.calibration.lens import Lens
+from spikingtac.calibration.lens import Lens, SkinScale
 from spikingtac.calibration.pitch import mean_pitch_px
-from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.errors import CalibrationError
 from spikingtac.file_kinds import told_kind
 
@@ -56,10 +55,10 @@ class Calibration:
         lens: Where on the flat skin each pixel looks, or None: ``px_per_mm`` stands for all.
         band_scale_on: Factor from ``step_on`` to the step of the band fit, or None: the graded map
             serves this sensor better
-            (:mod:`spikingtac.markers.calibration.trial_tracking.step_scale`).
+            (:mod:`spikingtac.markers.calibration.trial_tracking`).
         band_scale_off: The same for ``step_off``.
         recovery_s: Time in which pixels forget light that they lost without an event, s, or None:
-            they do not (:mod:`spikingtac.markers.calibration.refinement.recovery`).
+            they do not (:mod:`spikingtac.markers.calibration.recovery`).
         hot_px: ``(h, 2)`` columns and rows of pixels whose events tell nothing, or None
             (:mod:`spikingtac.events.hot_pixels`).
         hysteresis: Output law that this sensor's owner asked for, or None (the preset's).
@@ -109,8 +108,7 @@ class Calibration:
     @property
     def steps_scaled_apart(self) -> bool:
         """Whether tracking asked for another ratio of ON to OFF steps than events tell."""
-        scales = self.provenance.get("step_scale")
-        return isinstance(scales, list | tuple) and any(one != scales[0] for one in scales)
+        return self.band_scale_on != self.band_scale_off
 
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.

@@ -56,14 +56,10 @@ FEWEST_PIXELS = 100
 STANDARD_ERRORS = 1.64
 """The share must exceed the limit by this: 95 % of the shares by chance do not."""
 
-LEAST_LIMIT = 0.06
+MOST_CONTRADICTION = 0.06
 """Share of contradictions that is never suspicious. (Ours: 200 simulated recordings with their own
 calibration stay below 0.032, the recorded sensor below 0.027; with that of another specimen 199
 exceed 0.06.)"""
-
-OWN_FACTOR = 1.5
-"""The limit is this multiple of the share in the recording of the calibration, where that is more:
-a sensor may contradict itself."""
 
 ENOUGH_SHARE = 0.5
 """The check ends when this share of the pixels has answered: later first events follow motions that
@@ -102,8 +98,7 @@ class CalibrationCheck:
         self._dark = calibration.polarity == "dark"
         self._filter = HotPixelFilter(calibration.hot_px, calibration.size)
         self._turn_us: int | None = None
-        own = float(calibration.provenance.get("contradiction", 0.0))
-        self.limit = max(LEAST_LIMIT, OWN_FACTOR * own)
+        self.limit = MOST_CONTRADICTION
         self.contradiction = 0.0
         self.ended = not len(self._marker)
 

@@ -1,6 +1,6 @@
 """A skin that was released is where it rests: what is left then is no displacement.
 
-Pixels that recover (:mod:`spikingtac.markers.calibration.refinement.recovery`) do not remember
+Pixels that recover (:mod:`spikingtac.markers.calibration.recovery`) do not remember
 where their disc rested: each contact leaves fits beside their rests, half a pixel on the recorded
 sensor, at random from marker to marker. The gel does remember: after a release it sends no event
 more, so that it stands still within 0.1 s. What is left once a contact has ended, and the skin

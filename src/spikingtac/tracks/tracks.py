@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.calibration.skin_scale import SkinScale
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.file_kinds import kind_of, told_kind

@@ -16,9 +16,9 @@ from spikingtac.atomic_files import require_free
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import SpikingTacError
 from spikingtac.events.source import EventSource
+from spikingtac.markers.calibration.advice import advice, way_of
 from spikingtac.markers.calibration.calibrate import CalibrationConfig
-from spikingtac.markers.calibration.guide.advice import advice, way_of
-from spikingtac.markers.calibration.guide.guide import CalibrationGuide, GuideView
+from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.stream.host import Factory
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac.viewer.calibration_run import CalibrationRun, stored

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.lens import Lens
-from spikingtac.calibration.lens_fit import fit_lens, with_lens
+from spikingtac.calibration.lens import Lens, fit_lens, with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.sim.optics import Lens as Pinhole

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.calibration.lens import Lens
-from spikingtac.calibration.skin_scale import SkinScale
+from spikingtac.calibration.lens import Lens, SkinScale
 
 CENTER_PX = (160.0, 120.0)
 HALF_DIAGONAL_PX = 200.0

@@ -12,7 +12,7 @@ from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration_check import LEAST_LIMIT, CalibrationCheck
+from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.types import EventPacket
 
@@ -145,12 +145,6 @@ def test_noise_before_the_motion_is_forgotten(recording: EventPacket) -> None:
     )
     assert not judged(calibration(), noise, later).foreign
     assert judged(calibration(1.5), noise, later).foreign
-
-
-def test_a_sensor_that_contradicts_itself_is_given_more(recording: EventPacket) -> None:
-    learned = replace(calibration(1.5), provenance={"contradiction": 0.5})
-    assert judged(learned, recording).contradiction > LEAST_LIMIT
-    assert not judged(learned, recording).foreign
 
 
 def test_a_marker_that_was_never_measured_is_not_asked(recording: EventPacket) -> None:

@@ -76,9 +76,8 @@ def _only_one(args: Args) -> Path:
 def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> EventSource:
     """Return the source; that of a camera tells what the calibration still lacks."""
     from spikingtac.events.evt.raw_stream import is_stream
-    from spikingtac.markers.calibration.guide.advice import progress_line
-    from spikingtac.markers.calibration.guide.guide import CalibrationGuide
-    from spikingtac.markers.calibration.guide.guided_source import GuidedSource
+    from spikingtac.markers.calibration.advice import GuidedSource, progress_line
+    from spikingtac.markers.calibration.guide import CalibrationGuide
 
     if not (args.guide or args.until_ready or is_stream(args.recordings[0])):
         return source
@@ -200,6 +199,6 @@ def _notes_of_layout(found: dict[str, Any]) -> list[str]:
 
 
 def _named(calibration: Calibration, marker: int) -> str:
-    from spikingtac.markers.calibration.finding.sighting import marker_name
+    from spikingtac.markers.calibration.quality import marker_name
 
     return marker_name(marker, calibration.grid)

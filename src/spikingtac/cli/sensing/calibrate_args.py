@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from spikingtac.cli.many import ManyArgs
-from spikingtac.markers.calibration.layout import LayoutKind
+from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.types import Polarity
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.atomic_files import replacing
-from spikingtac.calibration.skin_scale import SkinScale
+from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spikingtac.calibration.skin_scale import SkinScale
+from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs
 from spikingtac.cli.messages import remark, warn

@@ -16,9 +16,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.course import Course, PixelSteps
 from spikingtac.markers.calibration.disc_fits import Scene, fit_room, fit_some_kernel
-from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, nearest_markers
+from spikingtac.markers.calibration.disc_levels import (
+    Course,
+    Discs,
+    PixelSteps,
+    draw_kernel,
+    nearest_markers,
+)
 from spikingtac.state_map.two_threads import divide
 
 PULL = 0.2

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.refinement.disc_corrections import corrections
-from spikingtac.markers.calibration.refinement.expected_levels import walk
-from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
-from spikingtac.markers.calibration.refinement.refine import Refined
-from spikingtac.markers.calibration_check import CalibrationCheck
+from spikingtac.markers.calibration.disc_corrections import corrections
+from spikingtac.markers.calibration.expected_levels import walk
+from spikingtac.markers.calibration.layout import Layout
+from spikingtac.markers.calibration.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.refine import Refined
 
 FEWEST_EXPLAINED_SHARE = 0.5
 """A marker with few events is measured when its disc explains this share of what the median disc
@@ -29,9 +28,6 @@ markers that is enough in itself."""
 DOUBTFUL_SHARE = 0.5
 """A measured marker is doubtful when its disc explains less than this share of the median."""
 
-CHECKED_EVENTS = 1 << 16
-"""Events at a time that are compared with the calibration."""
-
 GRID_EXPLAINED = 0.15
 """Median of the explained shares below which no grid of discs was seen."""
 
@@ -40,6 +36,13 @@ MEMORY = OffsetMemory(30.0, 1.0)
 
 WORDS = ((0.75, "very good"), (0.55, "good"), (0.35, "usable"), (0.0, "poor"))
 """What the median of the explained shares is called."""
+
+
+MOST_MISSING_SHARE = 1 / 3
+"""A grid of which more is missing was not found."""
+
+MOST_NAMED = 8
+"""Missing markers that an error names one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,25 +126,6 @@ def refuse_without_grid(quality: Quality) -> None:
         )
 
 
-def own_contradiction(events: BufferedEvents, calibration: Calibration) -> float:
-    """Return by how much a recording contradicts the calibration that was learned from it.
-
-    Args:
-        events: The recording, markers brighter than the ground.
-        calibration: What was learned.
-    """
-    check = CalibrationCheck(replace(calibration, polarity="white"))
-    check.limit = 1.0  # to the end, whatever is found
-    begin = 0
-    while begin < len(events) and not check.ended:
-        end = min(begin + CHECKED_EVENTS, len(events))
-        first_us, last_us = (int(events.time_us[i]) for i in (begin, end - 1))
-        check.absorb(events.packet((begin, end), (first_us, last_us + 1)))
-        begin = end
-    check.finish()
-    return check.contradiction
-
-
 def provenance(quality: Quality) -> dict[str, Any]:
     """Return the quality as keys of a calibration's provenance."""
     return {
@@ -150,3 +134,66 @@ def provenance(quality: Quality) -> dict[str, Any]:
         "explained": np.round(quality.explained, 3).tolist(),
         "events": np.round(quality.events).astype(int).tolist(),
     }
+
+
+def refuse_gaps(
+    layout: Layout, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
+) -> None:
+    """Refuse a layout of which too many markers are missing.
+
+    Args:
+        layout: The layout.
+        size: ``(width, height)``.
+        missing: Indices of the markers that the recording does not show.
+        allowed: How many may be; None allows a third.
+
+    Raises:
+        CalibrationError: More are missing; names them and says where to touch.
+    """
+    most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
+    if len(missing) > most:
+        raise CalibrationError(missing_markers_text(layout, size, missing))
+
+
+def missing_markers_text(layout: Layout, size: tuple[int, int], missing: NDArray[np.int64]) -> str:
+    """Say which markers of a layout are missing, where they should be, and where to touch."""
+    place = layout.expected_px
+    named = [
+        f"{marker_name(index, layout.shape)} "
+        f"(expected near x {place[index][0]:.0f}, y {place[index][1]:.0f} px)"
+        for index in missing[:MOST_NAMED]
+    ]
+    more = len(missing) - len(named)
+    regions = sorted({region(place[index], size) for index in missing})
+    shape = "free layout" if layout.shape is None else "{}x{} grid".format(*layout.shape)
+    return (
+        f"{len(missing)} of {len(place)} markers of the {shape} were not "
+        f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
+        f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "
+        f"diameter, and record again; if they are broken, give --allow-missing {len(missing)}; if "
+        "the grid is another, give --grid ROWSxCOLUMNS"
+    )
+
+
+def marker_name(index: int, shape: tuple[int, int] | None) -> str:
+    """Return how a person finds a marker: ``row 1, column 2``, or its number where none are.
+
+    Example:
+        >>> marker_name(9, (8, 8)), marker_name(9, None)
+        ('row 2, column 2', 'marker 9')
+    """
+    if shape is None:
+        return f"marker {index}"
+    return f"row {index // shape[1] + 1}, column {index % shape[1] + 1}"
+
+
+def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
+    """Return which ninth of the image a place is in, as ``upper left``.
+
+    Args:
+        position_px: ``(2,)`` the place, px.
+        size: ``(width, height)``.
+    """
+    third = np.clip(np.floor(3 * position_px / np.array(size)), 0, 2).astype(int)
+    across, down = ("left", "middle", "right")[third[0]], ("upper", "middle", "lower")[third[1]]
+    return "middle" if across == down else f"{down} {across}"

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.course import Course, PixelSteps
-from spikingtac.markers.calibration.disc_levels import Discs
-from spikingtac.markers.calibration.finding.level_maps import MeanSteps
+from spikingtac.markers.calibration.disc_levels import Course, Discs, PixelSteps
+from spikingtac.markers.calibration.level_maps import MeanSteps
 from spikingtac.markers.calibration.swing_counts import count_swings
 from spikingtac.markers.graded.appearance import nearest_marker
 
@@ -154,3 +153,6 @@ def _nearby_sums(
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
     return np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
+
+
+"""Events that come so many samples late still count for a swing."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.markers.calibration.course import Course, led_by_neighbours
+from spikingtac.markers.calibration.disc_levels import Course, led_by_neighbours
 
 
 def test_a_stuck_marker_is_led_by_the_nearest_others() -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.layout import ABSENT, expected_places, find_layout
+from spikingtac.markers.calibration.lattice import expected_places
+from spikingtac.markers.calibration.layout import ABSENT, find_layout
 
 SIZE = (640, 480)
 

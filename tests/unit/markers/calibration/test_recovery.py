@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.refinement import recovery
+from spikingtac.markers.calibration import recovery
 
 
 @pytest.mark.parametrize(
@@ -23,9 +23,8 @@ from spikingtac.markers.calibration.refinement import recovery
 def test_recovery_must_explain_the_events_better_and_off_events_must_be_missing(
     monkeypatch: pytest.MonkeyPatch, factors: tuple[float, ...], on: int, recovers: bool
 ) -> None:
-    from spikingtac.markers.calibration.course import Course, PixelSteps
-    from spikingtac.markers.calibration.disc_levels import Discs
-    from spikingtac.markers.calibration.refinement.refine import MOST_ROUNDS, Refined
+    from spikingtac.markers.calibration.disc_levels import Course, Discs, PixelSteps
+    from spikingtac.markers.calibration.refine import MOST_ROUNDS, Refined
 
     one, none = np.ones(1), np.zeros((1, 1))
     course = Course(np.zeros(1, np.int64), np.zeros((1, 1, 2)), none)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.trial_tracking.step_scale import fit_step_scale
+from spikingtac.markers.calibration.trial_tracking import fit_step_scale
 from stand_ins.swaying_discs import (
     PERIOD_US,
     REST_PX,

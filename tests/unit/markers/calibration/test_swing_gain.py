@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.refinement.expected_levels import Walk
-from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
-from spikingtac.markers.calibration.refinement.swing_gain import swing_gain
+from spikingtac.markers.calibration.expected_levels import Walk
+from spikingtac.markers.calibration.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.refine import swing_gain
 
 MEMORY = OffsetMemory(4.0, 0.1)
 STATES, SHAPE = 40, (40, 30)

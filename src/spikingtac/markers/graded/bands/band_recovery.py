@@ -2,7 +2,7 @@
 
 A pixel that is darker than at its last event, by less than an OFF step, comes to take the darker
 level for granted: the level from which its next event counts sinks to what the disc shows. So on
-sensors that recover (:mod:`spikingtac.markers.calibration.refinement.recovery`) a level never stays
+sensors that recover (:mod:`spikingtac.markers.calibration.recovery`) a level never stays
 above its disc at rest, and every rest is an anchor. Ours.
 """
 

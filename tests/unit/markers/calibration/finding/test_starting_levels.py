@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from spikingtac.events.source import PacketSource
+from spikingtac.markers.calibration import level_maps as module
 from spikingtac.markers.calibration.buffered_events import BufferedEvents, buffer_events
-from spikingtac.markers.calibration.finding import starting_levels as module
-from spikingtac.markers.calibration.finding.level_maps import MeanSteps
-from spikingtac.markers.calibration.finding.starting_levels import starting_levels
+from spikingtac.markers.calibration.level_maps import MeanSteps, starting_levels
 from stand_ins.ideal_events import ideal_events
 
 SIZE, STEPS = (80, 60), MeanSteps(0.15, 0.15)

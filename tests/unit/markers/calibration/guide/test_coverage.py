@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide.coverage import OPPOSITE, SIDES, coverage
+from spikingtac.markers.calibration.guide_levels import OPPOSITE, SIDES, coverage
 
 SHAPE = (40, 60)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide.advice import FIRST, advice, progress_line, way_of
-from spikingtac.markers.calibration.guide.guide import CalibrationGuide, GuideView
+from spikingtac.markers.calibration.advice import FIRST, advice, progress_line, way_of
+from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.types import EventPacket
 from stand_ins.sliding import GRID, MARKERS, RADIUS_PX, SIZE, packets_of_trips, resting_px, trip
 

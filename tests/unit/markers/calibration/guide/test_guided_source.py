@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.events.source import PacketSource
-from spikingtac.markers.calibration.guide.guide import CalibrationGuide, GuideView
-from spikingtac.markers.calibration.guide.guided_source import TELL_US, GuidedSource
+from spikingtac.markers.calibration.advice import TELL_US, GuidedSource
+from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
 from spikingtac.types import EventPacket
 
 SIZE = (16, 12)

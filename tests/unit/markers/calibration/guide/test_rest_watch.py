@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.calibration.guide.rest_watch import RestWatch
+from spikingtac.markers.calibration.guide import RestWatch
 from spikingtac.types import EventPacket
 
 SIZE = (8, 8)

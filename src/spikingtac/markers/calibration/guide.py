@@ -1,7 +1,8 @@
-"""What a calibration would find in the events so far, and what it still lacks."""
+"""How much of each marker's disc has been seen to change, and on which side."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -9,17 +10,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.markers.calibration.finding.sighting import (
+from spikingtac.markers.calibration.guide_levels import Coverage, StreamedLevels, coverage
+from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.rests import (
+    BIN_US,
+    SHORTEST_REST_US,
+    SMOOTH_BINS,
+    quiet_limit,
+)
+from spikingtac.markers.calibration.sighting import (
     FindingConfig,
     Sighting,
     lit_share,
     sight_markers,
 )
-from spikingtac.markers.calibration.guide.coverage import Coverage, coverage
-from spikingtac.markers.calibration.guide.rest_watch import RestWatch
-from spikingtac.markers.calibration.guide.streamed_levels import StreamedLevels
-from spikingtac.markers.calibration.layout import LayoutKind
 from spikingtac.types import EventPacket, Polarity
+
+MOST_BINS = 1_200
+"""Bins that are remembered: a minute of 50 ms each."""
+
+NOISE_DEVIATIONS = 5.0
+"""Quiet counts reach from 1.6 standard deviations of Poisson noise below their mean (the fifth
+percentile) to some three above it."""
+
+
+BIN_SUM_US = BIN_US * SMOOTH_BINS
+"""Length of a bin, us: as long as the calibration sums over."""
+
+
+class RestWatch:
+    """Counts events in bins and separates rest from motion, as the calibration does afterwards.
+
+    Attributes:
+        rests: Rests so far, the present one included.
+        resting: Whether the skin rests now.
+    """
+
+    def __init__(self) -> None:
+        self._bins: deque[int] = deque(maxlen=MOST_BINS)
+        self._begin_us: int | None = None
+        self._count = 0
+        self._quiet_us = 0
+        self.rests = 0
+
+    @property
+    def resting(self) -> bool:
+        """Whether the quiet has lasted for as long as a rest does."""
+        return self._quiet_us >= SHORTEST_REST_US
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take the next events."""
+        if self._begin_us is None:
+            self._begin_us = packet.t_start_us
+        first = 0
+        while packet.t_end_us >= self._begin_us + BIN_SUM_US:
+            last = int(np.searchsorted(packet.t, self._begin_us + BIN_SUM_US))
+            self._end_bin(self._count + last - first)
+            first, self._count = last, 0
+            self._begin_us += BIN_SUM_US
+            self._begin_us += self._silent_us(packet, first)
+        self._count += len(packet) - first
+
+    def _silent_us(self, packet: EventPacket, first: int) -> int:
+        # A long silence is one rest; its bins are not counted one by one.
+        assert self._begin_us is not None
+        next_us = int(packet.t[first]) if first < len(packet) else packet.t_end_us
+        skipped = (next_us - self._begin_us) // BIN_SUM_US
+        if skipped < MOST_BINS:
+            return 0
+        self._bins.extend([0] * MOST_BINS)
+        return int(skipped) * BIN_SUM_US
+
+    def _end_bin(self, count: int) -> None:
+        self._bins.append(count)
+        was = self.resting
+        self._quiet_us = (
+            self._quiet_us + BIN_SUM_US
+            if count <= quiet_limit(np.array(self._bins, float), NOISE_DEVIATIONS)
+            else 0
+        )
+        self.rests += self.resting and not was
+
 
 LOOK_US = 500_000
 """Sensor time between two looks for the grid, us (ours: a look takes some 20 ms)."""
@@ -56,7 +127,7 @@ class GuideView:
         radius_px: Typical radius of the markers, px.
         share: ``(m,)`` share of each disc that has been seen to change.
         sides: ``(m, 4)`` the same by
-            :data:`~spikingtac.markers.calibration.guide.coverage.SIDES`.
+            :data:`~spikingtac.markers.calibration.guide_levels.SIDES`.
         rests: How often the skin has rested.
         resting: Whether it rests now.
         polarity: White or dark markers.

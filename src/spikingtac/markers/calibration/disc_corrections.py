@@ -17,12 +17,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.calibration.course import PixelSteps
 from spikingtac.markers.calibration.disc_levels import (
     LEVEL_VARIANCE,
     MARGIN_PX,
     OUTSIDE_EDGES,
     Discs,
+    PixelSteps,
     crowded_kernel,
     nearer_kernel,
     nearest_markers,
@@ -30,8 +30,8 @@ from spikingtac.markers.calibration.disc_levels import (
     rim_px_kernel,
     stretched_kernel,
 )
-from spikingtac.markers.calibration.refinement.expected_levels import Walk
-from spikingtac.markers.calibration.refinement.offset_memory import OffsetMemory
+from spikingtac.markers.calibration.expected_levels import Walk
+from spikingtac.markers.calibration.offset_memory import OffsetMemory
 from spikingtac.state_map.two_threads import divide
 
 RESIDUAL_LEVEL = 0.35

@@ -18,8 +18,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.course import Course, PixelSteps
-from spikingtac.markers.calibration.disc_levels import Discs, draw_kernel, stretched_kernel
+from spikingtac.markers.calibration.disc_levels import (
+    Course,
+    Discs,
+    PixelSteps,
+    draw_kernel,
+    stretched_kernel,
+)
 from spikingtac.state_map.two_threads import divide
 
 PHASES = 4

@@ -6,7 +6,7 @@ The tracker sees each event once and has no second look: a disc that lags behind
 map leak towards the wrong place. Where OFF events are rare, or where edges are so wide that no
 pixel swings fully, steps that explain the counts of events on the average let it lag. How far, the
 recording itself tells: all events together say where the markers went
-(:mod:`spikingtac.markers.calibration.refinement`), and ON and OFF steps are scaled while that
+(:mod:`spikingtac.markers.calibration.refine`), and ON and OFF steps are scaled while that
 brings the tracker nearer to it. On sensors like the twin's the steps stay as they are, on the
 recorded one ON steps grow 2.4 times and OFF steps shrink by a third.
 
@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.refinement.refine import Refined
+from spikingtac.markers.calibration.reference import CREPT_SHARE, typical
+from spikingtac.markers.calibration.refine import Refined
 from spikingtac.markers.graded.bands.band_locator import (
     BandLocator,
     BandLocatorConfig,
@@ -83,8 +84,11 @@ EVENTS_PER_MARKER = 1.0
 
 def with_step_scale(
     events: BufferedEvents, refined: Refined, calibration: Calibration
-) -> Calibration:
+) -> tuple[Calibration, bool]:
     """Return a calibration with the steps, and the way to fit discs, that suit the sensor.
+
+    Also whether the tracker's own rests should be the reference: it asks for another ratio of the
+    steps than the events, or pixels recover.
 
     Args:
         events: The recording, markers brighter than the ground.
@@ -96,7 +100,8 @@ def with_step_scale(
     scaled = calibration.with_steps_scaled(on, off)
     if calibration.recovery_s is not None or (on == off and has_rare_off(calibration)):
         scaled = replace(scaled, band_scale_on=1.0 / on, band_scale_off=1.0 / off)
-    return replace(scaled, provenance={**scaled.provenance, "step_scale": [on, off]})
+    noted = replace(scaled, provenance={**scaled.provenance, "step_scale": [on, off]})
+    return noted, on != off or calibration.recovery_s is not None
 
 
 def has_rare_off(calibration: Calibration) -> bool:
@@ -190,3 +195,34 @@ def _windows(
             span_us = start * period_us, end * period_us
             yield events.packet((index[start], index[end]), span_us)
             start = end
+
+
+def with_tracked_reference(
+    events: BufferedEvents, calibration: Calibration, rests_us: NDArray[np.int64]
+) -> Calibration:
+    """Return a calibration whose reference is where the tracker finds the markers after contacts.
+
+    It is the same calibration without a rest after a contact.
+
+    Args:
+        events: The recording, markers brighter than the ground.
+        calibration: Its steps are those that suit the tracker.
+        rests_us: ``(rests, 2)`` when nothing touched the skin, us since the start of the recording.
+            The first one is left out: at it the tracker stands where it was put.
+    """
+    if len(rests_us) < 2:
+        return calibration
+    after_us = rests_us[1:]
+    t_us, center_px = track(events, calibration)
+    length_us = np.diff(after_us, axis=1)[:, 0]
+    first = np.searchsorted(t_us, after_us[:, 0] + (CREPT_SHARE * length_us).astype(np.int64))
+    last = np.searchsorted(t_us, after_us[:, 1])
+    rest_px = np.array([
+        np.median(center_px[begin : max(end, begin) + 1], axis=0)
+        for begin, end in zip(first.clip(0, len(t_us) - 1), last, strict=True)
+    ])  # fmt: skip
+    found_px = typical(rest_px, length_us)
+    if calibration.marker_measured is not None:
+        measured = calibration.marker_measured[:, np.newaxis]
+        found_px = np.where(measured, found_px, calibration.reference_px)
+    return replace(calibration, reference_px=found_px)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
-from spikingtac.markers.calibration.refinement.refine import MOST_ROUNDS, Refined, refine
+from spikingtac.markers.calibration.refine import MOST_ROUNDS, Refined, refine
 
 RECOVERY_S = 0.2
 """Time in which it is forgotten, s (the counts of the recorded sensor, pixel by pixel and burst by
@@ -26,7 +26,7 @@ LEAST_ON_SHARE = 0.6
 """Share of ON events below which nothing is missing of the OFF events (the recorded sensor 0.75,
 simulated ones that recover 0.68 and 0.72, those whose thresholds are alike 0.51)."""
 
-LEAST_GAIN = 0.1
+RECOVERY_GAIN = 0.1
 """Share by which the levels left over must shrink, the median over the markers (the recorded sensor
 0.17, parts of it 0.13 to 0.24; simulated ones that recover 0.14 to 0.16, those that do not 0.08 at
 most; from four short presses it cannot be told)."""
@@ -45,7 +45,7 @@ def with_recovery(
 ) -> Refined:
     """Return what explains the events better: pixels that recover, or ``refined``, without.
 
-    The arguments are those of :func:`~spikingtac.markers.calibration.refinement.refine.refine`.
+    The arguments are those of :func:`~spikingtac.markers.calibration.refine.refine`.
     """
     if float(np.mean(events.code & 1)) < LEAST_ON_SHARE:
         return refined
@@ -54,7 +54,7 @@ def with_recovery(
     if _left_over(recovering, refined) > HOPELESS:
         return refined
     recovering = refine(events, recovering, *about, MOST_ROUNDS - FIRST_ROUNDS)
-    return recovering if _left_over(recovering, refined) < 1.0 - LEAST_GAIN else refined
+    return recovering if _left_over(recovering, refined) < 1.0 - RECOVERY_GAIN else refined
 
 
 def _left_over(recovering: Refined, refined: Refined) -> float:

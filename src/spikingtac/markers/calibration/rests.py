@@ -6,12 +6,9 @@ pixels show in it decides: the skin looks the same at all rests without load, wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 
 SMOOTH_PX = 3
@@ -31,56 +28,46 @@ FIRST_BONUS = 0.5
 """A recording mostly begins without load: its first rest counts half as much again."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RestConfig:
-    """How rest is distinguished from motion; all values are ours.
+BIN_US, SMOOTH_BINS = 10_000, 5
+"""Events are counted in bins of this length, and summed over so many: 10 ms hold a hundred events
+of a quiet 320x320 sensor at 0.1 Hz a pixel."""
 
-    Attributes:
-        bin_us: Events are counted in bins of this length. 10 ms hold a hundred events of a quiet
-            320x320 sensor at 0.1 Hz/px.
-        smooth_bins: Counts are summed over so many bins.
-        quiet_share: A bin is quiet up to this share of the way from the quietest to the busy ones.
-        quiet_percentile: Percentile of the bins' counts that stands for the noise alone.
-        shortest_us: A rest lasts at least this long; a slide turns round in less.
-        most_rests: The longest so many rests are used: each keeps a map in memory.
+QUIET_SHARE, QUIET_PERCENTILE = 0.03, 5.0
+"""A bin is quiet up to this share of the way from the quietest, the fifth percentile, to the busy
+ones (ours: creep after a contact is 0.01 to 0.02)."""
+
+SHORTEST_REST_US = 100_000
+"""A rest lasts at least this long; a slide turns round in less."""
+
+MOST_RESTS = 40
+"""The longest so many rests are used: each keeps a map in memory."""
+
+
+def quiet_limit(counts: NDArray[np.float64], deviations: float = 3.0) -> float:
+    """Return the count up to which a bin is quiet.
+
+    Args:
+        counts: Events of each bin.
+        deviations: Standard deviations of Poisson noise, above the quietest, that are no motion.
     """
-
-    bin_us: int = 10_000
-    smooth_bins: int = 5
-    quiet_share: float = 0.03
-    quiet_percentile: float = 5.0
-    shortest_us: int = 100_000
-    most_rests: int = 40
-
-    def __post_init__(self) -> None:
-        if self.bin_us < 1 or self.shortest_us < self.bin_us:
-            raise ConfigError(
-                f"bin_us {self.bin_us} and shortest_us {self.shortest_us} must be positive and in "
-                "this order"
-            )
-        if self.smooth_bins < 1 or self.most_rests < 1:
-            raise ConfigError("smooth_bins and most_rests must be positive")
-
-
-def find_rests(events: BufferedEvents, config: RestConfig) -> NDArray[np.int64]:
-    """Return ``(n, 2)`` first and last time of each rest, us since the start, in order."""
-    bins = max(1, events.duration_us // config.bin_us)
-    edges_us = np.arange(bins + 1, dtype=np.int64) * config.bin_us
-    single = np.diff(events.index_at(edges_us)).astype(float)
-    counts = np.convolve(single, np.ones(config.smooth_bins), "same")
-    floor = float(np.percentile(counts, config.quiet_percentile))
+    floor = float(np.percentile(counts, QUIET_PERCENTILE))
     # Half of all events fall into bins at least as busy as this one.
     busiest = np.sort(counts)[::-1]
-    busy = busiest[np.searchsorted(np.cumsum(busiest), 0.5 * busiest.sum())]
-    # Three sigma of Poisson noise: counts above the floor's own scatter are motion.
-    limit = floor + max(config.quiet_share * (busy - floor), 3.0 * np.sqrt(floor) + 3.0)
-    quiet = np.concatenate([[False], counts <= limit, [False]])
+    busy = float(busiest[np.searchsorted(np.cumsum(busiest), 0.5 * busiest.sum())])
+    return floor + max(QUIET_SHARE * (busy - floor), deviations * (np.sqrt(floor) + 1.0))
+
+
+def find_rests(events: BufferedEvents) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` first and last time of each rest, us since the start, in order."""
+    edges_us = np.arange(max(1, events.duration_us // BIN_US) + 1, dtype=np.int64) * BIN_US
+    single = np.diff(events.index_at(edges_us)).astype(float)
+    counts = np.convolve(single, np.ones(SMOOTH_BINS), "same")
+    quiet = np.concatenate([[False], counts <= quiet_limit(counts), [False]])
     begins = np.flatnonzero(~quiet[:-1] & quiet[1:])
     ends = np.flatnonzero(quiet[:-1] & ~quiet[1:])
-    rests = np.column_stack([begins, ends]) * config.bin_us
-    length_us = rests[:, 1] - rests[:, 0]
-    rests, length_us = (value[length_us >= config.shortest_us] for value in (rests, length_us))
-    longest = np.argsort(-length_us, kind="stable")[: config.most_rests]
+    rests = np.column_stack([begins, ends]) * BIN_US
+    rests = rests[np.diff(rests, axis=1)[:, 0] >= SHORTEST_REST_US]
+    longest = np.argsort(rests[:, 0] - rests[:, 1], kind="stable")[:MOST_RESTS]
     return rests[np.sort(longest)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.markers.calibration.buffered_events import BufferedEvents, with_support
-from spikingtac.markers.calibration.finding.level_maps import MeanSteps, level_maps, mean_steps
-from spikingtac.markers.calibration.finding.rest import (
-    RestConfig,
+from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.layout import Layout, find_layout
+from spikingtac.markers.calibration.level_maps import (
+    MeanSteps,
+    level_maps,
+    mean_steps,
+    starting_levels,
+)
+from spikingtac.markers.calibration.rests import (
     find_rests,
     moving_events,
     unloaded_rests,
 )
-from spikingtac.markers.calibration.finding.starting_levels import starting_levels
-from spikingtac.markers.calibration.layout import Layout, LayoutKind, find_layout
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector, Blobs
 
 SMOOTH_PX = 1.0
@@ -27,17 +31,17 @@ SMOOTH_PX = 1.0
 AREA_SHARES = (0.25, 3.0)
 """Blobs of a smaller or larger share of the median area are no markers, or two."""
 
+CANDIDATES = BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
+"""Spots of the smoothed map that may be markers: radii of 2 px and more. Blur takes a little off
+the level of small discs, so that the threshold is below one half."""
+
 FEWEST_MARKERS = 3
 """Fewer markers are no grid."""
 
-MOST_MISSING_SHARE = 1 / 3
-"""A grid of which more is missing was not found."""
 
 MOST_STRAY_SHARE = 0.5
 """Blobs that fit into no grid, as a share of those that do, above which there is no grid."""
 
-MOST_NAMED = 8
-"""Missing markers that an error names one by one."""
 
 HAZE_EVENTS = 1.0
 """Events of noise of a pixel over the recording from which a second look leaves lone events out
@@ -67,23 +71,17 @@ class Sighting:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FindingConfig:
-    """How markers are found; all values are ours.
+    """What is known of the markers before they are looked for.
 
     Attributes:
         grid: ``(rows, columns)``, or None to find it.
         layout: What the markers are; "auto" tells grids from staggered rows.
         polarity: White markers on dark ground, dark on light, or "auto" to find out.
-        rest: How silence is told.
-        blobs: What counts as a candidate.
     """
 
     grid: tuple[int, int] | None = None
     layout: LayoutKind = "auto"
     polarity: Literal["auto", "white", "dark"] = "auto"
-    rest: RestConfig = field(default_factory=RestConfig)
-    blobs: BlobConfig = field(
-        default_factory=lambda: BlobConfig(threshold=0.45, min_area_px=12.0, max_area_px=20_000.0)
-    )
 
     def __post_init__(self) -> None:
         if self.grid is not None and min(self.grid) < 1:
@@ -141,7 +139,7 @@ def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
     Raises:
         CalibrationError: There is no grid of markers.
     """
-    rests_us = find_rests(events, config.rest)
+    rests_us = find_rests(events)
     try:
         return _look(events, events, rests_us, config)
     except CalibrationError:
@@ -216,7 +214,7 @@ def sight_markers(
     Raises:
         CalibrationError: No markers are there; says what was seen instead.
     """
-    seen = BlobDetector(size, config.blobs).detect(_smoothed(level))
+    seen = BlobDetector(size, CANDIDATES).detect(_smoothed(level))
     found = _alike(seen)
     if len(found) < FEWEST_MARKERS:
         raise CalibrationError(
@@ -241,72 +239,9 @@ def sight_markers(
     return Sighting(layout, center_px, found.center_px[layout.stray], radius_px)
 
 
-def refuse_gaps(
-    layout: Layout, size: tuple[int, int], missing: NDArray[np.int64], allowed: int | None
-) -> None:
-    """Refuse a layout of which too many markers are missing.
-
-    Args:
-        layout: The layout.
-        size: ``(width, height)``.
-        missing: Indices of the markers that the recording does not show.
-        allowed: How many may be; None allows a third.
-
-    Raises:
-        CalibrationError: More are missing; names them and says where to touch.
-    """
-    most = int(MOST_MISSING_SHARE * len(layout.point)) if allowed is None else allowed
-    if len(missing) > most:
-        raise CalibrationError(missing_markers_text(layout, size, missing))
-
-
-def missing_markers_text(layout: Layout, size: tuple[int, int], missing: NDArray[np.int64]) -> str:
-    """Say which markers of a layout are missing, where they should be, and where to touch."""
-    place = layout.expected_px
-    named = [
-        f"{marker_name(index, layout.shape)} "
-        f"(expected near x {place[index][0]:.0f}, y {place[index][1]:.0f} px)"
-        for index in missing[:MOST_NAMED]
-    ]
-    more = len(missing) - len(named)
-    regions = sorted({region(place[index], size) for index in missing})
-    shape = "free layout" if layout.shape is None else "{}x{} grid".format(*layout.shape)
-    return (
-        f"{len(missing)} of {len(place)} markers of the {shape} were not "
-        f"found: {'; '.join(named)}{f'; and {more} more' if more else ''}. Press or slide on the "
-        f"{' and the '.join(regions)} of the skin, until the markers there move by more than their "
-        f"diameter, and record again; if they are broken, give --allow-missing {len(missing)}; if "
-        "the grid is another, give --grid ROWSxCOLUMNS"
-    )
-
-
-def marker_name(index: int, shape: tuple[int, int] | None) -> str:
-    """Return how a person finds a marker: ``row 1, column 2``, or its number where none are.
-
-    Example:
-        >>> marker_name(9, (8, 8)), marker_name(9, None)
-        ('row 2, column 2', 'marker 9')
-    """
-    if shape is None:
-        return f"marker {index}"
-    return f"row {index // shape[1] + 1}, column {index % shape[1] + 1}"
-
-
 def _alike(blobs: Blobs) -> Blobs:
     whole = blobs.area_px[~blobs.cut] if (~blobs.cut).any() else blobs.area_px
     usual = float(np.median(whole)) if len(whole) else 0.0
     least, most = (share * usual for share in AREA_SHARES)
     keep = (blobs.area_px >= least) & (blobs.area_px <= most)
     return Blobs(blobs.center_px[keep], blobs.area_px[keep], blobs.mass[keep], blobs.cut[keep])
-
-
-def region(position_px: NDArray[np.float64], size: tuple[int, int]) -> str:
-    """Return which ninth of the image a place is in, as ``upper left``.
-
-    Args:
-        position_px: ``(2,)`` the place, px.
-        size: ``(width, height)``.
-    """
-    third = np.clip(np.floor(3 * position_px / np.array(size)), 0, 2).astype(int)
-    across, down = ("left", "middle", "right")[third[0]], ("upper", "middle", "lower")[third[1]]
-    return "middle" if across == down else f"{down} {across}"

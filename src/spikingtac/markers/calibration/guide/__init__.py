@@ -1,1 +1,0 @@
-"""What a calibration still needs, updated while events come."""
