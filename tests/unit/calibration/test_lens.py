@@ -17,7 +17,7 @@ from spikingtac.tracks.tracks import Tracks
 
 SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
 NOISE_PX = 0.05
-OPTICS = Pinhole(159.5, 159.5, 15.5, 13.0, -0.05, 0.0, 0.0, 0.0)
+OPTICS = Pinhole(159.5, 159.5, 15.5, 13.0, -0.05, 0.0)
 
 
 def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
