@@ -13,8 +13,8 @@ from spikingtac.cli.main import main
 from spikingtac.errors import CalibrationError
 from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
+from spikingtac.markers.calibration import trial_tracking
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
-from spikingtac.markers.calibration.trial_tracking import step_scale
 from spikingtac.schema import build, to_mapping
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.render import simulate
@@ -85,7 +85,7 @@ def errors_px(calibration: Calibration, truth_px: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def no_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the tracks of trial, a third of the time: rests and levels are known before."""
-    monkeypatch.setattr(step_scale, "fit_step_scale", lambda *_: (1.0, 1.0))
+    monkeypatch.setattr(trial_tracking, "fit_step_scale", lambda *_: (1.0, 1.0))
 
 
 @pytest.mark.parametrize(

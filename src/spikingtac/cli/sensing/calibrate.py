@@ -163,11 +163,7 @@ def _print(calibration: Calibration, args: Args) -> None:
             (name, f"{middle_of(values):.3g}", f"{unit}, {values[0]:.3g} to {values[-1]:.3g}")
         )
     emit_table(str(args.output), ("", "", ""), rows, words=3)
-    if found["no_lens"]:
-        remark(f"No lens: {found['no_lens']}.")
-    if found["hot_px"]:
-        remark(f"Hot pixels, whose events are ignored: {len(found['hot_px'])}.")
-    for note in _notes_of_layout(found):
+    for note in _notes(found):
         remark(note)
     for marker in found["missing"]:
         remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
@@ -185,8 +181,12 @@ def _shape(grid: tuple[int, int] | list[int] | None) -> str:
     return "none" if grid is None else "x".join(map(str, grid))
 
 
-def _notes_of_layout(found: dict[str, Any]) -> list[str]:
+def _notes(found: dict[str, Any]) -> list[str]:
     notes = []
+    if found["no_lens"]:
+        notes.append(f"No lens: {found['no_lens']}.")
+    if found["hot_px"]:
+        notes.append(f"Hot pixels, whose events are ignored: {len(found['hot_px'])}.")
     if found["left_out_px"]:
         notes.append(f"Left out, since they lie beyond the border: {len(found['left_out_px'])}.")
     if stray := found["stray_px"]:
