@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -15,9 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.cameras.recording.copy import LiveCopy
 from spikingtac.cameras.recording.recorder import Recorder
 from spikingtac.cameras.recording.segments import Split
-from spikingtac.cameras.recording.session import RecordOptions, prepare_folder, record
+from spikingtac.cameras.recording.session import (
+    RecordOptions,
+    locked_folder,
+    prepare_folder,
+    record,
+)
 from spikingtac.cli.main import main
 from spikingtac.errors import CameraLostError, ConfigError
 from spikingtac.events.address import Address
@@ -140,7 +147,7 @@ def test_a_full_disk_keeps_what_is_on_it(tmp_path: Path) -> None:
         assert told["ended"] == "disk"
         assert "No space left" in error
         kept = len(whole(folder))
-        assert kept >= told["events"] > 50_000
+        assert kept == told["events"] > 50_000
         assert told["events"] + told["lost_events"] == told["received_events"]
         manifest = Recording.open(folder).manifest
         assert manifest["lost_events"] == told["lost_events"] > 0
@@ -289,3 +296,78 @@ def test_what_cannot_be_recorded_says_what_to_do(tmp_path: Path) -> None:
     done = subprocess.run(given, capture_output=True, text=True)
     assert done.returncode == 2
     assert "no camera" in done.stderr
+
+
+def test_a_folder_that_goes_is_no_success(tmp_path: Path) -> None:
+    folder, port = tmp_path / "rec", free_port()
+    process = start(folder, port)
+    send(port, bursts(10))
+    wait_until_written(folder)
+    shutil.rmtree(folder)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 3
+    told = json.loads(out)
+    assert (told["events"], told["lost_events"]) == (0, told["received_events"])
+    assert "removed or changed" in error
+
+
+def test_a_second_recorder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "rec"
+    with locked_folder(folder, overwrite=False):
+        address = f"udp:127.0.0.1:{free_port()}?encoding=evt2"
+        assert main(["record", address, "-o", str(folder), "--overwrite"]) == 3
+    assert "another program records" in capsys.readouterr().err
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("ending", [b"% end\n", b""])
+def test_standard_input_needs_no_end_of_its_header(ending: bytes, tmp_path: Path) -> None:
+    words = b"".join(datagrams(events(2_000, first_us=1_000), "evt3"))
+    data = b"% evt 3.0\n% geometry 320x320\n" + ending + words
+    given = [str(COMMAND), "record", "-", "-o", str(tmp_path / "rec"), "--json"]
+    done = subprocess.run(given, input=data, capture_output=True, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["events"] == 2_000
+
+
+def test_nothing_at_standard_input_is_said(tmp_path: Path) -> None:
+    given = [str(COMMAND), "record", "-", "-o", str(tmp_path / "rec")]
+    done = subprocess.run(given, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S)
+    assert done.returncode == 1
+    assert b"ended before a RAW header" in done.stderr
+
+
+def test_what_a_reader_of_the_copy_takes_and_what_is_lost_add_up(tmp_path: Path) -> None:
+    pipe = tmp_path / "live"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    copy, data, offered = LiveCopy(pipe, SIZE), b"", 0
+    for number in range(60):
+        packet = events(20_000, first_us=1_000 + 25_000 * number, seed=number)
+        copy.offer(packet)
+        offered += len(packet)
+        if number % 20 == 19:  # it hangs, then takes what the pipe holds
+            data += os.read(reader, 1 << 21)
+    copy.close()
+    os.close(reader)
+    (tmp_path / "taken.raw").write_bytes(data)
+    taken = sum(len(packet) for packet in open_events(tmp_path / "taken.raw"))
+    assert copy.lost_events > 0
+    assert taken + copy.lost_events == offered
+
+
+def test_info_shows_what_the_manifest_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorder = Recorder(tmp_path, SIZE, about=lambda: {"losses": {"overflow": 7}})
+    recorder.offer(events(2_000, first_us=1_000))
+    recorder.close()
+    path = tmp_path / "manifest.json"
+    path.write_text(path.read_text().replace('"events": 2000', '"events": 2001'))
+    assert main(["info", str(tmp_path), "--json"]) == 0
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert (told["events"], told["manifest_events"]) == (2_000, 2_001)
+    assert told["recorded_losses"] == {"overflow": 7}
+    assert "the manifest tells 2001 events" in said.err

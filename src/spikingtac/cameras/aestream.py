@@ -43,6 +43,9 @@ class AestreamCamera(DatagramCamera):
         self._epoch_us, self._last_us = 0, 0
         self._begun_s = time.monotonic()
 
+    def _accepts(self, datagram: bytes) -> bool:
+        return len(datagram) >= WORD_BYTES
+
     def _decoded(self, datagrams: list[bytes]) -> Rows:
         # Those of one kind are decoded at once: what each costs alone is many times its events'.
         kinds = groupby(map(self._whole_events, datagrams), key=_is_timed)

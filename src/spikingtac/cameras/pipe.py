@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from spikingtac.cameras.words import warm_up
-from spikingtac.errors import CameraLostError, ConfigError, DeviceError, FormatError
+from spikingtac.errors import (
+    CameraLostError,
+    ConfigError,
+    DeviceError,
+    FormatError,
+    RecordingError,
+)
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.evt.header import HEADER_LIMIT_BYTES, RawHeader, read_header
@@ -56,7 +62,7 @@ class PipeCamera(Camera):
         """Wait for the writer and its header; see :meth:`Camera.open`."""
         file = _opened(address)
         try:
-            lines, pending = _header(file, str(address))
+            lines, pending = _header(file, address)
         except BaseException:
             os.close(file)
             raise
@@ -103,24 +109,25 @@ def _opened(address: Address) -> int:
     return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
 
 
-def _header(file: int, name: str) -> tuple[bytes, bytes]:
-    """Return the header and the first bytes after it."""
+def _header(file: int, address: Address) -> tuple[bytes, bytes]:
+    """Return the header and the first bytes after it: up to ``% end``, or to the first word."""
     until_s, data = time.monotonic() + PATIENCE_S, b""
+    is_pipe = address.target not in ("-", "")
     while time.monotonic() < until_s and len(data) < HEADER_LIMIT_BYTES:
         piece = _read(file, 0.05)
-        if piece:
-            data += piece
-        elif piece == b"":
+        data += piece or b""
+        header = read_header(io.BytesIO(data))
+        rest = data[header.length :]
+        complete = data[: header.length].endswith(END_OF_HEADER)
+        if complete or (rest and not rest.startswith(b"%")) or (piece == b"" and data):
+            return data[: header.length], rest
+        if piece == b"":
+            if not is_pipe:
+                raise RecordingError(f"{str(address)!r} ended before a RAW header came")
             time.sleep(0.01)  # no writer yet, or it has left
-        if data and not data.startswith(b"%"):
-            return b"", data
-        place = data.find(END_OF_HEADER)
-        if place >= 0:
-            end = place + len(END_OF_HEADER)
-            return data[:end], data[end:]
     raise CameraLostError(
-        f"nothing wrote a RAW header into {name!r} for {PATIENCE_S:g} s; start the camera's "
-        "software, and let its header end with a line '% end'"
+        f"nothing wrote a RAW header into {str(address)!r} for {PATIENCE_S:g} s; start the "
+        "camera's software, and let its header end with a line '% end'"
     )
 
 

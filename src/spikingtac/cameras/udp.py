@@ -10,35 +10,46 @@ from __future__ import annotations
 import select
 import socket
 import struct
+import time
 from abc import abstractmethod
 from collections import deque
+from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
 from spikingtac.cameras.words import WORD_OPTIONS, BareWords
-from spikingtac.errors import DeviceError
+from spikingtac.errors import DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.events.cameras.camera import Camera
 from spikingtac.events.evt.words import Rows
 
-ANY_HOST = "0.0.0.0"  # a camera on a cable of its own sends from another machine
+LOOPBACK = "127.0.0.1"
+"""Where is listened unless an address of this machine is given; 0.0.0.0 hears every network."""
 LARGEST_BYTES = 1 << 16
 """No datagram is larger."""
 AT_ONCE = 64
 """Datagrams that one read takes at most: 3 Mev/s bring 8 in a millisecond."""
 BUFFER_BYTES = 8 << 20
 """Socket buffer that is asked for: 0.7 s at 3 Mev/s. The kernel may grant less."""
+SILENT_S = 1.0
+"""A sender that has been silent for so long may be followed by another one, s (ours)."""
+JUDGED_BYTES = 1 << 14
+"""Refused bytes from which on is said which encoding they fit."""
 REMEMBERED = 32
 """Latest datagrams that a new one is compared with, to tell one that came twice."""
 SO_MEMINFO = 55
 """Linux: figures of a socket's memory; the last one is the count of datagrams that were dropped."""
 _MEMINFO = struct.Struct("=9I")
+LONGEST_WORD = 8  # bytes, of EVT2.1
 
 
 class UdpSocket:
     """A bound socket that yields datagrams of one sender and counts what was lost.
 
+    The first sender whose datagram is accepted is heard until it falls silent.
+
     Args:
         address: Target ``PORT`` or ``HOST:PORT`` (an address of this machine to listen on).
+        accepts: Whether a datagram of a new sender is one of the camera.
         losses: Counters to fill: ``overflow``, ``duplicate``, ``foreign``.
 
     Attributes:
@@ -50,9 +61,9 @@ class UdpSocket:
         DeviceError: The port cannot be listened on.
     """
 
-    def __init__(self, address: Address, losses: Any) -> None:
-        place = address.host_port(ANY_HOST, low=0)
-        self._losses = losses
+    def __init__(self, address: Address, losses: Any, accepts: Callable[[bytes], bool]) -> None:
+        place = address.host_port(LOOPBACK, low=0)
+        self._losses, self._accepts = losses, accepts
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
@@ -66,7 +77,8 @@ class UdpSocket:
             ) from error
         self.port: int = self._socket.getsockname()[1]
         self.buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-        self._sender: str | None = None
+        self._sender: tuple[str, int] | None = None
+        self._heard_s = 0.0
         self._dropped = 0
         self._latest: deque[bytes] = deque(maxlen=REMEMBERED)
 
@@ -79,7 +91,7 @@ class UdpSocket:
                 data, sender = self._socket.recvfrom(LARGEST_BYTES)
             except BlockingIOError:
                 break
-            if self._is_new(data, sender[0]):
+            if self._is_new(data, sender):
                 found.append(data)
         self._count_dropped()
         return found
@@ -90,11 +102,16 @@ class UdpSocket:
             self._count_dropped()
         self._socket.close()
 
-    def _is_new(self, data: bytes, sender: str) -> bool:
-        self._sender = self._sender or sender
+    def _is_new(self, data: bytes, sender: tuple[str, int]) -> bool:
+        now_s = time.monotonic()
         if sender != self._sender:
-            self._losses.add("foreign")
-            return False
+            engaged = self._sender is not None and now_s - self._heard_s < SILENT_S
+            if engaged or not self._accepts(data):
+                self._losses.add("foreign")
+                return False
+            self._sender = sender
+            self._latest.clear()
+        self._heard_s = now_s
         if data in self._latest:
             self._losses.add("duplicate")
             return False
@@ -123,7 +140,7 @@ class DatagramCamera(Camera):
     def __init__(self, address: Address) -> None:
         super().__init__()
         self._prepare(address)
-        self._socket = UdpSocket(address, self.losses)
+        self._socket = UdpSocket(address, self.losses, self._accepts)
         self._closed = False
 
     @classmethod
@@ -153,6 +170,10 @@ class DatagramCamera(Camera):
         """Take the options of the address, and the sensor's size, before the port is opened."""
 
     @abstractmethod
+    def _accepts(self, datagram: bytes) -> bool:
+        """Return whether a datagram is one of such a camera."""
+
+    @abstractmethod
     def _decoded(self, datagrams: list[bytes]) -> Rows:
         """Return the events of some datagrams."""
 
@@ -164,8 +185,29 @@ class UdpCamera(DatagramCamera):
     checked = True
 
     def _prepare(self, address: Address) -> None:
+        self._address, self._refused = address, b""
         self._words = BareWords(address, self.losses, self.triggers)
         self.size = self._words.size
+
+    def _accepts(self, datagram: bytes) -> bool:
+        """Judge a datagram by its words.
+
+        Raises:
+            FormatError: Those that came so far are of another encoding.
+        """
+        if self._words.fits(datagram):
+            self._refused = b""
+            return True
+        whole = len(datagram) // LONGEST_WORD * LONGEST_WORD
+        self._refused += datagram[:whole]
+        if len(self._refused) >= JUDGED_BYTES:
+            better, self._refused = self._words.fitting(self._refused), b""
+            if better is not None:
+                raise FormatError(
+                    f"{str(self._address)!r}: the datagrams that come are of another encoding; "
+                    f"give the one that fits: {better}"
+                )
+        return False
 
     def _decoded(self, datagrams: list[bytes]) -> Rows:
         whole = self._words.in_order([self._whole_words(item) for item in datagrams])

@@ -8,7 +8,13 @@ import numpy as np
 
 from spikingtac.errors import ConfigError
 from spikingtac.events.address import Address
-from spikingtac.events.evt.header import ENCODINGS
+from spikingtac.events.evt.header import (
+    ENCODINGS,
+    FOREIGN_SHARE,
+    SOUND_SHARE,
+    best_candidate,
+    implausible_share,
+)
 from spikingtac.events.evt.raw import NAMES, word_decoder
 from spikingtac.events.evt.words import Rows, WordStream
 from spikingtac.events.formats.codec import Triggers
@@ -76,6 +82,18 @@ class BareWords:
     def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns of the events in the next bytes; they are overwritten by the next."""
         return self._stream.feed(data, final)
+
+    def fits(self, data: bytes) -> bool:
+        """Return whether bytes look like whole words of this encoding, with a time among them."""
+        return implausible_share(data, self._form, self.size) <= FOREIGN_SHARE
+
+    def fitting(self, data: bytes) -> str | None:
+        """Return the options of an address that bytes fit clearly, or None."""
+        name, share = best_candidate(data, self.size)
+        encoding, _, order = name.partition("/")
+        if share > SOUND_SHARE or name == self._form:
+            return None
+        return f"encoding={encoding}" + (f"&order={order}" if order else "")
 
     def in_order(self, pieces: list[bytes]) -> list[bytes]:
         """Return pieces that are at hand together by their time; count those that came late.

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from spikingtac.cameras import udp
 from spikingtac.cameras.aestream import AestreamCamera
 from spikingtac.cameras.udp import UdpCamera
-from spikingtac.errors import DeviceError
+from spikingtac.errors import DeviceError, FormatError
 from spikingtac.events.address import Address
 from spikingtac.types import EventPacket
 from stand_ins.camera_counterparts import aestream_datagrams, datagrams, events
@@ -113,6 +114,40 @@ def test_strangers_are_not_heard(camera: UdpCamera, out: socket.socket) -> None:
         assert len((camera.read(0.3) or camera.nothing())[3]) == 0
     assert count
     assert camera.losses["foreign"] == 1
+
+
+def test_nobody_but_a_camera_locks_the_socket(camera: UdpCamera, out: socket.socket) -> None:
+    here = "127.0.0.1", camera.port
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for noise in (b"", b"hello", bytes(range(256)) * 4):
+            stranger.sendto(noise, here)
+        assert len((camera.read(0.2) or camera.nothing())[3]) == 0
+        for piece in datagrams(SENT)[:3]:
+            out.sendto(piece, here)
+            stranger.sendto(piece, here)  # another port of the same host
+        found = received(camera)
+    np.testing.assert_array_equal(found.x, SENT.x[: len(found)])
+    assert camera.losses["foreign"] == 3 + 3
+    assert camera._socket._socket.getsockname()[0] == "127.0.0.1"
+
+
+def test_a_sender_that_falls_silent_may_be_followed(
+    camera: UdpCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(udp, "SILENT_S", 0.0)
+    for piece in datagrams(SENT)[:2]:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.sendto(piece, ("127.0.0.1", camera.port))
+            assert len((camera.read(0.5) or camera.nothing())[3]) > 0
+
+
+@pytest.mark.parametrize("sent", ["evt3", "evt21"])
+def test_another_encoding_is_named(camera: UdpCamera, out: socket.socket, sent: str) -> None:
+    pieces = datagrams(SENT, sent)
+    for piece in pieces[:40]:
+        out.sendto(piece, ("127.0.0.1", camera.port))
+    with pytest.raises(FormatError, match=f"encoding={sent}"):
+        received(camera)
 
 
 def test_what_the_kernel_drops_is_counted(camera: UdpCamera, out: socket.socket) -> None:

@@ -21,6 +21,9 @@ RETRY_S = 0.2
 """Time between two looks whether somebody reads, s."""
 PIPE_BYTES = 1 << 20
 """Room that is asked for in the pipe: about 0.1 s at 3 Mev/s."""
+PIECE_EVENTS = 512
+"""Events that are written at once: at most 4 words of 2 bytes each, so that Linux takes all of a
+piece or none of it (pipe(7): PIPE_BUF is 4096), and taken and lost add up."""
 F_SETPIPE_SZ = 1031
 """Linux: sets the room of a pipe (fcntl(2)); Python names it from 3.10 on, on Linux alone."""
 
@@ -47,24 +50,22 @@ class LiveCopy:
             os.mkfifo(path)
         self._path, self._size = path, size
         self._file: int | None = None
-        self._pending = b""
         self._looked_s = 0.0
-        self._begin()
+        self._encoder, self._base_us = Evt3Encoder(), 0
         self.lost_events = 0
 
     def offer(self, packet: EventPacket) -> None:
         """Give a packet to the reader, where there is one that takes it."""
-        if self._file is None and not self._connected():
+        if not len(packet) or (self._file is None and not self._connected(packet)):
             return
-        if not len(packet):
-            return
-        if not self._drained():
-            self.lost_events += len(packet)
-            self._encoder = Evt3Encoder()  # its next words name time and row again
-            return
-        words = self._encoder.encode(packet.t - self._base_us(packet), packet.x, packet.y, packet.p)
-        self._pending += words.tobytes()
-        self._drained()
+        for first in range(0, len(packet), PIECE_EVENTS):
+            piece = slice(first, first + PIECE_EVENTS)
+            t = packet.t[piece] - self._base_us
+            words = self._encoder.encode(t, packet.x[piece], packet.y[piece], packet.p[piece])
+            if not self._took(words.tobytes()):
+                self.lost_events += len(packet) - first
+                self._encoder = Evt3Encoder()  # its next words name time and row again
+                return
 
     def close(self) -> None:
         """Leave the pipe, and remove it where it was made here."""
@@ -74,19 +75,7 @@ class LiveCopy:
         if self._made:
             self._path.unlink(missing_ok=True)
 
-    def _begin(self) -> None:
-        self._encoder = Evt3Encoder()
-        self._base: int | None = None
-        self._pending = b""
-
-    def _base_us(self, packet: EventPacket) -> int:
-        if self._base is None:
-            period_bits = self._encoder.time_bits
-            self._base = (int(packet.t[0]) >> period_bits) << period_bits
-            self._pending = format_header("evt3", self._size, self._base) + self._pending
-        return self._base
-
-    def _connected(self) -> bool:
+    def _connected(self, packet: EventPacket) -> bool:
         now_s = time.monotonic()
         if now_s - self._looked_s < RETRY_S:
             return False
@@ -99,18 +88,21 @@ class LiveCopy:
             import fcntl
 
             fcntl.fcntl(self._file, F_SETPIPE_SZ, PIPE_BYTES)
-        self._begin()
-        return True
+        self._encoder = Evt3Encoder()
+        period_bits = self._encoder.time_bits
+        self._base_us = (int(packet.t[0]) >> period_bits) << period_bits
+        return self._took(format_header("evt3", self._size, self._base_us))
 
-    def _drained(self) -> bool:
-        """Write what is pending; False where the reader does not take all of it."""
-        while self._pending and self._file is not None:
-            try:
-                self._pending = self._pending[os.write(self._file, self._pending) :]
-            except BlockingIOError:
-                return False
-            except OSError:  # the reader has left
-                os.close(self._file)
-                self._file = None
-                self._pending = b""
+    def _took(self, data: bytes) -> bool:
+        """Write a piece; False where the reader does not take it, or has left."""
+        if self._file is None:
+            return False
+        try:
+            os.write(self._file, data)
+        except BlockingIOError:
+            return False
+        except OSError:  # the reader has left
+            os.close(self._file)
+            self._file = None
+            return False
         return True

@@ -17,7 +17,7 @@ from typing import Any
 
 from spikingtac.cameras.recording.manifest import ManifestFile
 from spikingtac.cameras.recording.segments import FIRST_NAME, Segments, Split
-from spikingtac.errors import SpikingTacError
+from spikingtac.errors import RecordingError, SpikingTacError
 from spikingtac.events.manifest import name_of
 from spikingtac.types import EventPacket
 
@@ -81,7 +81,7 @@ class Recorder:
         self._segments = Segments(folder, size, split or Split(), describe, name)
         self._room_events = room_bytes // EVENT_BYTES
         self._waiting: deque[EventPacket] = deque()
-        self._waiting_events = self._lost_events = 0
+        self._waiting_events = self._lost_events = self._offered_events = 0
         self._gaps: list[tuple[int, int, int]] = []
         self._failure: Exception | None = None
         self._closing = False
@@ -110,6 +110,7 @@ class Recorder:
         """
         count = len(packet)
         with self._changed:
+            self._offered_events += count
             if self._failure is not None or self._waiting_events + count > self._room_events:
                 self._lose(packet)
                 return False
@@ -145,8 +146,16 @@ class Recorder:
             self._describe(False)
             with self._changed:  # what still comes is counted, and told by the last manifest
                 self._changed.wait_for(lambda: self._closing)
+        self._check()
         self._describe(self._failure is None)
         self._manifest.close()
+
+    def _check(self) -> None:
+        """Compare the files with what was written; what cannot be read is lost."""
+        changed = self._segments.recount()
+        if changed is not None and self._failure is None:
+            self._failure = RecordingError(f"{changed} was removed or changed meanwhile")
+        self._lost_events = self._offered_events - self._segments.written_events
 
     def _write_all(self) -> None:
         described_s = time.monotonic()

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from spikingtac.errors import ConfigError
-from spikingtac.events.evt.raw import part_name
+from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.events.evt.raw import RawSource, part_name
 from spikingtac.events.evt.raw_writer import RawWriter
+from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.types import EventPacket
 
 US_PER_S = 1_000_000
@@ -151,6 +152,22 @@ class Segments:
                 self._open.writer.close()
             self._open = None
 
+    def recount(self) -> str | None:
+        """Count again what a file holds that is gone, cut, or was not completed.
+
+        Returns:
+            The name of a completed file that is not what was written; None where all are.
+        """
+        changed = None
+        for part in self.parts:
+            path = self._folder / part.name
+            size = path.stat().st_size if path.is_file() else 0
+            if part.sha256 is not None and size == part.bytes:
+                continue
+            changed = part.name if part.sha256 is not None else changed
+            part.events, part.bytes = _readable_events(path), size
+        return changed
+
     def _is_due(self, part: Part, t_us: int) -> bool:
         split = self._split
         full = split.most_bytes is not None and part.bytes >= split.most_bytes
@@ -174,3 +191,10 @@ class Segments:
         opened.part.bytes = opened.writer.written_bytes
         opened.part.sha256 = opened.digest.hexdigest()
         self._on_part()
+
+
+def _readable_events(path: Path) -> int:
+    try:
+        return sum(len(packet) for packet in RawSource(path, ReadOptions()))
+    except (OSError, SpikingTacError):
+        return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from spikingtac.cameras.recording.copy import LiveCopy
 from spikingtac.cameras.recording.recorder import ROOM_BYTES, Recorder, RecorderState
 from spikingtac.cameras.recording.segments import Split
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, DeviceError
 from spikingtac.events.cameras.health import CameraHealth
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.formats.array_file import ColumnFile
@@ -25,6 +26,8 @@ DESCRIBE_S = 1.0
 """Time between two looks at the camera for the manifest, s."""
 SENSORS = 2
 """Sensors that one folder holds at most."""
+LOCK = ".recording"
+"""File that a recorder holds locked; the system releases it however the recorder ends."""
 SHOW_S = 0.2
 """Time between two reports of progress, s."""
 
@@ -85,6 +88,35 @@ def record(
         The summary: counts, files, camera, clock, losses, why it ended.
     """
     return _Session(source, folder, options or RecordOptions(), show).run()
+
+
+@contextmanager
+def locked_folder(folder: Path, overwrite: bool) -> Iterator[None]:
+    """Keep other recorders out of a folder meanwhile; make it where it is not there.
+
+    Raises:
+        ConfigError: A recording is there, and ``overwrite`` is not given; or it is no folder.
+        DeviceError: Another program records into it.
+    """
+    recorded(folder, overwrite)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as lock:
+        try:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:  # another system than Linux and macOS: no lock
+            pass
+        except OSError as error:
+            raise DeviceError(
+                f"another program records into {str(folder)!r}; choose another folder"
+            ) from error
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                (folder / LOCK).unlink()
+                folder.rmdir()  # where nothing was recorded
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:

@@ -136,6 +136,26 @@ def summary(source: FileSource) -> dict[str, Any]:
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
         **_delivery(source),
+        **_told_by_manifest(source, events),
+    }
+
+
+def _told_by_manifest(source: FileSource, events: int) -> dict[str, Any]:
+    """Return what a recorder has noted beside its files, compared with them; nothing elsewhere."""
+    from spikingtac.events.manifest import MANIFEST, read_manifest
+    from spikingtac.events.open import RECORDING_NAME
+
+    path = source.path.parent / MANIFEST
+    noted = read_manifest(path) if source.path.name == RECORDING_NAME else {}
+    if noted.get("source") != "camera" or not isinstance(noted.get("events"), int):
+        return {}
+    if events != noted["events"] and noted.get("complete"):
+        remark(f"note: the manifest tells {noted['events']} events, the files hold {events}")
+    losses = noted.get("losses")
+    return {
+        "manifest_events": noted["events"],
+        "lost_events": noted.get("lost_events", 0),
+        "recorded_losses": losses if isinstance(losses, dict) else {},
     }
 
 

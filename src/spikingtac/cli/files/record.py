@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,9 +57,9 @@ def run(args: Args) -> int:
     from spikingtac.cameras.recording.segments import Split
     from spikingtac.cameras.recording.session import (
         RecordOptions,
+        locked_folder,
         prepare_folder,
         record,
-        recorded,
     )
     from spikingtac.events.address import Address
     from spikingtac.events.cameras.source import CameraSource
@@ -74,11 +74,13 @@ def run(args: Args) -> int:
     )
     given = [args.source] if args.second is None else [args.source, args.second]
     addresses = [Address.parse(camera_address(source)) for source in given]
-    recorded(args.output, args.overwrite)  # before the camera is waited for
     remark(f"opening {' and '.join(map(str, addresses))}; Ctrl-C ends the recording")
-    sources = [CameraSource(one, ReadOptions(), when_lost="reconnect") for one in addresses]
-    prepare_folder(args.output, args.overwrite)
-    with ending_on_interrupt(*sources), _screen() as show:
+    with ExitStack() as opened:
+        opened.enter_context(locked_folder(args.output, args.overwrite))
+        sources = [CameraSource(one, ReadOptions(), when_lost="reconnect") for one in addresses]
+        prepare_folder(args.output, args.overwrite)
+        opened.enter_context(ending_on_interrupt(*sources))
+        show = opened.enter_context(_screen())
         if args.second is None:
             summary = record(sources[0], args.output, options, lambda one: show([one]))
         else:
