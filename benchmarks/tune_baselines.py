@@ -30,11 +30,10 @@ from spikingtac.markers.tracker import MarkerTracker
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
-from spikingtac_paper.trials.calibrations import calibration_of
 from spikingtac_paper.trials.methods import Method
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.runner import predict
-from spikingtac_paper.trials.trials import Trial
+from spikingtac_paper.trials.trial import Trial, calibration_of
 
 RECORD = Path(__file__).with_name("records") / "tune_baselines.json"
 SERIAL, SEED = 101, 1_001

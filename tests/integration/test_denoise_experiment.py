@@ -1,17 +1,14 @@
 import pytest
 
 from spikingtac.sim.scene import catalog
-from spikingtac_paper.denoise.cases import (
+from spikingtac_paper.denoise.experiment import (
     METHODS,
     UNITS,
     DenoiseConfig,
     report_rows,
     score_all,
 )
-from spikingtac_paper.denoise.experiment import findings
-from spikingtac_paper.denoise.figures import before_and_after
-from spikingtac_paper.denoise.recordings import noise_free, render
-from spikingtac_paper.denoise.scoring import ACTIVITY
+from spikingtac_paper.denoise.scoring import ACTIVITY, noise_free, render
 
 SEED, DURATION_S = 1001, 1.2
 
@@ -41,20 +38,6 @@ def test_the_filter_and_the_network_find_every_marker(rows):
     assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "recall"] == 1.0
     noisy = table[f"{ACTIVITY}none", "binary@1.0-0.5", "excess_mean_px"]
     assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "excess_mean_px"] < noisy
-
-
-def test_the_findings_name_both_sides(rows):
-    said = findings(rows)
-    assert said[0].startswith("Ten trajectories, binary map, 1 Hz/px, 50% dropped")
-    assert "best classical" in said[0]
-    assert "simulated" in said[0]
-    assert any(text.startswith("Held-out motion (torsion), binary map") for text in said)
-
-
-def test_the_picture_shows_every_method():
-    caption, svg = before_and_after(DenoiseConfig())
-    assert "simulated" in caption
-    assert svg.count("<image") == len(METHODS) + 1  # and the clean map
 
 
 def test_the_noise_free_camera_is_the_typical_one_but_for_its_noise():

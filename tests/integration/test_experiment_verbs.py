@@ -50,7 +50,6 @@ def test_bench_refuses_a_folder_that_holds_something_else(
     [
         (("holes", "--scheduler", "tcp://192.0.2.1:8786"), "without encryption"),
         (("holes", "--scheduler", "tcp://127.0.0.1:8786", "--workers", "2"), "give one of them"),
-        (("holes", "--tls", "folder"), "--tls goes with"),
         (("touch", "--scheduler", "tcp://127.0.0.1:8786"), "one by one"),
     ],
 )

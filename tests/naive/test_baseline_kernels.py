@@ -10,17 +10,20 @@ import pytest
 from scipy import ndimage
 
 from spikingtac.types import EventPacket
-from spikingtac_paper.baselines.arc_kernels import (
+from spikingtac_paper.baselines.ekalibr import Arc, find_arcs, pair_arcs
+from spikingtac_paper.baselines.ekalibr_kernels import (
     NEVER,
     moving_circle_kernel,
     normal_flow_kernel,
     solve_kernel,
 )
-from spikingtac_paper.baselines.arcs import Arc, find_arcs, pair_arcs
-from spikingtac_paper.baselines.attraction import attraction_kernel, regularizer_kernel
-from spikingtac_paper.baselines.evetac import neighbours
-from spikingtac_paper.baselines.slices import SliceBuffer
-from spikingtac_paper.baselines.time_surface import TimeSurface
+from spikingtac_paper.baselines.evetac import (
+    SliceBuffer,
+    attraction_kernel,
+    neighbours,
+    regularizer_kernel,
+)
+from spikingtac_paper.baselines.neutac import TimeSurface
 
 
 def plain_attraction(events, center, inner, outer, turn):

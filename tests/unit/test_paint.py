@@ -8,7 +8,7 @@ from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.state_map.paint import paint_binary_discs, paint_discs
 from spikingtac.types import EventPacket
-from spikingtac_paper.baselines.time_surface import TimeSurface
+from spikingtac_paper.baselines.neutac import TimeSurface
 
 CENTER = np.array([[20.3, 14.6]])
 SUBSAMPLES = 20

@@ -20,10 +20,12 @@ are run.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.pitch import marker_pitch_px
@@ -32,8 +34,6 @@ from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac_paper.baselines.attraction import attraction_kernel, regularizer_kernel
-from spikingtac_paper.baselines.slices import SliceBuffer
 
 SOURCE_PITCH_PX = 61.3
 """Mean pitch of the original's dots, px. The following lengths refer to it."""
@@ -187,3 +187,111 @@ def neighbours(
         found = np.flatnonzero(row)
         index[i, : len(found)], rest_px[i, : len(found)] = found, distance[i, found]
     return index, rest_px
+
+
+@njit(cache=True)
+def attraction_kernel(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    center_px: NDArray[np.float64],
+    inner_px: float,
+    outer_px: float,
+    turn_px: float,
+    pull: NDArray[np.float64],
+    support: NDArray[np.int64],
+) -> None:
+    """Sum g = 2 (d - R d / rho) over the events in each dot's ring; count the non-zero components.
+
+    Args:
+        x: ``(n,)`` columns, px.
+        y: ``(n,)`` rows, px.
+        center_px: ``(m, 2)`` dots, px.
+        inner_px: Inner radius of the ring, px.
+        outer_px: Outer radius of the ring, px.
+        turn_px: R, the radius at which attraction would become repulsion, px; larger than
+            ``outer_px``.
+        pull: ``(m, 2)`` sums g, overwritten.
+        support: ``(m,)`` numbers of non-zero components of g, overwritten.
+    """
+    pull[:] = 0.0
+    support[:] = 0
+    for i in range(len(x)):
+        for m in range(len(center_px)):
+            # Towards zero, as a conversion to integers does in the original's table.
+            dx = np.trunc(x[i] - center_px[m, 0])
+            dy = np.trunc(y[i] - center_px[m, 1])
+            if abs(dx) > outer_px or abs(dy) > outer_px:
+                continue
+            rho = max(np.sqrt(dx * dx + dy * dy), 1.0)
+            if inner_px < rho <= outer_px:
+                weight = 2.0 * (1.0 - turn_px / rho)
+                pull[m, 0] += weight * dx
+                pull[m, 1] += weight * dy
+                support[m] += (dx != 0.0) + (dy != 0.0)
+
+
+@njit(cache=True)
+def regularizer_kernel(
+    center_px: NDArray[np.float64],
+    neighbour: NDArray[np.int64],
+    rest_px: NDArray[np.float64],
+    regularizer: NDArray[np.float64],
+) -> None:
+    """Write h_i = 4 sum_j (c_j - c_i)(|c_j - c_i|^2 - D_ij^2), times 8 / (number of neighbours).
+
+    Args:
+        center_px: ``(m, 2)`` dots, px.
+        neighbour: ``(m, k)`` indices of the neighbours, -1 beyond the last.
+        rest_px: ``(m, k)`` calibrated distances D_ij, px.
+        regularizer: ``(m, 2)`` k_i h_i, overwritten.
+    """
+    for i in range(len(center_px)):
+        sum_x, sum_y, count = 0.0, 0.0, 0
+        for k in range(neighbour.shape[1]):
+            j = neighbour[i, k]
+            if j >= 0:
+                dx = center_px[j, 0] - center_px[i, 0]
+                dy = center_px[j, 1] - center_px[i, 1]
+                excess = dx * dx + dy * dy - rest_px[i, k] ** 2
+                sum_x += 4.0 * dx * excess
+                sum_y += 4.0 * dy * excess
+                count += 1
+        border = 8.0 / count if count else 0.0
+        regularizer[i, 0] = border * sum_x
+        regularizer[i, 1] = border * sum_y
+
+
+class SliceBuffer:
+    """Joins and cuts packets into slices that begin at multiples of their length.
+
+    Slices without events are omitted, because they do not change any tracker here.
+
+    Args:
+        slice_us: Length of a slice, us.
+    """
+
+    def __init__(self, slice_us: int) -> None:
+        self._slice_us = slice_us
+        self._pending: list[EventPacket] = []
+        self._slice = 0
+
+    def take(self, packet: EventPacket) -> Iterator[EventPacket]:
+        """Yield the slices that ``packet`` completes."""
+        number = packet.t // self._slice_us
+        bounds = np.append(np.flatnonzero(np.diff(number)) + 1, len(packet))
+        first = 0
+        for last in bounds.tolist():
+            if first == last:
+                continue
+            if self._pending and number[first] != self._slice:
+                yield self._flush()
+            self._slice = int(number[first])
+            self._pending.append(packet.part(first, last, packet.t_start_us, packet.t_end_us))
+            first = last
+        if self._pending and packet.t_end_us >= (self._slice + 1) * self._slice_us:
+            yield self._flush()
+
+    def _flush(self) -> EventPacket:
+        whole = EventPacket.concatenate(self._pending)
+        self._pending = []
+        return whole

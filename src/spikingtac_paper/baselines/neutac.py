@@ -19,12 +19,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import ConfigError
 from spikingtac.markers.published.blob_tracker import BlobTracker, BlobTrackerConfig
 from spikingtac.state_map.paint import paint_binary_discs
-from spikingtac_paper.baselines.time_surface import TimeSurface
+from spikingtac.types import EventPacket
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -67,3 +71,95 @@ def neutac_tracker(
     surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")
     blobs = replace(config.blobs, threshold=config.level, support_us=config.support_us)
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)
+
+
+GREY = np.float32(0.5)
+"""Value of a pixel without a recent event."""
+
+REBASE_DECAYS = 20.0
+"""Number of time constants after which time zero is moved; exp(20) is far from float32's limit."""
+
+
+class TimeSurface:
+    """The map (1 + p exp(-(t - t_last) / τ)) / 2 of each pixel's last event.
+
+    Source: X. Lagorce et al., "HOTS: a hierarchy of event-based time-surfaces for pattern
+    recognition", IEEE PAMI 39, 2017 (the exponential decay), signed by the polarity.
+
+    Args:
+        start: ``(height, width)`` of 0 and 1: initial state, as if every pixel had just fired.
+        decay_us: τ, us.
+        dark_markers: True if markers are darker than the ground: the polarities are swapped.
+
+    Raises:
+        ConfigError: ``decay_us`` is not positive.
+    """
+
+    def __init__(
+        self, start: NDArray[np.float32], decay_us: float, *, dark_markers: bool = False
+    ) -> None:
+        if not decay_us > 0.0:
+            raise ConfigError(f"decay_us is {decay_us}, it must be positive")
+        self._start, self._decay_us, self._dark = start, decay_us, dark_markers
+        self._values = np.empty_like(start, np.float32)
+        self.reset()
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """``(height, width)`` values after the last packet; the next access overwrites them."""
+        surface_kernel(self._weight, self._decay(), self._values)
+        return self._values
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Take in all events of the next packet.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
+        packet.require_map(self._start.shape)
+        if self._now_us is None:
+            self._zero_us = packet.t_start_us
+        self._now_us = packet.t_end_us
+        if self._now_us - self._zero_us > REBASE_DECAYS * self._decay_us:
+            self._weight *= self._decay()
+            self._zero_us = self._now_us
+        dark, zero_us = self._dark, self._zero_us
+        update_weight_kernel(
+            packet.x, packet.y, packet.p != dark, packet.t, zero_us, self._decay_us, self._weight
+        )
+
+    def reset(self) -> None:
+        """Return to the initial state. Time starts with the next packet."""
+        self._now_us: int | None = None
+        self._zero_us = 0
+        self._weight = np.where(self._start > GREY, GREY, -GREY).astype(np.float32)
+
+    def _decay(self) -> np.float32:
+        elapsed_us = 0 if self._now_us is None else self._now_us - self._zero_us
+        return np.float32(np.exp(-elapsed_us / self._decay_us))
+
+
+@njit(cache=True)
+def update_weight_kernel(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.bool_],
+    t: NDArray[np.int64],
+    zero_us: int,
+    decay_us: float,
+    weight: NDArray[np.float32],
+) -> None:
+    """Store p exp((t - zero) / τ) / 2 of each pixel's last event, so that one decay serves all."""
+    for i in range(len(x)):
+        grown = 0.5 * np.exp((t[i] - zero_us) / decay_us)
+        weight[y[i], x[i]] = grown if p[i] else -grown
+
+
+@njit(cache=True)
+def surface_kernel(
+    weight: NDArray[np.float32], decay: np.float32, values: NDArray[np.float32]
+) -> None:
+    """Write the surface: grey plus the weights, decayed since time zero."""
+    for row in range(weight.shape[0]):
+        for column in range(weight.shape[1]):
+            values[row, column] = np.float32(0.5) + decay * weight[row, column]

@@ -5,145 +5,180 @@ A fast path for motion without contact counts the false stops; everything else u
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac_paper.collision.figures import figures
-from spikingtac_paper.collision.findings import findings
-from spikingtac_paper.collision.jobs import QUIET_STEPS, CollisionJob, run_job
-from spikingtac_paper.collision.methods import collision_methods
-from spikingtac_paper.collision.plan import (
-    ALL,
-    FASTEST,
-    PRESETS,
-    SERIES_MM,
-    SLOW,
-    ApproachTask,
-    CollisionConfig,
-    FreeMotionTask,
-    Plan,
-    plan,
-    series,
-)
+from spikingtac.contact.registry import DETECTORS
+from spikingtac_paper.collision.jobs import METHODS, QUIET_STEPS, CollisionJob, run_job
 from spikingtac_paper.collision.scene import CollisionScene
-from spikingtac_paper.collision.scoring import DEFINITIONS, collision_rows
-from spikingtac_paper.harness.fingerprint import provenance
-from spikingtac_paper.harness.records import Record
-from spikingtac_paper.harness.report import Report, Table
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row
-from spikingtac_paper.harness.run_options import RunOptions, select_methods
+from spikingtac_paper.collision.scoring import ALL, FASTEST, PRESETS, SLOW, SPEEDS, collision_rows
+from spikingtac_paper.harness.figures import dot_figure
+from spikingtac_paper.harness.report import Report, lines_of, write_report
+from spikingtac_paper.harness.run import (
+    Progress,
+    Record,
+    RunOptions,
+    provenance,
+    select_methods,
+)
 
 NAME = "collision"
-RunJobs = Callable[[Sequence[CollisionJob]], list[Record]]
+FIRST = tuple(f"{preset}/{case}" for preset in PRESETS for case in (ALL, FASTEST, SLOW))
+"""Cases whose tables the page shows first."""
+STRETCH_SEED = 500_000
+"""First seed of the motions without contact. No approach uses it."""
+FORCED_MM, FRAMES_S = 4.0, 0.036
+"""A run ends 4 mm or 36 ms after the touch, whichever is later: this is one frame at least. The
+pads' linear fields are not valid beyond 8 mm."""
+SERIES_MM = 0.8
+"""Travel after the touch at which the long series at 0.8 mm/s ends, mm: twice the largest aim."""
+SAFETY = (
+    "Not a safety function: no performance level (ISO 13849), and no replacement for the robot's "
+    "protective stop (ISO 10218)."
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RunSize:
+    """The size of a run.
+
+    Attributes:
+        first_seed: First seed of the approaches.
+        serials: Number of sensor specimens; the seeds use them in turn, each with its calibration.
+        seeds: Number of approaches at each speed.
+        fastest: Number of approaches at 0.18 m/s.
+        slow: Number of approaches at 0.8 mm/s that give every method all the time it needs.
+        series: Number of further approaches at 0.8 mm/s on the first preset, for the methods that
+            found all of the slow ones within half of :data:`SERIES_MM`.
+        stretches: Number of motions without contact per preset, 100 s each: ten hours in all.
+    """
+
+    first_seed: int = 0
+    serials: int = 4
+    seeds: int = 20
+    fastest: int = 200
+    slow: int = 60
+    series: int = 940
+    stretches: int = 364
+
+    @classmethod
+    def of(cls, options: RunOptions) -> RunSize:
+        """Return the size of a run; ``seeds`` sets the number of approaches at each speed."""
+        first = options.seed
+        if options.quick:
+            return cls(
+                first_seed=first, serials=1, seeds=1, fastest=4, slow=2, series=0, stretches=8
+            )
+        return cls(first_seed=first, seeds=options.seeds or cls.seeds)
 
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
-    names = select_methods(collision_methods(), options.methods)
-    config = run_size(options)
-    settings = {
-        "experiment": NAME,
-        "quick": options.quick,
-        "methods": names,
-        **asdict(config),
-    }
+    names = select_methods(METHODS, options.methods)
+    size = RunSize.of(options)
+    settings = {"experiment": NAME, "quick": options.quick, "methods": names, **asdict(size)}
     begin_run(options.output, settings, options.resume, options.overwrite)
-    approaches, stretches = run_all(options, config, names)
-    report = make_report(approaches, stretches, provenance(options.command(NAME), settings))
+    approaches, stretches = run_all(options, size, tuple(names))
+    rows = collision_rows(approaches, stretches)
+    scenes = {preset: CollisionScene(preset=preset) for preset in PRESETS}
+    speeds = {f"{PRESETS[0]}/{speed}": speed for speed in SPEEDS}
+    report = Report(
+        experiment=NAME,
+        title="Collision",
+        provenance=provenance(options.command("experiment", NAME), settings)
+        | {
+            "scenes": {preset: scene.resolved() for preset, scene in scenes.items()},
+            "scene_digests": {preset: scene.digest() for preset, scene in scenes.items()},
+            "quiet_s": QUIET_STEPS * 1e-3,
+            "sensors": 1,
+        },
+        rows=rows,
+        first=FIRST,
+        findings=[*lines_of(rows, FIRST, ("default", "event_count")), SAFETY],
+        figures=[
+            (
+                f"{metric} against the approach speed in m/s ({PRESETS[0]}, simulated); "
+                "frame_paper contains the paper's 135 ms, frame_sampling nothing but 32 fps.",
+                dot_figure(rows, speeds, names, metric),
+            )
+            for metric in ("deviation_mean_mm", "overshoot_mean_mm")
+        ],
+        methods={name: METHODS[name] for name in names},
+    )
     return write_report(report, options.output, approaches=len(approaches))
 
 
-def make_report(
-    approaches: Sequence[Record], stretches: Sequence[Record], made_by: dict[str, Any]
-) -> Report:
-    """Return the report of a run.
-
-    Args:
-        approaches: Records of the approaches.
-        stretches: Records of the motions without contact.
-        made_by: Command, settings, versions and machine, from ``fingerprint.provenance``.
-    """
-    rows = collision_rows(approaches, stretches)
-    known = collision_methods()
-    names = [name for name in known if any(row.method == name for row in rows)]
-    return Report(
-        experiment=NAME,
-        title="Collision",
-        provenance=made_by | _pinned(),
-        rows=rows,
-        findings=findings(rows),
-        tables=_tables(rows, names),
-        figures=figures(rows, approaches),
-        methods={name: known[name].about for name in names},
-    )
-
-
-def run_size(options: RunOptions) -> CollisionConfig:
-    """Return the size of a run; ``seeds`` sets the number of approaches at each speed."""
-    if options.quick:
-        return CollisionConfig.quick(options.seed)
-    full = CollisionConfig(first_seed=options.seed)
-    if options.seeds is None:
-        return full
-    return CollisionConfig(first_seed=options.seed, seeds=options.seeds)
-
-
 def run_all(
-    options: RunOptions, config: CollisionConfig, names: Sequence[str]
+    options: RunOptions, size: RunSize, names: tuple[str, ...]
 ) -> tuple[list[Record], list[Record]]:
-    """Simulate every task of a run, or read its record from disk."""
-    main, later = plan(config), series(config)
-    done, total = (
-        0,
-        len(main.scenes)
-        + sum(len(part) for one in (main, later) for part in (one.approaches, one.stretches)),
-    )
+    """Simulate every task of a run, or read its record from disk; approaches, free motions."""
+    base = CollisionJob(folder=options.output, scene=CollisionScene(), methods=names)
+    approaches, stretches = plan(size, base)
+    scenes = list(dict.fromkeys(job.scene for job in (*approaches, *stretches)))
+    total = len(scenes) + len(approaches) + len(stretches) + size.series
+    progress = Progress(options, total)
     with options.pool(total) as pool:
-
-        def run_jobs(jobs: Sequence[CollisionJob]) -> list[Record]:
-            nonlocal done
-            futures = [pool.submit(run_job, job) for job in jobs]
-            for future in as_completed(futures):
-                future.result()
-                done += 1
-                options.report_progress(done, total)
-            return [future.result() for future in futures]
-
-        return _everything(options, names, (main, later), run_jobs)
+        progress.run(pool, run_job, [replace(base, scene=scene) for scene in scenes])
+        records = progress.run(pool, run_job, [*stretches, *approaches])
+        free, touched = records[: len(stretches)], records[len(stretches) :]
+        fast = fast_detectors(touched)
+        kept = tuple(name for name in names if name not in DETECTORS or name in fast)
+        later = [replace(job, methods=kept, required=fast) for job in series(size, base)]
+        return touched + (progress.run(pool, run_job, later) if fast else []), free
 
 
-def _everything(
-    options: RunOptions, names: Sequence[str], plans: tuple[Plan, Plan], run_jobs: RunJobs
-) -> tuple[list[Record], list[Record]]:
-    main, later = plans
-
-    def job(
-        task: CollisionScene | ApproachTask | FreeMotionTask, required: tuple[str, ...] = ()
-    ) -> CollisionJob:
-        events = isinstance(task, ApproachTask) and task.group in ("sensitivity", "curve")
-        known = collision_methods()
-        selected = tuple(name for name in names if not events or known[name].sees == "events")
-        if required:
-            selected = tuple(n for n in selected if n in required or known[n].sees != "events")
-        return CollisionJob(folder=options.output, task=task, methods=selected, required=required)
-
-    run_jobs([job(scene) for scene in main.scenes])
-    tasks = [*main.stretches, *main.approaches]
-    records = run_jobs([job(task) for task in tasks])
-    stretches = [
-        one for one, task in zip(records, tasks, strict=True) if isinstance(task, FreeMotionTask)
-    ]
+def plan(size: RunSize, base: CollisionJob) -> tuple[list[CollisionJob], list[CollisionJob]]:
+    """Return approaches, and motions without contact, the longest first."""
+    counts = {SLOW: size.slow, **dict.fromkeys(SPEEDS, size.seeds), FASTEST: size.fastest}
     approaches = [
-        one for one, task in zip(records, tasks, strict=True) if isinstance(task, ApproachTask)
+        replace(
+            base,
+            scene=scene_of(size, preset, seed),
+            case=f"{preset}/{speed}",
+            seed=seed,
+            speed_mm_s=1000.0 * float(speed),
+            patience_mm=max(FORCED_MM, 1000.0 * float(speed) * FRAMES_S),
+        )
+        for speeds in ((SLOW,), SPEEDS)
+        for preset in PRESETS
+        for speed in speeds
+        for seed in range(size.first_seed, size.first_seed + counts[speed])
     ]
-    fast = fast_detectors(approaches)
-    if fast and later.approaches:
-        approaches += run_jobs([job(task, fast) for task in later.approaches])
+    first = STRETCH_SEED + 1_000 * size.first_seed
+    stretches = [
+        replace(
+            base,
+            scene=scene_of(size, preset, number),
+            case=f"{preset}/{ALL}",
+            seed=first + number,
+        )
+        for preset in reversed(PRESETS)
+        for number in range(size.stretches)
+    ]
     return approaches, stretches
+
+
+def series(size: RunSize, base: CollisionJob) -> list[CollisionJob]:
+    """Return the long series at 0.8 mm/s."""
+    first = size.first_seed + size.slow
+    return [
+        replace(
+            base,
+            scene=scene_of(size, PRESETS[0], seed),
+            case=f"{PRESETS[0]}/{SLOW}",
+            seed=seed,
+            speed_mm_s=1000.0 * float(SLOW),
+            patience_mm=SERIES_MM,
+        )
+        for seed in range(first, first + size.series)
+    ]
+
+
+def scene_of(size: RunSize, preset: str, seed: int) -> CollisionScene:
+    """Return the scene of contract.md with the sensor specimen of a seed."""
+    return CollisionScene(preset=preset, serial=1 + seed % size.serials)
 
 
 def fast_detectors(approaches: Sequence[Record]) -> tuple[str, ...]:
@@ -162,24 +197,3 @@ def fast_detectors(approaches: Sequence[Record]) -> tuple[str, ...]:
             for one in slow
         )
     )
-
-
-def _pinned() -> dict[str, Any]:
-    scenes = {preset: CollisionScene(preset=preset) for preset in PRESETS}
-    return {
-        "scenes": {preset: scene.resolved() for preset, scene in scenes.items()},
-        "scene_digests": {preset: scene.digest() for preset, scene in scenes.items()},
-        "quiet_s": QUIET_STEPS * 1e-3,
-        "sensors": 1,
-    }
-
-
-def _tables(rows: Sequence[Row], names: Sequence[str]) -> list[Table]:
-    prefixed = [case for case in dict.fromkeys(row.case for row in rows) if "/" in case]
-    first = [f"{preset}/{case}" for preset in PRESETS for case in (ALL, FASTEST, SLOW)]
-    shown = [case for case in first if case in prefixed]
-    rest = [case for case in prefixed if case not in shown and not case.startswith("budget")]
-    return [
-        Table.of_case(case, DEFINITIONS, names, folded=case not in shown)
-        for case in (*shown, *rest)
-    ]

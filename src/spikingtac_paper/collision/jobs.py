@@ -7,31 +7,20 @@ continues where it stopped, and results of other code or settings are never used
 from __future__ import annotations
 
 import functools
-import json
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import write_json
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
 from spikingtac.events.windows import windows
 from spikingtac.types import EventPacket
-from spikingtac_paper.baselines.frame_sampling import (
-    FrameSampler,
-    FrameSamplingConfig,
-    displacement_sum_px,
-    exposures_us,
-    measured_px,
-    quiet_threshold_px,
-)
-from spikingtac_paper.collision.approach_run import (
+from spikingtac_paper.collision.approach import (
     FRAMES,
     ApproachRun,
     Observers,
@@ -39,90 +28,100 @@ from spikingtac_paper.collision.approach_run import (
     prepare,
     stop_at,
 )
-from spikingtac_paper.collision.methods import collision_methods
-from spikingtac_paper.collision.plan import (
-    BUDGETS_PER_HOUR,
-    QUIET_SEED,
-    ApproachTask,
-    FreeMotionTask,
+from spikingtac_paper.collision.frames import (
+    FrameSampler,
+    FrameSamplingConfig,
+    displacement_sum_px,
+    exposures_us,
+    measured_px,
+    quiet_threshold_px,
 )
 from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.free_motion.free_rig import FreeRig
-from spikingtac_paper.harness.fingerprint import code_digest
-from spikingtac_paper.harness.quiet_windows import load_windows, save_windows
-from spikingtac_paper.harness.records import Record, load_record
+from spikingtac_paper.harness.run import Record, code_digest, kept
+from spikingtac_paper.harness.window_file import load_windows, save_windows
 
 Centers = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Times ``(n,)``, us, and true marker centres ``(n, m, 2)``, px."""
 
+BUDGET_PER_HOUR = 1.0
+"""Budget of false stops of every detector."""
+QUIET_SEED = 900_000
+"""First seed of the quiet recordings. No approach uses it."""
 QUIET_STEPS = 60_000
 """Milliseconds of the moving arm from which every threshold is computed (contract.md: a minute)."""
 CHUNK_STEPS = 10_000
 """Milliseconds that are simulated at once: this bounds the memory."""
-TRACED_SEEDS = 1
-"""Approaches with a seed below this store their event counts, for the figure."""
+STRETCH_STEPS = 100_000
+"""Length of one motion without contact, ms."""
 LEAD_WINDOWS = 900
 """Windows of a motion without contact before the detectors listen: as many as between a release
 and the listening of the next approach. Past motions leave the pixels' references displaced; the
 first swings after them remove that."""
 FRAME_STREAM, START_STREAM = 1, 2
 """Numbers of the random streams of a trial's frames and of its starting place."""
+FRAME_DELAYS_US = {"frame_sampling": 0.0, "frame_plus_one": FrameSamplingConfig().period_us}
+"""Methods that decide by frames -> their delay, us."""
+TOUCH_DELAYS_US = {"frame_paper": 135_000.0, "zero_delay": 0.0}
+"""Methods that decide by the true first touch -> their delay, us. The paper's largest deviation of
+its frame baseline, 24.3 mm at 0.18 m/s, is 135 ms."""
+METHODS: dict[str, str] = {
+    name: {
+        "event_count": "as published: events of 1 ms above a threshold, taken from the moving arm",
+        "default": "sequential test of the signed rim events over nine time scales",
+    }.get(name, "a contact detector")
+    for name in DETECTORS
+} | {
+    "frame_sampling": "displacement sum over the markers at 32 fps, no other latency",
+    "frame_plus_one": "the same with one more frame of latency",
+    "frame_paper": "135 ms after the touch: the paper's baseline with its undocumented latency",
+    "zero_delay": "a perfect sensor: decides at the true first touch, on the same arm",
+}
+"""Name -> one line about it: the contact detectors, then the baselines."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollisionJob:
-    """One job for one process.
+    """One approach, motion without contact or quiet recording, for one process.
 
     Attributes:
         folder: Folder of the run.
-        task: The approach or the motion without contact; a scene means its quiet recording.
+        scene: The scene.
+        case: Case of the report; for a quiet recording empty.
+        seed: Seed of everything random.
         methods: Names of the methods.
+        speed_mm_s: Speed of an approach, mm/s; 0 for a motion without contact.
+        patience_mm: Travel of the arm after the touch at which an approach ends, mm.
         required: Detectors whose decisions end an approach; empty means all of them.
     """
 
     folder: Path
-    task: CollisionScene | ApproachTask | FreeMotionTask
-    methods: tuple[str, ...]
+    scene: CollisionScene
+    case: str = ""
+    seed: int = 0
+    methods: tuple[str, ...] = ()
+    speed_mm_s: float = 0.0
+    patience_mm: float = 0.0
     required: tuple[str, ...] = ()
+
+    @property
+    def detectors(self) -> dict[str, ContactDetector]:
+        """The detectors among the methods, each reset."""
+        found = {name: _detector(self.folder, self.scene, name)
+                 for name in self.methods if name in DETECTORS}  # fmt: skip
+        for detector in found.values():
+            detector.reset()
+        return found
 
 
 def run_job(job: CollisionJob) -> Record:
     """Return the record of a job; it is read from disk where it exists."""
-    task = job.task
-    if isinstance(task, CollisionScene):
-        return _quiet_record(job.folder, task)
-    kind = "approaches" if isinstance(task, ApproachTask) else "stretches"
-    place = task.case.replace("/", "-")
-    path = job.folder / kind / task.group / place / f"{task.seed}.json"
-    key = job_key(task, job.methods, job.required)
-    record = load_record(path, key)
-    if record is None:
-        result = (
-            _run_approach(job, task)
-            if isinstance(task, ApproachTask)
-            else _run_free_motion(job, task)
-        )
-        record = {"key": key, "group": task.group, "case": task.case, "seed": task.seed, **result}
-        write_json(path, record)
-    return record
-
-
-def job_key(
-    task: ApproachTask | FreeMotionTask, methods: tuple[str, ...], required: tuple[str, ...]
-) -> str:
-    """Return the digest of everything that the result of a task depends on."""
-    return digest(
-        {
-            "scene": task.scene.digest(),
-            "seed": task.seed,
-            "case": task.case,
-            "group": task.group,
-            "length": task.patience_mm if isinstance(task, ApproachTask) else task.steps,
-            "methods": list(methods),
-            "required": list(required),
-            "code": code_digest(),
-        }
-    )
+    if not job.case:
+        return _quiet_record(job.folder, job.scene)
+    about = {**asdict(job), "folder": "", "scene": job.scene.digest(), "code": code_digest()}
+    kind, work = ("approaches", _approach) if job.speed_mm_s else ("stretches", _free_motion)
+    path = job.folder / kind / job.case.replace("/", "-") / f"{job.seed}.json"
+    return kept(path, digest(about), lambda: {"case": job.case, "seed": job.seed, **work(job)})
 
 
 def _quiet_paths(folder: Path, scene: CollisionScene) -> tuple[Path, Path]:
@@ -133,24 +132,24 @@ def _quiet_paths(folder: Path, scene: CollisionScene) -> tuple[Path, Path]:
 def _quiet_record(folder: Path, scene: CollisionScene) -> Record:
     """Record one minute of the moving arm, and learn the frame sampler's threshold from it."""
     events_path, record_path = _quiet_paths(folder, scene)
-    if record_path.is_file() and events_path.is_file():
-        return json.loads(record_path.read_text(encoding="utf-8"))
-    free = scene.make_free_rig(QUIET_SEED + scene.serial, "rested")
-    calibration = scene.calibration(free)
-    quiet: list[tuple[EventPacket, ...]] = []
-    sums: list[float] = []
-    config, rng = FrameSamplingConfig(), np.random.default_rng([QUIET_SEED, scene.serial])
-    for packet, centers in _chunks(free, QUIET_STEPS):
-        quiet += [(window,) for window in windows([packet], 1000)]
-        sums += _frame_sums(config, centers, rng)
-    save_windows(events_path, quiet)
-    record: Record = {
-        "reference_px": calibration.reference_px.tolist(),
-        "radius_px": calibration.radius_px.tolist(),
-        "frame_threshold_px": quiet_threshold_px(config, sums),
-    }
-    write_json(record_path, record)
-    return record
+
+    def recorded() -> Record:
+        free = scene.make_free_rig(QUIET_SEED + scene.serial, "rested")
+        calibration = scene.calibration(free)
+        quiet: list[tuple[EventPacket, ...]] = []
+        sums: list[float] = []
+        config, rng = FrameSamplingConfig(), np.random.default_rng([QUIET_SEED, scene.serial])
+        for packet, centers in _chunks(free, QUIET_STEPS):
+            quiet += [(window,) for window in windows([packet], 1000)]
+            sums += _frame_sums(config, centers, rng)
+        save_windows(events_path, quiet)
+        return {
+            "reference_px": calibration.reference_px.tolist(),
+            "radius_px": calibration.radius_px.tolist(),
+            "frame_threshold_px": quiet_threshold_px(config, sums),
+        }
+
+    return kept(record_path, record_path.stem, recorded)
 
 
 def _chunks(free: FreeRig, steps: int) -> Iterator[tuple[EventPacket, Centers]]:
@@ -172,18 +171,12 @@ def _frame_sums(
 
 
 @functools.lru_cache(maxsize=64)
-def _detector(folder: Path, scene: CollisionScene, name: str, budget: float) -> ContactDetector:
+def _detector(folder: Path, scene: CollisionScene, name: str) -> ContactDetector:
     """Return a detector that was calibrated on the scene's quiet recording."""
     record = _quiet_record(folder, scene)
-    calibration = Calibration(
-        reference_px=np.array(record["reference_px"]),
-        radius_px=np.array(record["radius_px"]),
-        grid=scene.rig.pad.skin.grid,
-        size=scene.finger().optics.size,
-    )
-    quiet = _quiet(folder, scene)
-    config = DetectionConfig(false_alarms_per_hour=budget)
-    return make_detector(name, config, [calibration], quiet)
+    calibration = scene.calibration_of(record["reference_px"], record["radius_px"])
+    config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR)
+    return make_detector(name, config, [calibration], _quiet(folder, scene))
 
 
 @functools.lru_cache(maxsize=2)
@@ -191,77 +184,46 @@ def _quiet(folder: Path, scene: CollisionScene) -> list[tuple[EventPacket, ...]]
     return load_windows(_quiet_paths(folder, scene)[0])
 
 
-def _detectors(
-    job: CollisionJob, task: ApproachTask | FreeMotionTask
-) -> dict[str, ContactDetector]:
-    """Return the detectors of a job, reset; for the curve, each of them with several budgets."""
-    known = collision_methods()
-    names = [name for name in job.methods if known[name].sees == "events"]
-    budgets = BUDGETS_PER_HOUR if task.group == "curve" else (BUDGETS_PER_HOUR[0],)
-    out = {}
-    for name in names:
-        for budget in budgets:
-            label = f"{name}@{budget:g}" if task.group == "curve" else name
-            out[label] = _detector(job.folder, task.scene, name, budget)
-            out[label].reset()
-    return out
-
-
-def _run_approach(job: CollisionJob, task: ApproachTask) -> Record:
-    detectors = _detectors(job, task)
-    rng = np.random.default_rng([task.seed, FRAME_STREAM])
-    known = collision_methods()
+def _approach(job: CollisionJob) -> Record:
+    detectors = job.detectors
+    rng = np.random.default_rng([job.seed, FRAME_STREAM])
     frames = None
-    if any(known[name].sees == "frames" for name in job.methods):
-        threshold = _quiet_record(job.folder, task.scene)["frame_threshold_px"]
+    if any(name in FRAME_DELAYS_US for name in job.methods):
+        threshold = _quiet_record(job.folder, job.scene)["frame_threshold_px"]
         frames = FrameSampler(FrameSamplingConfig(), threshold, rng.uniform(), rng)
-    required = frozenset(job.required or detectors)
     observers = Observers(
-        detectors=detectors, frames=frames, required=required, patience_mm=task.patience_mm
+        detectors=detectors,
+        frames=frames,
+        required=frozenset(job.required or detectors),
+        patience_mm=job.patience_mm,
     )
-    rig = task.scene.make_rig(task.seed)
-    prepare(rig, task.scene, task.speed_mm_s, np.random.default_rng([task.seed, START_STREAM]))
-    run = approach(rig, task.scene, task.speed_mm_s, observers)
-    labels = [*detectors, *(n for n in job.methods if known[n].sees != "events")]
-    return {
-        "methods": {label: _outcome(run, task, label) for label in labels},
-        "costs_us": {
-            name: {str(us): n for us, n in cost.items()} for name, cost in run.costs_us.items()
-        },
-        "touch_us": run.touch.t_us,
-        "first_us": run.first_us,
-        "counts": run.counts if task.seed < TRACED_SEEDS else [],
-    }
+    rig = job.scene.make_rig(job.seed)
+    prepare(rig, job.speed_mm_s, np.random.default_rng([job.seed, START_STREAM]))
+    run = approach(rig, job.speed_mm_s, observers)
+    costs = {name: {str(us): n for us, n in cost.items()} for name, cost in run.costs_us.items()}
+    return {"methods": {name: _outcome(run, name) for name in job.methods}, "costs_us": costs}
 
 
-def _outcome(run: ApproachRun, task: ApproachTask, label: str) -> dict[str, float] | None:
+def _outcome(run: ApproachRun, name: str) -> dict[str, float] | None:
     """Return the outcome of a method's decision, or None where it did not decide."""
-    method = collision_methods().get(label)
-    sees = method.sees if method else "events"
-    delay_us = method.delay_us if method else 0.0
-    seen = {"touch": run.touch.t_us, "frames": run.decided_us.get(FRAMES)}
-    decided = run.decided_us.get(label) if sees == "events" else seen[sees]
-    if decided is None:
-        return None
-    stopped = stop_at(run, decided + delay_us, task.scene.direction)
-    return {
-        "deviation_mm": stopped.deviation_mm,
-        "read_mm": stopped.read_mm,
-        "overshoot_mm": stopped.overshoot_mm,
-        "delay_us": decided + delay_us - run.touch.t_us,
-    }
+    decided, delay_us = run.decided_us.get(name), 0.0
+    if name in FRAME_DELAYS_US:
+        decided, delay_us = run.decided_us.get(FRAMES), FRAME_DELAYS_US[name]
+    elif name in TOUCH_DELAYS_US:
+        decided, delay_us = run.touch.t_us, TOUCH_DELAYS_US[name]
+    return None if decided is None else stop_at(run, decided + delay_us)
 
 
-def _run_free_motion(job: CollisionJob, task: FreeMotionTask) -> Record:
+def _free_motion(job: CollisionJob) -> Record:
     """Count the false stops; after each the detector is reset, as after a real stop."""
-    detectors = _detectors(job, task)
-    free = task.scene.make_free_rig(task.seed, "random")
-    rng = np.random.default_rng([task.seed, FRAME_STREAM])
+    detectors = job.detectors
+    free = job.scene.make_free_rig(job.seed, "random")
+    rng = np.random.default_rng([job.seed, FRAME_STREAM])
     config = FrameSamplingConfig()
-    threshold = _quiet_record(job.folder, task.scene)["frame_threshold_px"]
+    threshold = _quiet_record(job.folder, job.scene)["frame_threshold_px"]
     stops: Counter[str] = Counter({name: 0 for name in detectors})
     listened = 0
-    for packet, centers in _chunks(free, task.steps):
+    for packet, centers in _chunks(free, STRETCH_STEPS):
         for number, window in enumerate(windows([packet], 1000), listened):
             if number >= LEAD_WINDOWS:
                 _listen(detectors, window, stops)

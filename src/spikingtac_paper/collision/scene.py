@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim.rig.fingers import (
-    EDGE_SETTINGS,
-    STEP_SETTINGS,
     VIBRATION_MM,
     FingerConfig,
     SensingFinger,
@@ -26,16 +24,9 @@ from spikingtac.sim.scene.scene import CameraChoice
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
 Vector = NDArray[np.float64]
-Load = Literal["lateral", "axial", "across"]
-Past = Literal["released", "rested", "fresh"]
 
-DIRECTIONS: dict[str, tuple[float, float, float]] = {
-    "lateral": (1.0, 0.0, 0.0),
-    "axial": (0.0, 0.0, -1.0),
-    "across": (0.0, 1.0, 0.0),
-}
-"""Load -> direction of the approach in the base frame: along the pads, along the rod, across."""
-
+DIRECTION: Vector = np.array([1.0, 0.0, 0.0])
+"""Direction of the approach in the base frame: along the pads, across the rod."""
 NEAR_MM = 0.5
 """Distance from the wall at which the arm stands before its first touch, mm."""
 SETTLE_WINDOWS = 100
@@ -43,62 +34,37 @@ SETTLE_WINDOWS = 100
 fifth by then."""
 MARGIN_S = 0.04
 """Largest delay of the constant speed by report, cycle, network and servo, s."""
+STICKOUT_MM = 40.0
+"""Length of the probe beyond the fingers, mm (contract.md)."""
 RELEASED_S = 1.0
 """Time from the release of one touch to the next touch, s (contract.md)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollisionScene:
-    """The physical parameters; contract.md fixes the defaults.
+    """The scene that contract.md fixes: an arm with a probe between two pads, before a wall.
 
     Attributes:
         preset: ``typical`` or ``noisy``: camera and vibration.
-        stickout_mm: Length of the probe beyond the fingers, mm.
-        contrast: Ratio of marker to ground; None takes the preset's.
-        threshold: Contrast threshold of the pixels (log); None takes the preset's.
-        load: Direction of the load on the probe.
-        past: Contact history: released 1 s ago (contract.md), a long rest, or none.
         serial: Serial number of the sensor specimen.
-        rig: Pads and arm; the fields above replace its probe and vibration.
     """
 
     preset: str = "typical"
-    stickout_mm: float = 40.0
-    contrast: float | None = None
-    threshold: float | None = None
-    load: Load = "lateral"
-    past: Past = "released"
     serial: int = 1
-    rig: RigConfig = field(default_factory=RigConfig)
-
-    @property
-    def direction(self) -> Vector:
-        """Unit vector ``(3,)`` of the approach, base frame."""
-        return np.array(DIRECTIONS[self.load])
 
     def finger(self) -> FingerConfig:
         """Return the sensing finger."""
-        settings: dict[str, Any] = {
-            key: dict(value) for key, value in (EDGE_SETTINGS | STEP_SETTINGS).items()
-        }
-        if self.contrast is not None:
-            settings["light"]["contrast"] = self.contrast
-        if self.threshold is not None:
-            settings["pixel"] = {"threshold_on": self.threshold, "threshold_off": self.threshold}
-        history = "fresh" if self.past == "fresh" else "rested"
-        return FingerConfig(
-            camera=self.preset, settings=settings, history=history, serial=self.serial
-        )
+        return FingerConfig(camera=self.preset, history="rested", serial=self.serial)
 
     def rig_config(self) -> RigConfig:
         """Return probe, pads, arm and the preset's vibration."""
-        vibration = replace(self.rig.vibration, rms_mm=VIBRATION_MM[self.preset])
-        probe = ProbeConfig(stickout_mm=self.stickout_mm)
-        return replace(self.rig, probe=probe, vibration=vibration)
+        vibration = replace(RigConfig().vibration, rms_mm=VIBRATION_MM[self.preset])
+        probe = ProbeConfig(stickout_mm=STICKOUT_MM)
+        return RigConfig(probe=probe, vibration=vibration)
 
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
-        way = self.direction
+        way = DIRECTION
         wall = PlaneWall(point_mm=_three(way * RoundBit().radius_mm), normal=_three(-way))
         finger = SensingFinger(self.finger(), seed)
         rng = np.random.default_rng(seed)
@@ -112,10 +78,14 @@ class CollisionScene:
     def calibration(self, free: FreeRig) -> Calibration:
         """Return the true calibration of the sensor in the grip."""
         image = free.images[0]
+        return self.calibration_of(image.center_px, image.radius_px)
+
+    def calibration_of(self, reference_px: ArrayLike, radius_px: ArrayLike) -> Calibration:
+        """Return the calibration with these rest positions and radii, px."""
         return Calibration(
-            reference_px=image.center_px,
-            radius_px=image.radius_px,
-            grid=self.rig.pad.skin.grid,
+            reference_px=np.array(reference_px),
+            radius_px=np.array(radius_px),
+            grid=RigConfig().pad.skin.grid,
             size=self.finger().optics.size,
         )
 
@@ -136,17 +106,18 @@ class CollisionScene:
         return digest(self.resolved())
 
 
-def run_up_mm(scene: CollisionScene, speed_mm_s: float) -> float:
+def run_up_mm(speed_mm_s: float) -> float:
     """Return the distance from start to wall in which the probe's oscillation decays, mm."""
-    braking = speed_mm_s**2 / (2.0 * scene.rig.arm.acceleration_mm_s2)
-    ramp = speed_mm_s * math.sqrt(speed_mm_s / scene.rig.arm.jerk_mm_s3)
+    arm = RigConfig().arm
+    braking = speed_mm_s**2 / (2.0 * arm.acceleration_mm_s2)
+    ramp = speed_mm_s * math.sqrt(speed_mm_s / arm.jerk_mm_s3)
     listening = speed_mm_s * (SETTLE_WINDOWS * 1e-3 + MARGIN_S)
     return NEAR_MM + braking + ramp + listening
 
 
-def travel_time_s(scene: CollisionScene, speed_mm_s: float, way_mm: float) -> float:
+def travel_time_s(speed_mm_s: float, way_mm: float) -> float:
     """Return the time from a command until the arm has travelled a distance, s."""
-    arm = scene.rig.arm
+    arm = RigConfig().arm
     late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(arm.servo_lag_s))
     ramp_s = min(arm.acceleration_mm_s2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))
     return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / arm.acceleration_mm_s2 + ramp_s)

@@ -9,19 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac_paper.collision.approach_run import FRAMES
-from spikingtac_paper.collision.methods import (
-    PAPER_DELAY,
-    PUBLISHED,
-    SAMPLED,
-    collision_methods,
-)
-from spikingtac_paper.collision.plan import ALL, FASTEST, PRESETS, SPEEDS
-from spikingtac_paper.harness.rows import CONFIDENCE, Row, interval
+from spikingtac_paper.collision.approach import FRAMES
+from spikingtac_paper.collision.jobs import METHODS
+from spikingtac_paper.harness.report import CONFIDENCE, Row, interval
 
 Outcome = Mapping[str, float]
-
 SECONDS_PER_HOUR = 3600.0
+SLOW, FASTEST = "0.0008", "0.18"
+SPEEDS = ("0.01", "0.02", "0.04", "0.06", "0.08", "0.1", "0.12", "0.14", "0.16", FASTEST)
+"""Speeds of the case ``all``, m/s: the paper names the range 0.01 to 0.18."""
+PRESETS = ("typical", "noisy")
+ALL = "all"
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "deviation_mean_mm": (
@@ -59,9 +57,9 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
 """Metric -> unit, and what exactly is measured."""
 
 PRINTED: dict[tuple[str, str, str], float] = {
-    (PUBLISHED, f"{PRESETS[0]}/{ALL}", "deviation_mean_mm"): 0.53,
-    (PUBLISHED, f"{PRESETS[0]}/{FASTEST}", "overshoot_max_mm"): 6.2,
-    (PAPER_DELAY, f"{PRESETS[0]}/{FASTEST}", "deviation_max_mm"): 24.3,
+    ("event_count", f"{PRESETS[0]}/{ALL}", "deviation_mean_mm"): 0.53,
+    ("event_count", f"{PRESETS[0]}/{FASTEST}", "overshoot_max_mm"): 6.2,
+    ("frame_paper", f"{PRESETS[0]}/{FASTEST}", "deviation_max_mm"): 24.3,
 }
 """(method, case, metric) -> number that the paper prints, from its hardware (section V-B)."""
 
@@ -133,8 +131,7 @@ def collision_rows(
     """Return every row of the report.
 
     Args:
-        approaches: Records of the groups ``paired`` and ``series`` (main cases), ``sensitivity``
-            and ``curve``.
+        approaches: Records of the approaches.
         stretches: Records of the motions without contact.
     """
     samples = samples_of(approaches)
@@ -145,7 +142,7 @@ def collision_rows(
         rows += _cost_rows(case, method, [costs.get((case, method), Counter())])
     for preset in PRESETS:
         case = f"{preset}/{ALL}"
-        for method in collision_methods():
+        for method in METHODS:
             parts = {f"{preset}/{speed}": samples.get((f"{preset}/{speed}", method))
                      for speed in SPEEDS}  # fmt: skip
             known = {name: part for name, part in parts.items() if part is not None}
@@ -165,8 +162,8 @@ def _approach_rows(case: str, method: str, parts: Mapping[str, Sample]) -> Itera
     def row(metric: str, value: float | None, ci95: tuple[float, float] | None = None) -> Row:
         unit, definition = DEFINITIONS[metric]
         return Row(
-            method=method, case=case, metric=metric, value=value, unit=unit, n=n, source="twin",
-            paper=None, definition=definition, ci95=ci95, seeds=seeds,
+            method=method, case=case, metric=metric, value=value, unit=unit, n=n,
+            definition=definition, ci95=ci95, seeds=seeds,
         )  # fmt: skip
 
     for metric, name in (
@@ -222,7 +219,7 @@ def _cost_rows(case: str, method: str, costs: Sequence[Counter[int]]) -> Iterato
     unit, definition = DEFINITIONS["decision_p99_us"]
     yield Row(
         method=method, case=case, metric="decision_p99_us", value=float(us[rank]), unit=unit,
-        n=int(times.sum()), source="twin", paper=None, definition=definition,
+        n=int(times.sum()), definition=definition,
     )  # fmt: skip
 
 
@@ -234,7 +231,7 @@ def _false_stop_rows(stretches: Iterable[Mapping[str, Any]]) -> Iterator[Row]:
         hours[record["case"]] += record["seconds"] / SECONDS_PER_HOUR
         count[record["case"]] += 1
         for name, found in record["stops"].items():
-            stops[record["case"], SAMPLED if name == FRAMES else name] += found
+            stops[record["case"], "frame_sampling" if name == FRAMES else name] += found
     for (case, method), found in stops.items():
         low, high = garwood(found, hours[case])
         for metric, value in (
@@ -246,7 +243,7 @@ def _false_stop_rows(stretches: Iterable[Mapping[str, Any]]) -> Iterator[Row]:
             unit, definition = DEFINITIONS[metric]
             yield Row(
                 method=method, case=case, metric=metric, value=value, unit=unit, n=count[case],
-                source="twin", paper=None, definition=definition, seeds=count[case],
+                definition=definition, seeds=count[case],
             )  # fmt: skip
 
 

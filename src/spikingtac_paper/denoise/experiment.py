@@ -8,31 +8,38 @@ so the reference is exact.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.batch.run_folder import begin_run
+from spikingtac.denoise.denoiser import Denoiser
+from spikingtac.denoise.infer import NetworkDenoiser
+from spikingtac.denoise.registry import make_denoiser
 from spikingtac.schema import to_mapping
-from spikingtac_paper.denoise.cases import (
-    METHODS,
-    UNITS,
-    DenoiseConfig,
-    Samples,
-    report_rows,
-    score_all,
+from spikingtac.sim.scene.catalog import TRAJECTORIES
+from spikingtac_paper.denoise.scoring import (
+    ACTIVITY,
+    Centroids,
+    CleanRecording,
+    Degradation,
+    MapKind,
+    Score,
+    TrueRecording,
+    clean_centroids,
+    open_v2e,
+    render,
+    score_recording,
 )
-from spikingtac_paper.denoise.figures import before_and_after
-from spikingtac_paper.denoise.recordings import open_v2e, render
-from spikingtac_paper.denoise.scoring import ACTIVITY
-from spikingtac_paper.harness.fingerprint import provenance
-from spikingtac_paper.harness.report import Report, Table, find_row
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row
-from spikingtac_paper.harness.run_options import RunOptions
-from spikingtac_paper.trials.trials import V2E
+from spikingtac_paper.harness.figures import dot_figure
+from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac_paper.harness.run import Progress, RunOptions, provenance
+from spikingtac_paper.training.dataset import US_PER_S
+from spikingtac_paper.trials.trial import V2E
 
 NAME = "denoise"
 FIRST_SEED = 1001
@@ -42,16 +49,8 @@ FULL_SEEDS = 2
 QUICK = {"duration_s": 5.0, "every_us": 500_000}
 """Settings of a quick run: fewer moments, but nearly full length, since noise accumulates in a
 binary map."""
-GROUPS = {
-    "": "Ten trajectories",
-    "heldout/": "Held-out motion (torsion)",
-    f"{V2E}/": "The v2e recording mix",
-    "fast/": "Fast markers",
-    "slow/": "Slow markers",
-}
-"""Prefix of a case -> title, in the order of the tables."""
-FINDING_CASES = (("binary", 1.0, 0.5), ("binary", 0.05, 0.1), ("graded", 1.0, 0.5))
-"""Map, background (Hz/px) and fraction of dropped events of the cases on the first page."""
+FIRST = ("binary@1.0-0.5", "binary@0.05-0.1", "graded@1.0-0.5")
+"""Cases on the first page: map, background (Hz/px) and fraction of dropped events."""
 ABOUT = {
     "none": "the map as it is",
     "median3": "3x3 median",
@@ -59,7 +58,87 @@ ABOUT = {
     "network": "the shipped unsupervised network, float32",
     "network-int8": "the same in int8",
     "supervised": "SUPERVISED with the simulator's noise-free maps: an upper bound, not a method",
+    f"{ACTIVITY}...": "the same behind the event-activity filter",
 }
+SUPERVISED = Path(__file__).resolve().parents[3] / "results" / "denoise" / "supervised.onnx"
+"""Network that was trained with noise-free maps: an upper bound. Only the source tree has it."""
+METHODS = (
+    *("none", "median3", "box7", "network", "network-int8"),
+    *(("supervised",) if SUPERVISED.is_file() else ()),
+)
+"""Methods of the report. An installed package has no ``supervised``."""
+HELD_OUT = "finger-torsion"
+"""Test recording with a kind of motion that is not in the training recordings."""
+FILTER_PRODUCT = 0.03
+"""Background rate times window of the activity filter (ours); about an eighth of the fraction of
+noise events that pass. The filter is the same for all methods."""
+FAST_PX_S = 20.0
+"""Markers that move faster count as fast, others as slow, px/s (ours)."""
+DEFINITIONS = {
+    "centroid_mean_px": "distance of a found blob's centroid to the marker's true centre, mean",
+    "excess_mean_px": "distance of a found blob's centroid to that which the same map gives without"
+    " noise, drops and activity filter, mean over markers and moments",
+    "recall": "fraction of the markers and moments of the clean map that have a blob within half"
+    " a pitch of the clean centroid",
+    "step_p50_us": "time from map to blobs, median over the moments",
+}
+UNITS = {"centroid_mean_px": "px", "excess_mean_px": "px", "recall": "1", "step_p50_us": "us"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DenoiseConfig:
+    """The settings of the experiment; all values are ours.
+
+    Attributes:
+        scenes: Scenes of the twin.
+        seeds: Seeds of each scene; training uses others.
+        duration_s: Length of each recording, s.
+        noise_hz: Background rates, per pixel and second.
+        drop: Fractions of the signal events that are dropped.
+        maps: Kinds of state map.
+        longest_us: Longest window of the activity filter, us.
+        every_us: Time between two scored moments, us.
+        first_us: Time from the start of a recording to its first moment, us.
+    """
+
+    scenes: tuple[str, ...] = TRAJECTORIES
+    seeds: tuple[int, ...] = (1001,)
+    duration_s: float = 6.0
+    noise_hz: tuple[float, ...] = (0.05, 0.2, 1.0, 5.0)
+    drop: tuple[float, ...] = (0.0, 0.1, 0.3, 0.5)
+    maps: tuple[MapKind, ...] = field(default_factory=lambda: get_args(MapKind))
+    longest_us: int = 80_000
+    every_us: int = 100_000
+    first_us: int = 500_000
+
+    def window_us(self, noise_hz: float) -> int:
+        """Return the window of the activity filter for a background rate, us.
+
+        A shorter window passes less noise, but it also removes events of slow motions, which have
+        no neighbour within the window. The rate is measured on an untouched sensor.
+        """
+        return round(min(US_PER_S * FILTER_PRODUCT / noise_hz, self.longest_us))
+
+
+Samples = dict[tuple[str, str], list["Sample"]]
+"""(case, method) -> samples of all recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The scores of one method on one recording.
+
+    Attributes:
+        excess_px: Distances to the clean centroid, NaN where the marker was not found.
+        centroid_px: Distances to the true centre, NaN where the marker was not found.
+        step_us: Computing times of the steps, us.
+        source: ``twin`` or ``v2e``.
+    """
+
+    excess_px: NDArray[np.float64]
+    centroid_px: NDArray[np.float64]
+    step_us: NDArray[np.float64]
+    source: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,17 +158,29 @@ def run(options: RunOptions) -> dict[str, Any]:
     config = replace(DenoiseConfig(seeds=seeds), **(QUICK if options.quick else {}))
     settings = {"experiment": NAME, "quick": options.quick, **to_mapping(config)}
     begin_run(options.output, settings, options.resume, options.overwrite)
-    parts = list(_in_processes(_jobs(config, options.data), options))
+    jobs = [RecordingJob(config, scene, seed) for scene in config.scenes for seed in config.seeds]
+    if options.data is not None and (options.data / V2E / "mix.raw").is_file():
+        jobs.insert(0, RecordingJob(config, "mix", config.seeds[0], options.data))
+    with options.pool(len(jobs)) as pool:
+        parts = Progress(options, len(jobs)).run(pool, score_job, jobs)
     rows = report_rows(parts)
+    cases = {row.case: row.case for row in rows if "/" not in row.case}
+    drawn = [ACTIVITY + name for name in METHODS]
     report = Report(
         experiment=NAME,
         title="Denoising",
-        provenance=provenance(options.command(NAME), settings),
+        provenance=provenance(options.command("experiment", NAME), settings),
         rows=rows,
-        findings=findings(rows),
-        tables=_tables(rows),
-        figures=[before_and_after(config)],
-        methods=ABOUT | {f"{ACTIVITY}...": "the same behind the event-activity filter"},
+        first=FIRST,
+        findings=lines_of(rows, FIRST, drawn),
+        figures=[
+            (
+                "excess_mean_px of every map, noise and loss, behind the activity filter "
+                "(simulated)",
+                dot_figure(rows, cases, drawn, "excess_mean_px"),
+            )
+        ],
+        methods=ABOUT,
     )
     return write_report(report, options.output)
 
@@ -101,63 +192,93 @@ def score_job(job: RecordingJob) -> Samples:
     return score_all(render(job.scene, job.seed, job.config.duration_s), job.config, job.seed)
 
 
-def findings(rows: Sequence[Row]) -> list[str]:
-    """Return the findings: sentences that are computed from the rows alone."""
-    sentences = (
-        _compared(rows, prefix, kind, noise_hz, drop)
-        for prefix in ("", "heldout/", f"{V2E}/")
-        for kind, noise_hz, drop in FINDING_CASES
-    )
-    return [sentence for sentence in sentences if sentence]
+def denoiser_of(method: str) -> Denoiser:
+    """Return the denoiser behind a method of the report."""
+    return NetworkDenoiser(SUPERVISED) if method == "supervised" else make_denoiser(method)
 
 
-def _compared(
-    rows: Sequence[Row], prefix: str, kind: str, noise_hz: float, drop: float
-) -> str | None:
-    case = f"{prefix}{kind}@{noise_hz}-{drop}"
-
-    def excess(method: str) -> float | None:
-        row = find_row(rows, ACTIVITY + method, case, "excess_mean_px")
-        return row.value if row else None
-
-    classical = {name: value for name in METHODS[:3] if (value := excess(name)) is not None}
-    network, int8 = excess("network"), excess("network-int8")
-    recall = find_row(rows, f"{ACTIVITY}network-int8", case, "recall")
-    if not classical or network is None or int8 is None or recall is None or recall.value is None:
-        return None
-    best = min(classical, key=lambda name: classical[name])
-    change = network / classical[best] - 1.0
-    return (
-        f"{GROUPS[prefix]}, {kind} map, {noise_hz:g} Hz/px, {drop:.0%} dropped, the same event "
-        f"filter before every method: excess of the network {network:.3f} px (int8 {int8:.3f} px, "
-        f"recall {recall.value:.4f}), of the best classical filter, {best}, "
-        f"{classical[best]:.3f} px: {abs(change):.0%} {'less' if change < 0 else 'more'} "
-        "(simulated)."
-    )
+def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
+    """Score every method in every case on one recording."""
+    denoisers = {name: denoiser_of(name) for name in METHODS}
+    samples: Samples = {}
+    for kind in config.maps:
+        reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)
+        _warm_up(denoisers, recording.clean)
+        for noise_hz in config.noise_hz:
+            for drop in config.drop:
+                case = f"{kind}@{float(noise_hz)}-{float(drop)}"
+                degradation = Degradation(
+                    noise_hz=noise_hz, drop=drop, window_us=config.window_us(noise_hz), seed=seed
+                )
+                scores = score_recording(recording.clean, kind, degradation, reference, denoisers)
+                for method, score in scores.items():
+                    for prefix, sample in _samples(recording, reference, score, config):
+                        samples.setdefault((prefix + case, method), []).append(sample)
+    return samples
 
 
-def _jobs(config: DenoiseConfig, data: Path | None) -> list[RecordingJob]:
-    jobs = [RecordingJob(config, scene, seed) for scene in config.scenes for seed in config.seeds]
-    if data is not None and (data / V2E / "mix.raw").is_file():
-        jobs.insert(0, RecordingJob(config, "mix", config.seeds[0], data))
-    return jobs
+def report_rows(parts: Sequence[Samples]) -> list[Row]:
+    """Return the rows of the report from the samples of all recordings."""
+    merged: Samples = {}
+    for part in parts:
+        for key, samples in part.items():
+            merged.setdefault(key, []).extend(samples)
+    rows = []
+    for (case, method), samples in merged.items():
+        if sum(sample.excess_px.size for sample in samples) == 0:
+            continue
+        for metric, (value, count) in _metrics(samples).items():
+            rows.append(
+                Row(
+                    method=method,
+                    case=case,
+                    metric=metric,
+                    value=value,
+                    unit=UNITS[metric],
+                    n=count,
+                    source=samples[0].source,
+                    definition=DEFINITIONS[metric],
+                )
+            )
+    return rows
 
 
-def _in_processes(jobs: Sequence[RecordingJob], options: RunOptions) -> Iterator[Samples]:
-    with options.pool(len(jobs)) as pool:
-        futures = [pool.submit(score_job, job) for job in jobs]
-        for number, future in enumerate(as_completed(futures), 1):
-            future.result()
-            options.report_progress(number, len(jobs))
-        yield from (future.result() for future in futures)
+def _warm_up(denoisers: Mapping[str, Denoiser], recording: CleanRecording) -> None:
+    width, height = recording.events.size
+    for denoiser in denoisers.values():
+        denoiser.clean(np.zeros((height, width), np.float32))
 
 
-def _tables(rows: Sequence[Row]) -> list[Table]:
-    methods = [prefix + name for prefix in ("", ACTIVITY) for name in METHODS]
-    cases = sorted(dict.fromkeys(row.case for row in rows), key=_place)
-    return [Table.of_case(case, UNITS, methods) for case in cases]
+def _samples(
+    recording: TrueRecording, reference: Centroids, score: Score, config: DenoiseConfig
+) -> list[tuple[str, Sample]]:
+    """Return (prefix of the case, sample) for every case to which a score contributes."""
+    source = recording.clean.source
+    centroid_px = np.hypot(*np.moveaxis(score.center_px - recording.at(reference.at_us), -1, 0))
+
+    def sample_of(where: NDArray[np.bool_]) -> Sample:
+        scored = where & reference.found
+        return Sample(score.error_px[scored], centroid_px[scored], score.step_us, source)
+
+    every = np.ones_like(reference.found)
+    if source != "twin":
+        return [(f"{source}/", sample_of(every))]
+    fast = reference.speed_px_s > FAST_PX_S
+    out = [("", sample_of(every)), ("fast/", sample_of(fast)), ("slow/", sample_of(~fast))]
+    if recording.clean.name == HELD_OUT:
+        out.append(("heldout/", sample_of(every)))
+    return out
 
 
-def _place(case: str) -> int:
-    before, slash, _ = case.rpartition("/")
-    return list(GROUPS).index(before + slash)
+def _metrics(samples: Sequence[Sample]) -> dict[str, tuple[float | None, int]]:
+    excess_px = np.concatenate([sample.excess_px for sample in samples])
+    centroid_px = np.concatenate([sample.centroid_px for sample in samples])
+    step_us = np.concatenate([sample.step_us for sample in samples])
+    found = ~np.isnan(excess_px)
+    count = int(found.sum())
+    return {
+        "centroid_mean_px": (float(centroid_px[found].mean()) if count else None, count),
+        "excess_mean_px": (float(excess_px[found].mean()) if count else None, count),
+        "recall": (float(found.mean()), len(found)),
+        "step_p50_us": (float(np.median(step_us)), len(step_us)),
+    }

@@ -7,7 +7,8 @@ of the state map itself therefore do not count.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
@@ -16,19 +17,33 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events.open import open_events
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
+from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.scene import CameraChoice, Scene
+from spikingtac.sim.scene.source import SceneSource
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.state_map.paint import paint_binary_discs, paint_discs
 from spikingtac.state_map.state_map import StateMap
 from spikingtac.types import EventPacket
-from spikingtac_paper.training.degrade import with_background, with_drops
+from spikingtac_paper.training.dataset import with_background, with_drops
 
 MapKind = Literal["binary", "graded"]
 ACTIVITY = "activity+"
 """Prefix of the names of methods with the event-activity filter before the map."""
+
+
+QUIET = CameraChoice(
+    preset="typical",
+    settings={
+        "background": {"rate_hz": 0.0, "hot_fraction": 0.0},
+        "pixel": {"leak_hz": 0.0},
+    },
+)
+"""The typical camera without its noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +63,53 @@ class CleanRecording:
     reference_px: NDArray[np.float64]
     radius_px: NDArray[np.float64]
     source: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrueRecording:
+    """A clean recording with its true marker positions.
+
+    Attributes:
+        clean: The recording.
+        t_us: ``(n,)`` times of the truth, us.
+        marker_px: ``(n, m, 2)`` true centres, px.
+    """
+
+    clean: CleanRecording
+    t_us: NDArray[np.int64]
+    marker_px: NDArray[np.float32]
+
+    def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
+        rows = np.minimum(np.searchsorted(self.t_us, t_us), len(self.t_us) - 1)
+        return self.marker_px[rows].astype(np.float64)
+
+
+def noise_free(scene: Scene) -> Scene:
+    """Return the scene with the typical camera, without its noise."""
+    return replace(scene, camera=QUIET)
+
+
+def render(scene_name: str, seed: int, duration_s: float) -> TrueRecording:
+    """Render one recording of the twin without noise, with its truth."""
+    source = SceneSource(noise_free(catalog.load(scene_name)), seed, duration_s)
+    steps = list(source.steps())
+    events = EventPacket.concatenate([step.packet for step in steps])
+    clean = CleanRecording(scene_name, events, source.reference_px, source.radius_px, "twin")
+    times = np.concatenate([step.truth.marker_t_us for step in steps])
+    return TrueRecording(clean, times, np.concatenate([step.truth.marker_px for step in steps]))
+
+
+def open_v2e(folder: str | Path, name: str = "mix") -> TrueRecording:
+    """Open a v2e recording; its own noise (0.1 Hz/px) remains in it."""
+    source = open_events(Path(folder) / f"{name}.raw")
+    events = EventPacket.concatenate([packet for packet in source if len(packet)])
+    with np.load(Path(folder) / f"{name}.truth.npz", allow_pickle=False) as truth:
+        clean = CleanRecording(
+            name, events, truth["reference_px"].astype(float), truth["radius_px"].astype(float),
+            "v2e",
+        )  # fmt: skip
+        return TrueRecording(clean, truth["marker_t_us"], truth["marker_px"])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,50 +1,86 @@
-"""What a report holds: rows, tables, figures and findings."""
+"""From scores to rows, and from rows to ``report.json``, a page and a table."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from html import escape
+from pathlib import Path
+from typing import Any, Literal
 
-from spikingtac_paper.harness.rows import Row
+import numpy as np
 
+from spikingtac.atomic_files import write_json, write_text
+
+CONFIDENCE = 0.95
+"""Confidence level of the intervals."""
+REPORT = "report.json"
 COUNTED = ("markers", "approaches")
 """Units of whole numbers."""
+SOURCES = {"twin": "simulated (twin)", "v2e": "simulated (v2e)", "recorded": "recorded"}
+"""Source of a row -> what the page calls it; these are never merged."""
+STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem}
+table{border-collapse:collapse;margin:.6rem 0;font-variant-numeric:tabular-nums}
+th,td{padding:.25rem .6rem;border-bottom:1px solid #d8dee4;text-align:right;white-space:nowrap}
+th{vertical-align:bottom}th:first-child,td:first-child{text-align:left}
+.grey{color:#57606a;font-size:.85em}.paper{color:#8250df}.scroll{overflow-x:auto}
+figure{margin:1rem 0}svg{max-width:100%;height:auto}
+summary{font-size:1.2rem;font-weight:600;margin-top:2rem;cursor:pointer}
+pre{background:#f6f8fa;padding:.8rem;overflow-x:auto}
+"""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Table:
-    """A table of the report: one line per method, one column per metric.
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A number that each trial yields.
 
     Attributes:
-        name: File name without ending.
-        title: Heading.
-        case: The case whose rows it shows.
-        metrics: Names of the columns.
-        methods: Names of the lines, in order.
-        folded: Whether the page hides it until a click.
+        name: As in ``report.json``; the unit is in the name.
+        unit: ``px``, ``markers`` or ``1`` (a fraction).
+        definition: What exactly is measured.
+        over_trials: How the values of the trials of a case are combined.
     """
 
     name: str
-    title: str
-    case: str
-    metrics: tuple[str, ...]
-    methods: tuple[str, ...]
-    folded: bool = False
+    unit: str
+    definition: str
+    over_trials: Literal["mean", "sum"] = "mean"
 
-    @classmethod
-    def of_case(
-        cls, case: str, metrics: Iterable[str], methods: Iterable[str], *, folded: bool = False
-    ) -> Table:
-        """Return the table of a case, named after it."""
-        return cls(
-            name=case.replace("/", "-"),
-            title=case,
-            case=case,
-            metrics=tuple(metrics),
-            methods=tuple(methods),
-            folded=folded,
-        )
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Row:
+    """One line of ``report.json``.
+
+    Attributes:
+        method: Name of the method.
+        case: Name of the case.
+        metric: Name of the metric.
+        value: The figure, or None where nothing could be measured.
+        unit: Unit of the value.
+        n: Number of trials behind it.
+        source: ``twin``, ``v2e`` or ``recorded``.
+        paper: The number that the paper prints, or None.
+        definition: What exactly was measured.
+        ci95: 95 % confidence interval of the mean over the seeds; None for a single seed.
+        seeds: Number of seeds.
+    """
+
+    method: str
+    case: str
+    metric: str
+    value: float | None
+    unit: str
+    n: int
+    source: str = "twin"
+    paper: float | None = None
+    definition: str
+    ci95: tuple[float, float] | None = None
+    seeds: int = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,10 +90,10 @@ class Report:
     Attributes:
         experiment: Name of the experiment.
         title: Heading of the page.
-        provenance: How it was made, from ``fingerprint.provenance``.
+        provenance: How it was made, from :func:`~spikingtac_paper.harness.run.provenance`.
         rows: All results.
-        findings: Sentences for the first page.
-        tables: Selections of the rows.
+        first: Cases whose tables the page shows; it folds the others.
+        findings: Lines for the first page and the terminal.
         figures: (caption, SVG text) in order.
         methods: Name -> one line about it.
     """
@@ -66,25 +102,196 @@ class Report:
     title: str
     provenance: dict[str, Any]
     rows: Sequence[Row]
+    first: Sequence[str] = ()
     findings: Sequence[str] = ()
-    tables: Sequence[Table] = ()
     figures: Sequence[tuple[str, str]] = ()
     methods: Mapping[str, str] = field(default_factory=dict)
 
-    def document(self) -> dict[str, Any]:
-        """Return what ``report.json`` holds."""
-        return {
-            "experiment": self.experiment,
-            "provenance": self.provenance,
-            "findings": list(self.findings),
-            "rows": [asdict(row) for row in self.rows],
-        }
+
+def rows_of(
+    records: Iterable[Mapping[str, Any]],
+    metrics: Sequence[Metric],
+    published: Mapping[tuple[str, str], float] | None = None,
+    paper_case: str = "",
+) -> list[Row]:
+    """Return one row for each method, case and metric, over the trials of the case.
+
+    Args:
+        records: Scores of the trials: ``method``, ``trial`` and ``scores`` each.
+        metrics: Which scores to report.
+        published: (method, metric) -> number that the paper prints.
+        paper_case: The case to which the paper's numbers belong.
+    """
+    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
+    for record in records:
+        for case in (record["trial"]["case"], *record["trial"]["groups"]):
+            grouped[case, record["method"]].append(record)
+    printed = published or {}
+    return [
+        _row(method, case, metric, scored, printed if case == paper_case else {})
+        for (case, method), group in grouped.items()
+        for metric in metrics
+        if (scored := [record for record in group if metric.name in record["scores"]])
+    ]
+
+
+def _row(
+    method: str,
+    case: str,
+    metric: Metric,
+    group: Sequence[Mapping[str, Any]],
+    printed: Mapping[tuple[str, str], float],
+) -> Row:
+    values = np.array([record["scores"][metric.name] for record in group])
+    seeds = np.array([record["trial"]["seed"] for record in group])
+    total = values.sum() if metric.over_trials == "sum" else values.mean()
+    per_seed = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
+    return Row(
+        method=method,
+        case=case,
+        metric=metric.name,
+        value=float(total),
+        unit=metric.unit,
+        n=len(values),
+        source=str(group[0]["trial"]["source"]),
+        paper=printed.get((method, metric.name)),
+        definition=metric.definition,
+        ci95=interval(per_seed) if metric.over_trials == "mean" else None,
+        seeds=len(per_seed),
+    )
+
+
+def interval(values: np.ndarray) -> tuple[float, float] | None:
+    """Return Student's confidence interval of a mean, or None for fewer than two values."""
+    if len(values) < 2:
+        return None
+    from scipy.stats import t
+
+    half = float(t.ppf(0.5 + CONFIDENCE / 2.0, len(values) - 1)) * values.std(ddof=1)
+    half /= np.sqrt(len(values))
+    return float(values.mean() - half), float(values.mean() + half)
 
 
 def find_row(rows: Sequence[Row], method: str, case: str, metric: str) -> Row | None:
     """Return the row of a method, case and metric, or None."""
     key = (method, case, metric)
     return next((row for row in rows if (row.method, row.case, row.metric) == key), None)
+
+
+def lines_of(rows: Sequence[Row], cases: Iterable[str], methods: Sequence[str]) -> list[str]:
+    """Return a line for each of some cases and methods: every figure that it has."""
+    lines = []
+    for case in cases:
+        for method in methods:
+            here = [row for row in rows if (row.method, row.case) == (method, case)]
+            texts = [
+                f"{row.metric} {row.value:.3g}" + (f" (paper {row.paper:g})" if row.paper else "")
+                for row in here
+                if row.value is not None
+            ]
+            if texts:
+                source = SOURCES.get(here[0].source, here[0].source)
+                lines.append(f"{case}, {method}, {source}: {', '.join(texts)}.")
+    return lines
+
+
+def write_report(report: Report, folder: Path, **counts: int) -> dict[str, Any]:
+    """Write all files of a report into a folder; return the summary of the run.
+
+    Args:
+        report: What was found.
+        folder: Where to write.
+        **counts: What else was counted, as ``trials``.
+    """
+    findings, rows = list(report.findings), [asdict(row) for row in report.rows]
+    document = {"experiment": report.experiment, "provenance": report.provenance}
+    write_json(folder / REPORT, document | {"findings": findings, "rows": rows})
+    write_text(folder / "tables" / "rows.csv", _csv(rows))
+    for number, (_, svg) in enumerate(report.figures, 1):
+        write_text(folder / "figures" / f"figure{number}.svg", svg)
+    write_text(folder / "report.html", html_page(report))
+    summary = {"experiment": report.experiment, "output": str(folder), **counts}
+    return summary | {"rows": len(rows), "findings": findings}
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    out = io.StringIO(newline="")
+    columns = ("method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    for row in rows:
+        ends = " to ".join(f"{end:.6g}" for end in row["ci95"]) if row["ci95"] else ""
+        values = {**row, "ci95": ends}
+        writer.writerow(["" if values[name] is None else values[name] for name in columns])
+    return out.getvalue()
+
+
+def html_page(report: Report) -> str:
+    """Return the report as one self-contained page: no script, no link to anywhere."""
+    about, cases = report.provenance, list(dict.fromkeys(row.case for row in report.rows))
+    tables = {
+        case: _table(case, [row for row in report.rows if row.case == case]) for case in cases
+    }
+    shown = [case for case in report.first if case in tables] or cases
+    folded = "".join(tables[case] for case in cases if case not in shown)
+    definitions = {row.metric: row.definition for row in report.rows}
+    parts = [
+        f"<h1>{escape(report.title)}</h1>",
+        f"<p>Made by <code>{escape(str(about.get('command')))}</code>, version "
+        f"{escape(str(about.get('package_version')))}, commit "
+        f"{escape(str(about.get('git_commit')))}. What is simulated, recorded and printed by the "
+        "paper (violet, its own hardware) is never merged. In grey: 95 % interval of the mean over "
+        "the seeds, where there is more than one.</p>",
+        _listed("What came out", dict.fromkeys(report.findings, "")),
+        *(tables[case] for case in shown),
+        *(
+            f"<figure>{svg[svg.find('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
+            for caption, svg in report.figures
+        ),
+        f"<details><summary>Every other case</summary>{folded}</details>" if folded else "",
+        _listed("Methods", report.methods),
+        _listed("Metrics", definitions),
+        f"<h2>Provenance</h2><pre>{escape(json.dumps(about, indent=1, sort_keys=True))}</pre>",
+    ]
+    head = f"<meta charset='utf-8'><title>{escape(report.title)}</title><style>{STYLE}</style>"
+    body = "".join(parts)
+    return f"<!doctype html><html lang='en'><head>{head}</head><body>{body}</body></html>\n"
+
+
+def _listed(title: str, items: Mapping[str, str]) -> str:
+    lines = [f"<li><b>{escape(key)}</b> {escape(text)}</li>" for key, text in items.items()]
+    return f"<h2>{title}</h2><ul>{''.join(lines)}</ul>" if lines else ""
+
+
+def _table(case: str, rows: Sequence[Row]) -> str:
+    metrics = list(dict.fromkeys(row.metric for row in rows))
+    found = {(row.method, row.metric): row for row in rows}
+    head = "".join(f"<th>{escape(name).replace('_', '_<wbr>')}</th>" for name in metrics)
+    lines = [
+        f"<tr><td>{escape(method)}</td>"
+        + "".join(_cell(found.get((method, metric))) for metric in metrics)
+        + "</tr>"
+        for method in dict.fromkeys(row.method for row in rows)
+    ]
+    source = SOURCES.get(rows[0].source, rows[0].source)
+    trials, seeds = max(row.n for row in rows), max(row.seeds for row in rows)
+    return (
+        f"<h2>{escape(case)}</h2><p class='grey'><b>{source}</b>, n = {trials}, seeds: {seeds}</p>"
+        f"<div class='scroll'><table><thead><tr><th>method</th>{head}</tr></thead>"
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return "<td>-</td>"
+    text = figure_text(row.value, row.unit)
+    if row.paper is not None:
+        text += f" <span class='paper'>{figure_text(row.paper, row.unit)}</span>"
+    if row.ci95 is not None:
+        low, high = (figure_text(end, row.unit) for end in row.ci95)
+        text += f"<br><span class='grey'>{low} to {high}</span>"
+    return f"<td>{text}</td>"
 
 
 def figure_text(value: float | None, unit: str) -> str:

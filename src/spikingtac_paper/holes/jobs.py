@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.atomic_files import write_json
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.errors import SearchError
 from spikingtac.geometry.travel import TravelModel
@@ -39,9 +38,8 @@ from spikingtac.sim.rig.wall_calibration import (
     travel_of,
 )
 from spikingtac.types import FloatArray
-from spikingtac_paper.harness.fingerprint import code_digest
-from spikingtac_paper.harness.quiet_windows import load_windows, save_windows
-from spikingtac_paper.harness.records import Record, load_record
+from spikingtac_paper.harness.run import Record, code_digest, kept
+from spikingtac_paper.harness.window_file import load_windows, save_windows
 
 RADII_MM: tuple[float, ...] = tuple(round(0.7 + 4.3 / 9 * k, 3) for k in range(10))
 """Ten radii from 0.7 to 5.0 mm, the range of section V-C."""
@@ -110,36 +108,38 @@ def trial_of(seed: int, hole: int) -> HoleTrial:
 
 def run_calibration(job: HoleJob) -> Record:
     """Touch a flat wall in every direction of the searches, or read these touches from disk."""
-    record = load_record(job.path, job.key())
-    if record is not None and job.quiet_path.is_file():
+
+    def touched() -> Record:
+        site = HoleSite(Grasp.of(job.seed), CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
+        quiet = quiet_windows(site)
+        save_windows(job.quiet_path, quiet)
+        detector = detector_for(site, DETECTOR, quiet)
+        rng = np.random.default_rng([job.seed, PAST_STREAM])
+        before_cross = functools.partial(_make_past_contact, site, detector, rng)
+        record: Record = {"seed": job.seed}
+        for style in STYLES:
+            plain = prober_for(site, detector, style)
+            prober = RecordingProber(plain, [job.seed, CALIBRATION_STREAM])
+            touch_flat_walls(site, prober, style, job.cycles[style], before_cross)
+            record[style] = prober.stored
         return record
-    site = HoleSite(Grasp.of(job.seed), CALIBRATION_SEEDS + HOLE_SEEDS * job.seed)
-    quiet = quiet_windows(site)
-    save_windows(job.quiet_path, quiet)
-    detector = detector_for(site, DETECTOR, quiet)
-    record = {"key": job.key(), "seed": job.seed}
-    rng = np.random.default_rng([job.seed, PAST_STREAM])
-    before_cross = functools.partial(_make_past_contact, site, detector, rng)
-    for style in STYLES:
-        prober = RecordingProber(prober_for(site, detector, style), [job.seed, CALIBRATION_STREAM])
-        touch_flat_walls(site, prober, style, job.cycles[style], before_cross)
-        record[style] = prober.stored
-    write_json(job.path, record)
-    return record
+
+    return kept(job.path, job.key(), touched)
 
 
 def run_searches(job: HoleJob) -> Record:
     """Search one hole in both styles, or read the touches from disk."""
+    return kept(job.path, job.key(), functools.partial(_searched, job))
+
+
+def _searched(job: HoleJob) -> Record:
     assert job.hole is not None
-    record = load_record(job.path, job.key())
-    if record is not None:
-        return record
     calibration = run_calibration(replace(job, hole=None))
     trial = trial_of(job.seed, job.hole)
     site = HoleSite(Grasp.of(job.seed), HOLE_SEEDS * job.seed + job.hole)
     detector = detector_for(site, DETECTOR, load_windows(job.quiet_path))
     _make_past_contact(site, detector, np.random.default_rng([job.seed, PAST_STREAM, job.hole]))
-    record = {"key": job.key(), "seed": job.seed, "hole": job.hole}
+    record: Record = {"seed": job.seed, "hole": job.hole}
     for style in STYLES:
         site.set_wall(trial.wall, trial.start_mm)
         travel = travel_of(calibration[style], PLANNING_MM)
@@ -152,8 +152,8 @@ def run_searches(job: HoleJob) -> Record:
         except SearchError as failure:
             found["error"] = str(failure)
         record[style] = {"touches": prober.stored, **found}
-        _wait_until_at_rest(site)
-    write_json(job.path, record)
+        while site.rig.arm.state() is ArmState.MOVING:
+            site.rig.wait(0.01)
     return record
 
 
@@ -174,8 +174,3 @@ def _make_past_contact(site: HoleSite, detector: ContactDetector, rng: np.random
     with contextlib.suppress(SearchError):
         prober_for(site, detector, DEFAULT).touch(np.zeros(2), direction)
     site.rig.wait(1.0)
-
-
-def _wait_until_at_rest(site: HoleSite) -> None:
-    while site.rig.arm.state() is ArmState.MOVING:
-        site.rig.wait(0.01)

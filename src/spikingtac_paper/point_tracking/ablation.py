@@ -12,13 +12,18 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, load_config
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.markers.registry import make_tracker
+from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.point_tracking.cases import CAMERAS, LOOPS
-from spikingtac_paper.point_tracking.no_hold import NoHold
-from spikingtac_paper.trials.laws import LawMethod, compared_laws, swept_laws
-from spikingtac_paper.trials.methods import Method, as_published, of_config
-from spikingtac_paper.trials.trials import Trial
+from spikingtac_paper.trials.methods import (
+    LawMethod,
+    Method,
+    as_published,
+    compared_laws,
+    of_config,
+)
+from spikingtac_paper.trials.trial import Trial
 
 ABLATION_SCENES = ("mixed", "finger-slides", "drag-release")
 """Trajectories of the ablations."""
@@ -40,13 +45,13 @@ SHIFT_PX = 1.0
 
 def ablation_methods() -> dict[str, Method | LawMethod]:
     """Return the default tracker, its variants, and those of the published pipeline."""
-    return {method.name: method for method in (*_variants(), *_references(), *_laws())}
+    return {method.name: method for method in (*_variants(), *_references(), *compared_laws())}
 
 
 def methods_on(trial: Trial) -> tuple[str, ...]:
     """Return the names of the methods that run on a trial of the ablations."""
     if trial.case == LOOPS:
-        return ("default", *(method.name for method in _laws()))
+        return ("default", *(method.name for method in compared_laws()))
     if trial.settings or f"{trial.case.removesuffix(trial.scene)}" not in CAMERAS:
         return COMPARED
     return tuple(ablation_methods())
@@ -122,10 +127,6 @@ def _references() -> Iterator[Method]:
         yield of_config(f"paper-{denoiser}", f"denoiser {denoiser} for the network", config)
 
 
-def _laws() -> list[LawMethod]:
-    return [*compared_laws(), *swept_laws()]
-
-
 def _maintain(name: str, about: str, base: Config, **changes: float | bool) -> Method:
     maintenance = replace(base.tracking.maintenance, **changes)  # type: ignore[arg-type]
     return of_config(name, about, base.with_tracking(maintenance=maintenance))
@@ -187,3 +188,37 @@ def _shifted(calibration: Calibration) -> Calibration:
     sign = np.where(np.arange(len(calibration.reference_px)) % 2, 1.0, -1.0)[:, None]
     shift = sign * np.array([SHIFT_PX, -SHIFT_PX]) / np.sqrt(2.0)
     return replace(calibration, reference_px=calibration.reference_px + shift)
+
+
+class NoHold:
+    """Outputs the rest position for each marker that coasts or is predicted."""
+
+    def __init__(self, tracker: MarkerTracker, calibration: Calibration) -> None:
+        """Wrap a tracker; its own state does not change.
+
+        Args:
+            tracker: Any tracker.
+            calibration: The calibration, with the rest positions.
+        """
+        self._tracker, self._rest_px = tracker, calibration.reference_px
+
+    def absorb(self, packet: EventPacket) -> None:
+        """Pass the events on."""
+        self._tracker.absorb(packet)
+
+    def estimate(self, t_us: int) -> MarkerFrame:
+        """Return the tracker's frame with unobserved markers at rest."""
+        frame = self._tracker.estimate(t_us)
+        coasted = frame.coasted[:, None]
+        detected_px = np.where(coasted, self._rest_px, frame.detected_px)
+        position_px = np.where(coasted, self._rest_px, frame.position_px)
+        return replace(
+            frame,
+            detected_px=detected_px,
+            position_px=position_px,
+            displacement_px=position_px - self._rest_px,
+        )
+
+    def reset(self) -> None:
+        """Reset the tracker."""
+        self._tracker.reset()

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from spikingtac.sim.scene.catalog import TRAJECTORIES
-from spikingtac_paper.trials.trials import V2E, Trial
+from spikingtac_paper.trials.trial import V2E, Trial
 
 ALL = "all"
 """Case of all ten trajectories together."""

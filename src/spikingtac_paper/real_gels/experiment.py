@@ -3,47 +3,130 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from spikingtac.atomic_files import replacing
 from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
+from spikingtac.config import digest, load_config
+from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.events.open import open_events
-from spikingtac.events.transform import time_slice
-from spikingtac.types import EventPacket
-from spikingtac_paper.harness.fingerprint import provenance
-from spikingtac_paper.harness.report import Report, Table, find_row
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row, rows_of
-from spikingtac_paper.harness.run_options import RunOptions, select_methods
-from spikingtac_paper.real_gels.cases import CASES, FOLDER, GelCase
-from spikingtac_paper.real_gels.figures import course_figure, plateau_figure
-from spikingtac_paper.real_gels.jobs import (
-    GelJob,
-    calibration_path,
-    make_calibration,
-    prediction_path,
-    run_method,
+from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.pipeline.follow import follow
+from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
+from spikingtac_paper.harness.run import (
+    Progress,
+    Record,
+    RunOptions,
+    code_digest,
+    kept,
+    provenance,
+    select_methods,
 )
-from spikingtac_paper.real_gels.scoring import (
-    METRICS,
-    PLATEAU_METRICS,
-    TRUTH_METRICS,
-    Plateaus,
-)
-from spikingtac_paper.trials.methods import main_methods
+from spikingtac_paper.real_gels.scoring import METRICS, Plateaus, plateau_scores, truth_scores
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.methods import Method, main_methods
 from spikingtac_paper.trials.prediction import Prediction
+from spikingtac_paper.trials.trial import calibration_digest
 
 NAME = "real"
 OWN = ("default", "fast", "paper")
-"""Methods whose results are stated in sentences and drawn."""
-
-DRAWN_PLATEAU = 5
-"""Plateau of the picture: a press late enough for a good reference."""
-
+"""Methods whose results stand on the first page."""
 QUICK_CASES = ("real-presses", "sim-presses/itself")
 """Cases of a quick run."""
+FOLDER = "gel"
+"""Folder of these recordings below that of the foreign recordings."""
+
+SIMULATED, V2E, RECORDED = "simulated", "v2e", "recorded"
+"""Where the events come from: a transparent model, the simulator v2e, or a real sensor."""
+KEPT_HZ = 250.0
+"""Rate at which estimates are stored and scored, Hz; a real recording lasts for minutes."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GelCase:
+    """One recording and one way to calibrate its sensor.
+
+    Attributes:
+        name: Of the rows in ``report.json``.
+        events: File to track.
+        slides: File to calibrate from; None calibrates from :attr:`events` itself.
+        truth: File with the true course of the markers, or None.
+        reference: File with the standing places of the markers between the bursts, or None.
+        source: Where the events come from.
+    """
+
+    name: str
+    events: str
+    slides: str | None = None
+    truth: str | None = None
+    reference: str | None = None
+    source: str
+
+    @property
+    def calibrated_from(self) -> str:
+        """File that the calibration is made from."""
+        return self.slides or self.events
+
+    def files(self) -> tuple[str, ...]:
+        """Return every file that the case needs."""
+        named = (self.events, self.slides, self.truth, self.reference)
+        return tuple(name for name in named if name)
+
+    def is_there(self, folder: Path) -> bool:
+        """Return whether all files of the case are in a folder."""
+        return all((folder / name).is_file() for name in self.files())
+
+
+CASES: tuple[GelCase, ...] = (
+    GelCase(
+        name="real-presses",
+        events="real_presses.aedat4",
+        reference="real_presses.reference.npz",
+        source=RECORDED,
+    ),
+    GelCase(
+        name="sim-presses/slides",
+        events="sim_presses.raw",
+        slides="sim_presses_bootstrap.raw",
+        truth="sim_presses.truth.npz",
+        source=SIMULATED,
+    ),
+    GelCase(
+        name="sim-presses/itself",
+        events="sim_presses.raw",
+        truth="sim_presses.truth.npz",
+        source=SIMULATED,
+    ),
+    GelCase(
+        name="gel/slides",
+        events="gel.raw",
+        slides="gel_bootstrap.raw",
+        truth="gel.truth.npz",
+        source=V2E,
+    ),
+    GelCase(name="gel/itself", events="gel.raw", truth="gel.truth.npz", source=V2E),
+)
+"""All cases, the real recording first."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GelJob:
+    """One case, and one method on it.
+
+    Attributes:
+        case: The recording.
+        data: Folder of the recording.
+        folder: Folder of the run.
+        method: Name of the method; empty makes the calibration only.
+    """
+
+    case: GelCase
+    data: Path
+    folder: Path
+    method: str = ""
 
 
 def run(options: RunOptions) -> dict[str, Any]:
@@ -53,26 +136,28 @@ def run(options: RunOptions) -> dict[str, Any]:
         ConfigError: There is no folder with the recordings, or a method is unknown.
     """
     data = _recordings(options.data)
-    names = select_methods(main_methods(), options.methods)
+    known = main_methods()
+    names = select_methods(known, options.methods)
     settings = {"experiment": NAME, "quick": options.quick, "methods": names}
     begin_run(options.output, settings, options.resume, options.overwrite)
     cases = [case for case in CASES if case.is_there(data)]
     cases = [case for case in cases if not options.quick or case.name in QUICK_CASES]
     jobs = [GelJob(case=case, data=data, folder=options.output) for case in cases]
     refused, records = _scored(jobs, names, options)
-    rows = rows_of(records, METRICS, {}, paper_case="")
+    rows = rows_of(records, METRICS)
     absent = [case.name for case in CASES if not case.is_there(data)]
     report = Report(
         experiment=NAME,
         title="Recordings of real gels",
-        provenance=provenance(options.command(NAME), settings),
+        provenance=provenance(options.command("experiment", NAME), settings),
         rows=rows,
-        findings=[*findings(rows, cases), *(f"{case}: {why}" for case, why in refused.items()),
-                  *(f"{name} was not run: its files are not in {FOLDER}/" for name in absent)],
-        tables=[_table(case, names) for case in cases],
-        figures=_figures([job for job in jobs if job.case.name not in refused], names),
-        methods={name: method.about for name, method in main_methods().items() if name in names},
-    )  # fmt: skip
+        findings=[
+            *lines_of(rows, [case.name for case in cases], OWN),
+            *(f"{case}: {why}" for case, why in refused.items()),
+            *(f"{name} was not run: its files are not in {FOLDER}/" for name in absent),
+        ],
+        methods={name: known[name].about for name in names},
+    )
     return write_report(report, options.output, trials=len(records))
 
 
@@ -87,86 +172,93 @@ def _recordings(data: Path | None) -> Path:
 
 def _scored(
     jobs: Sequence[GelJob], names: Sequence[str], options: RunOptions
-) -> tuple[dict[str, str], list[dict[str, Any]]]:
+) -> tuple[dict[str, str], list[Record]]:
     """Calibrate each sensor once, then run every method on every case.
 
     Returns:
         Case -> reason of a failed calibration; the records of all other cases.
     """
+    sensors = {calibration_path(job): job for job in jobs}
+    progress = Progress(options, len(sensors) + len(jobs) * len(names))
     with options.pool(len(jobs) * len(names)) as pool:
-        sensors = {calibration_path(job): job for job in jobs}
-        reasons = dict(zip(sensors, pool.map(make_calibration, sensors.values()), strict=True))
-        refused = {job.case.name: f"not calibrated, {why}" for job in jobs
-                   if (why := reasons[calibration_path(job)])}  # fmt: skip
-        method_jobs = [
-            GelJob(case=job.case, data=job.data, folder=job.folder, method=name)
+        why = progress.run(pool, make_calibration, sensors.values())
+        reasons = dict(zip(sensors, why, strict=True))
+        refused = {
+            job.case.name: f"not calibrated, {reason}"
             for job in jobs
-            if job.case.name not in refused
-            for name in names
-        ]
-        records = []
-        for record in pool.map(run_method, method_jobs):
-            records.append(record)
-            options.report_progress(len(records), len(method_jobs))
-    return refused, records
+            if (reason := reasons[calibration_path(job)])
+        }
+        kept_jobs = [job for job in jobs if job.case.name not in refused]
+        method_jobs = [replace(job, method=name) for job in kept_jobs for name in names]
+        return refused, progress.run(pool, run_method, method_jobs)
 
 
-def findings(rows: Sequence[Row], cases: Sequence[GelCase]) -> list[str]:
-    """Return the findings: sentences that are computed from the rows alone."""
-    sentences = []
-    for case in cases:
-        names = PLATEAU_METRICS if case.reference else TRUTH_METRICS[:4]
-        for method in OWN:
-            found = [find_row(rows, method, case.name, name) for name in names]
-            figures = [
-                f"{row.metric} {row.value:.3g}" for row in found if row and row.value is not None
-            ]
-            if figures:
-                line = ", ".join(figures)
-                sentences.append(f"{case.name} ({case.source}), {method}: {line}.")
-    return sentences
+def calibration_path(job: GelJob) -> Path:
+    """Return the file of a case's calibration, named by its recording and the code behind it."""
+    code = code_digest()
+    return job.folder / "calibrations" / f"{Path(job.case.calibrated_from).stem}-{code}.json"
 
 
-def _table(case: GelCase, names: Sequence[str]) -> Table:
-    return Table.of_case(case.name, PLATEAU_METRICS if case.reference else TRUTH_METRICS, names)
+def make_calibration(job: GelJob) -> str:
+    """Calibrate the sensor of a case as ``spikingtac calibrate`` does without any option.
+
+    Returns:
+        The reason why that failed, or an empty text.
+    """
+    path = calibration_path(job)
+    if path.is_file():
+        return ""
+    try:
+        source = open_events(job.data / job.case.calibrated_from)
+        calibration = calibrate(source, load_config("default").calibration)
+    except SpikingTacError as error:
+        return str(error)
+    with replacing(path) as temporary:
+        calibration.save(temporary)
+    return ""
 
 
-def _figures(jobs: Sequence[GelJob], names: Sequence[str]) -> list[tuple[str, str]]:
-    figures = []
-    for job in jobs:
-        if not job.case.reference:
-            continue
-        plateaus = Plateaus.load(job.data / job.case.reference)
-        known = {name: _prediction(job, name) for name in OWN if name in names}
-        predictions = {name: one for name, one in known.items() if one is not None}
-        if not predictions:
-            continue
-        first = next(iter(predictions))
-        calibration = Calibration.load(calibration_path(job))
-        figures.append((
-            f"{job.case.name} ({job.case.source}): events of a press, the standing places of the "
-            f"independent reference (circles), and the displacements by {first} (arrows).",
-            plateau_figure(predictions[first], plateaus, calibration.radius_px,
-                           _burst(job, plateaus), DRAWN_PLATEAU),
-        ))  # fmt: skip
-        figures.append((
-            f"{job.case.name} ({job.case.source}): displacement of the marker that moves most.",
-            course_figure(predictions, plateaus, OWN),
-        ))  # fmt: skip
-    return figures
-
-
-def _prediction(job: GelJob, name: str) -> Prediction | None:
-    method_job = GelJob(case=job.case, data=job.data, folder=job.folder, method=name)
-    return Prediction.load(prediction_path(method_job))
-
-
-def _burst(job: GelJob, plateaus: Plateaus) -> EventPacket:
-    source = open_events(job.data / job.case.events)
-    packets = iter(source)
-    first = next(packet for packet in packets if len(packet))
-    start_us = int(first.t[0] + plateaus.end_us[DRAWN_PLATEAU - 1])
-    end_us = int(first.t[0] + plateaus.start_us[DRAWN_PLATEAU])
-    return EventPacket.concatenate(
-        list(time_slice(open_events(job.data / job.case.events), start_us, end_us))
+def run_method(job: GelJob) -> Record:
+    """Track a recording with one method and score it, or read the results from disk."""
+    calibration = Calibration.load(calibration_path(job))
+    method = main_methods()[job.method]
+    key = digest(
+        {
+            "calibration": calibration_digest(calibration, method.reads),
+            "method": method.key(),
+            "case": asdict(job.case),
+            "kept_hz": KEPT_HZ,
+        }
     )
+    name = f"{job.case.name.replace('/', '-')}"
+    file = job.folder / "predictions" / job.method / f"{name}.npz"
+
+    def scored() -> Record:
+        prediction = Prediction.load(file, key)
+        if prediction is None:
+            prediction = _tracked(job, method, calibration)
+            prediction.save(file, key)
+        trial = {"case": job.case.name, "groups": [], "seed": 0, "source": job.case.source}
+        scores = _scores(job, prediction, calibration)
+        return {"method": job.method, "trial": trial, "scores": scores}
+
+    score_key = digest({"prediction": key, "code": code_digest()})
+    return kept(job.folder / "scores" / job.method / f"{name}.json", score_key, scored)
+
+
+def _tracked(job: GelJob, method: Method, calibration: Calibration) -> Prediction:
+    frames = follow(
+        open_events(job.data / job.case.events), method.build(calibration), method.rate_hz
+    )
+    return Prediction.collect(
+        frames, calibration.reference_px, max(1, round(method.rate_hz / KEPT_HZ))
+    )
+
+
+def _scores(job: GelJob, prediction: Prediction, calibration: Calibration) -> dict[str, float]:
+    if job.case.truth:
+        truth = GroundTruth.load(job.data / job.case.truth)
+        return truth_scores(prediction, truth, calibration)
+    assert job.case.reference
+    plateaus = Plateaus.load(job.data / job.case.reference)
+    return plateau_scores(prediction, plateaus, calibration)

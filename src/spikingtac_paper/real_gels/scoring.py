@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import RecordingError
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us
 from spikingtac_paper.trials.prediction import Prediction

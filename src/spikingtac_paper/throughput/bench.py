@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spikingtac.atomic_files import write_json
 from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
-from spikingtac_paper.harness.fingerprint import code_digest, provenance
-from spikingtac_paper.harness.report import Report, Table, find_row
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row
-from spikingtac_paper.harness.run_options import RunOptions
-from spikingtac_paper.throughput.bench_stream import BenchStream, kept_stream
-from spikingtac_paper.throughput.decoding import decoder_rows
+from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept, provenance
+from spikingtac_paper.throughput.decoding import REPEATS, decoder_figures
 from spikingtac_paper.throughput.peers import PEERS
 from spikingtac_paper.throughput.stopwatch import (
     PACE_US,
@@ -31,8 +24,9 @@ from spikingtac_paper.throughput.stopwatch import (
     paced_run,
     windows_of,
 )
-from spikingtac_paper.trials.calibrations import calibration_of
+from spikingtac_paper.throughput.stream import BenchStream, bench_stream
 from spikingtac_paper.trials.methods import main_methods
+from spikingtac_paper.trials.trial import calibration_of
 
 NAME = "throughput"
 CAMERAS = ("typical", "noisy")
@@ -64,85 +58,61 @@ def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
     begin_run(options.output, settings, options.resume, options.overwrite)
-    rows: list[Row] = []
-    rates = {}
-    for number, camera in enumerate(CAMERAS, 1):
-        part = _part(camera, options, settings)
-        rates[camera] = part["rate_hz"]
-        rows += [Row(**row) for row in part["rows"]]
-        if options.advance:
-            options.advance(number / len(CAMERAS))
-    command = f"spikingtac bench {NAME} -o {options.output.name}"
+    parts: list[Record] = []
+    for camera in CAMERAS:
+        key = digest({"camera": camera, "settings": settings, "code": code_digest()})
+        path = options.output / "parts" / f"{camera}.json"
+        parts.append(kept(path, key, lambda camera=camera: _part(camera, options)))
+        options.report_progress(len(parts), len(CAMERAS))
+    rows = [Row(**row) for part in parts for row in part["rows"]]
+    rates = {camera: part["rate_hz"] for camera, part in zip(CAMERAS, parts, strict=True)}
     report = Report(
         experiment=NAME,
         title="Throughput",
-        provenance=provenance(command + (" --quick" if options.quick else ""), settings)
+        provenance=provenance(options.command("bench", NAME), settings)
         | {"stream_events_per_s": rates},
         rows=rows,
-        findings=_findings(rows),
-        tables=_tables(rows),
+        findings=lines_of(rows, CAMERAS, OWN),
     )
     return write_report(report, options.output)
 
 
-def _part(camera: str, options: RunOptions, settings: dict[str, Any]) -> dict[str, Any]:
-    """Return one camera's rows; those of an interrupted run where the code is the same."""
-    key = digest({"camera": camera, "settings": settings, "code": code_digest()})
-    path = options.output / "parts" / f"{camera}-{key}.json"
-    if options.resume and path.is_file():
-        return json.loads(path.read_text(encoding="utf-8"))
-    turns = QUICK_TURNS if options.quick else TURNS
-    stream = kept_stream(camera, options.seed, turns, options.output)
+def _part(camera: str, options: RunOptions) -> Record:
+    """Measure on one camera's stream."""
+    stream = bench_stream(camera, options.seed, QUICK_TURNS if options.quick else TURNS)
     calibration = calibration_of(stream.trial, options.output)
-    rows = list(_camera_rows(stream, calibration, options))
+    rows = list(_camera_rows(stream, calibration, options.quick))
     if camera == CAMERAS[0]:
-        rows += list(decoder_rows(stream.events, options.output))
-    part = {"rate_hz": stream.rate_hz, "rows": [asdict(row) for row in rows]}
-    write_json(path, part)
-    return part
-
-
-def _tables(rows: list[Row]) -> list[Table]:
-    decoding = tuple(row.metric for row in rows if row.case == "all")
-    methods: tuple[str, ...] = (*OWN, *PEERS)
-    wanted: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [
-        (camera, tuple(DEFINITIONS), methods) for camera in CAMERAS
-    ]
-    wanted.append(("all", decoding, ("decoder",)))
-    return [
-        Table(name=case, title=case, case=case, metrics=metrics, methods=methods)
-        for case, metrics, methods in wanted
-    ]
+        rows += [
+            Row(method="decoder", case="all", metric=metric, value=value, unit=unit, n=REPEATS,
+                definition=f"{definition}; fastest of {REPEATS} runs")
+            for metric, value, unit, definition in decoder_figures(stream.events, options.output)
+        ]  # fmt: skip
+    return {"rate_hz": stream.rate_hz, "rows": [asdict(row) for row in rows]}
 
 
 def paced_process(
-    queue: Any, name: str, camera: str, options: tuple[int, int, float], folder: Path
+    queue: Any, name: str, stream: BenchStream, calibration: Calibration, duration_s: float
 ) -> None:
     """Do the paced run of one method; the body of its own process.
 
     Args:
         queue: Takes the latencies, us.
         name: Method.
-        camera: Preset of the stream.
-        options: Seed, turns, duration in s.
-        folder: With the calibrations.
+        stream: The stream.
+        calibration: Of the sensor.
+        duration_s: How long, s.
     """
-    seed, turns, duration_s = options
-    stream = kept_stream(camera, seed, turns, folder)
-    calibration = calibration_of(stream.trial, folder)
     gc.disable()
     windows = windows_of(stream, PACE_US)
     queue.put(paced_run(main_methods()[name].build, calibration, windows, duration_s))
 
 
-def _camera_rows(
-    stream: BenchStream, calibration: Calibration, options: RunOptions
-) -> Iterator[Row]:
-    camera, methods = stream.trial.camera, main_methods()
-    windows = windows_of(stream, PACE_US)
-    at_1khz: dict[str, FreeRun] = {}
-    for name in OWN:
-        at_1khz[name] = free_run(methods[name].build(calibration), windows, stream)
+def _camera_rows(stream: BenchStream, calibration: Calibration, quick: bool) -> Iterator[Row]:
+    methods, windows = main_methods(), windows_of(stream, PACE_US)
+    at_1khz: dict[str, FreeRun] = {
+        name: free_run(methods[name].build(calibration), windows, stream) for name in OWN
+    }
     for name, build in PEERS.items():
         at_1khz[name] = free_run(build(calibration), windows, stream, SLOW_EVERY.get(name, 1))
     peer_us = float(np.median(at_1khz["opencv_tuned"].estimate_us))
@@ -158,54 +128,17 @@ def _camera_rows(
             "speedup_vs_opencv_tuned": peer_us / float(np.median(at_pace.estimate_us)),
         }
         if name in PACED:
-            values |= _paced(name, camera, options)
+            duration_s = QUICK_PACED_S if quick else PACED_S
+            late_us = in_own_process(paced_process, name, stream, calibration, duration_s)
+            values["paced_1khz_p99_us"] = float(np.percentile(late_us, 99))
+            values["paced_1khz_missed"] = float((late_us > PACE_US).mean())
         for metric, value in values.items():
-            yield _row(name, camera, metric, value, len(own.step_us))
-
-
-def _paced(name: str, camera: str, options: RunOptions) -> dict[str, float]:
-    turns = QUICK_TURNS if options.quick else TURNS
-    duration_s = QUICK_PACED_S if options.quick else PACED_S
-    arguments = (options.seed, turns, duration_s)
-    latency_us = in_own_process(paced_process, name, camera, arguments, options.output)
-    return {
-        "paced_1khz_p99_us": float(np.percentile(latency_us, 99)),
-        "paced_1khz_missed": float((latency_us > PACE_US).mean()),
-    }
-
-
-def _row(method: str, case: str, metric: str, value: float, count: int) -> Row:
-    return Row(
-        method=method,
-        case=case,
-        metric=metric,
-        value=value,
-        unit=UNITS.get(metric, "us"),
-        n=count,
-        source="twin",
-        paper=None,
-        definition=DEFINITIONS[metric],
-    )
-
-
-def _findings(rows: list[Row]) -> list[str]:
-    findings = (_finding(rows, method, camera) for method in OWN for camera in CAMERAS)
-    return [finding for finding in findings if finding]
-
-
-def _finding(rows: list[Row], method: str, camera: str) -> str:
-    values = {row.metric: row.value for row in rows if (row.method, row.case) == (method, camera)}
-    peer = find_row(rows, "opencv_tuned", camera, "error_mean_px")
-    error_px = values.get("error_mean_px")
-    if error_px is None or peer is None or not peer.value:
-        return ""
-    text = (
-        f"{method} on {camera}: {values['step_p50_us']:.0f} us a step at the median, "
-        f"{values['step_p99_us']:.0f} us at the 99th percentile; "
-        f"{values['speedup_vs_opencv_tuned']:.1f} times as fast as tuned OpenCV from map to "
-        f"centres, at {error_px / peer.value:.2f} of its error ({error_px:.3f} px)"
-    )
-    if (late := values.get("paced_1khz_p99_us")) is not None:
-        missed = 100.0 * (values["paced_1khz_missed"] or 0.0)
-        text += f"; paced at 1 kHz {late:.0f} us at the 99th percentile, {missed:.2f} % missed"
-    return text + "."
+            yield Row(
+                method=name,
+                case=stream.trial.camera,
+                metric=metric,
+                value=value,
+                unit=UNITS.get(metric, "us"),
+                n=len(own.step_us),
+                definition=DEFINITIONS[metric],
+            )

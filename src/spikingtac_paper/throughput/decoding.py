@@ -12,7 +12,6 @@ from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
 from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.rows import Row
 
 ENCODINGS = ("evt2", "evt21", "evt3")
 REPEATS = 5
@@ -23,8 +22,8 @@ PACKET_US = 10_000
 """Length of the packets of the count and map measurement."""
 
 
-def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:
-    """Yield the rows of the method ``decoder``.
+def decoder_figures(events: EventPacket, folder: Path) -> Iterator[tuple[str, float, str, str]]:
+    """Yield metric, value, unit and definition of the method ``decoder``.
 
     Args:
         events: The stream.
@@ -39,13 +38,13 @@ def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:
             writer.write(events)
         taken_s[encoding] = fastest_s(lambda path=path: [len(part) for part in open_events(path)])
         definition = f"{encoding.upper()} file on disk to checked event packets"
-        yield _row(f"decode_{encoding}_mev_s", millions / taken_s[encoding], "Mev/s", definition)
+        yield f"decode_{encoding}_mev_s", millions / taken_s[encoding], "Mev/s", definition
     library_s = _library_s(folder / "streams" / "evt3.raw")
     if library_s is not None:
         definition = "decode_evt3_mev_s over that of the evt3 package, the same file"
-        yield _row("decode_vs_evt3_library", library_s / taken_s["evt3"], "times", definition)
+        yield "decode_vs_evt3_library", library_s / taken_s["evt3"], "times", definition
     definition = "events to 1 ms counts and the map, bounds and order of time checked"
-    yield _row("counts_and_map_mev_s", millions / _count_s(events), "Mev/s", definition)
+    yield "counts_and_map_mev_s", millions / _count_s(events), "Mev/s", definition
 
 
 def fastest_s(action: Callable[[], object]) -> float:
@@ -76,17 +75,3 @@ def _library_s(path: Path) -> float | None:
     except ImportError:
         return None
     return fastest_s(lambda: evt3.decode_file(str(path)))
-
-
-def _row(metric: str, value: float, unit: str, definition: str) -> Row:
-    return Row(
-        method="decoder",
-        case="all",
-        metric=metric,
-        value=value,
-        unit=unit,
-        n=REPEATS,
-        source="twin",
-        paper=None,
-        definition=f"{definition}; fastest of {REPEATS} runs",
-    )

@@ -1,50 +1,40 @@
-"""How costs grow with markers and events: 64, 256, 1,024 markers; 2, 10, 50 Mev/s; calibration."""
+"""How the cost of a step grows: 64, 256, 1,024 markers; 2, 10, 50 Mev/s (simulated)."""
 
 from __future__ import annotations
 
 import gc
-import os
-import tempfile
 import time
-from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac.events.create import create_events
-from spikingtac.events.open import open_events
-from spikingtac.markers.calibration.calibrate import calibrate
-from spikingtac_paper.harness.fingerprint import provenance
-from spikingtac_paper.harness.report import Report, Table
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row
-from spikingtac_paper.harness.run_options import RunOptions
-from spikingtac_paper.throughput.bench_stream import BenchStream
-from spikingtac_paper.throughput.skin_stream import (
-    SKINS,
-    Skin,
-    calibration_at_rest,
-    skin_stream,
-    slides,
-)
-from spikingtac_paper.throughput.stopwatch import (
-    PACE_US,
-    US_PER_S,
-    free_run,
-    in_own_process,
-    largest_memory_mb,
-    windows_of,
-)
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.sim.camera.camera import EventCamera
+from spikingtac.sim.optics import Optics
+from spikingtac.sim.scene import catalog
+from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac_paper.harness.run import RunOptions, provenance
+from spikingtac_paper.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
+from spikingtac_paper.throughput.stream import BenchStream, circling
 from spikingtac_paper.trials.methods import main_methods
+from spikingtac_paper.trials.trial import Trial
 
 NAME = "skins"
 METHODS = ("default", "fast")
 RATES_MEV_S = (2, 10, 50)
 DURATION_US, QUICK_DURATION_US = 400_000, 120_000
+FAR_MM = 200.0
+"""Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
+(ours)."""
+TRY_US = 50_000
+"""Length of a trial, from which the speed for the wanted rate follows."""
+TRIES = 2
+"""The rate grows less than the speed; after two trials it is within some per cent."""
+FIRST_TURNS_HZ = 2.0
+"""Circles per second of the first trial, for 64 markers and 1 Mev/s."""
 DEFINITIONS = {
     "step_p50_us": "median of absorb + estimate, every ms, free running",
     "step_p99_us": "99th percentile of the same",
@@ -53,21 +43,7 @@ DEFINITIONS = {
     "error_mean_px": "mean distance of detected_px to the truth over the stream",
     "events_mev_s": "events of the stream per second",
 }
-CALIBRATION = "calibrate"
-"""What the calibration is called where trackers are named."""
-
-CALIBRATION_DEFINITIONS = {
-    "calibration_s": "time to calibrate from slides in six directions, 6.4 s long, in a process "
-    "whose kernels are compiled",
-    "peak_mb": "largest memory of that process",
-    "rest_error_px": "mean distance of the rests to the truth",
-    "events_mev": "events of the slides",
-}
 UNITS = {
-    "calibration_s": "s",
-    "peak_mb": "MB",
-    "rest_error_px": "px",
-    "events_mev": "Mev",
     "absorb_mev_s": "Mev/s",
     "start_s": "s",
     "error_mean_px": "px",
@@ -75,101 +51,120 @@ UNITS = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """A skin and its sensor.
+
+    Attributes:
+        grid: ``(rows, columns)`` of markers.
+        size: ``(width, height)`` of the sensor, px.
+        px_per_mm: Scale of the image; the markers' pitch is 2.4 mm.
+        radius_mm: Radius of the discs.
+    """
+
+    grid: tuple[int, int]
+    size: tuple[int, int]
+    px_per_mm: float
+    radius_mm: float
+
+    @property
+    def count(self) -> int:
+        """Number of markers."""
+        return self.grid[0] * self.grid[1]
+
+
+SKINS = (
+    Skin((8, 8), (320, 320), 15.5, 0.45),
+    Skin((16, 16), (640, 640), 15.5, 0.45),
+    # The sensor's height allows a pitch of 22 px; discs of 6 px leave 10 px between them.
+    Skin((32, 32), (1280, 720), 9.2, 0.65),
+)
+
+
+def skin_stream(skin: Skin, rate_mev_s: float, seed: int, duration_us: int) -> BenchStream:
+    """Simulate a skin in motion, with the camera preset ``typical`` but no cap of its readout.
+
+    Args:
+        skin: Which one.
+        rate_mev_s: Wanted events, million per second.
+        seed: Of the camera's noise.
+        duration_us: Length, us.
+    """
+    turns_hz = FIRST_TURNS_HZ * rate_mev_s * SKINS[0].count / skin.count
+    for _ in range(TRIES):
+        turns_hz *= rate_mev_s * 1e6 / _moved(skin, turns_hz, seed, TRY_US).rate_hz
+    return _moved(skin, turns_hz, seed, duration_us)
+
+
+def _at_rest(skin: Skin, stream: BenchStream) -> Calibration:
+    """Return the calibration of a stream's skin, from its truth."""
+    return Calibration(
+        reference_px=stream.truth.reference_px,
+        radius_px=stream.truth.radius_px,
+        grid=skin.grid,
+        size=skin.size,
+        provenance={"from": "the twin's truth at rest"},
+    )
+
+
+def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStream:
+    scene = catalog.load("quiet")
+    discs = replace(scene.optics.discs, radius_mm=skin.radius_mm)
+    lens = replace(
+        scene.optics,
+        size=skin.size,
+        px_per_mm=skin.px_per_mm,
+        distance_mm=FAR_MM,
+        k1=0.0,
+        discs=discs,
+    )
+    optics = Optics(lens, seed=scene.skin.serial)
+    settings = scene.camera.resolve(skin.size)
+    settings = replace(settings, readout=replace(settings.readout, cap_mev_s=None))
+    camera = EventCamera(settings, seed, serial=scene.skin.serial)
+    rest = replace(scene.skin, grid=skin.grid).at_rest()
+    events, truth = circling(
+        (optics, camera), scene.history.references, rest, turns_hz, duration_us
+    )
+    trial = Trial(case="skin", scene="quiet", seed=seed, camera="typical")
+    return BenchStream(events, truth, len(events) / (duration_us * 1e-6), trial)
+
+
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
     settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
     begin_run(options.output, settings, options.resume, options.overwrite)
+    duration_us = QUICK_DURATION_US if options.quick else DURATION_US
     rows: list[Row] = []
-    cases: list[tuple[Skin, int | None]] = list(product(SKINS, (*RATES_MEV_S, None)))
+    cases = list(product(SKINS, RATES_MEV_S))
     for number, (skin, rate) in enumerate(cases, 1):
-        rows += _calibration(skin, options) if rate is None else _case(skin, rate, options)
-        if options.advance:
-            options.advance(number / len(cases))
-    command = f"spikingtac bench {NAME} -o {options.output.name}"
+        stream = skin_stream(skin, rate, options.seed, duration_us)
+        for method in METHODS:
+            for metric, value in _measured(method, skin, stream).items():
+                rows.append(
+                    Row(
+                        method=method,
+                        case=f"{skin.count}@{rate}",
+                        metric=metric,
+                        value=value,
+                        unit=UNITS.get(metric, "us"),
+                        n=duration_us // PACE_US,
+                        definition=DEFINITIONS[metric],
+                    )
+                )
+        options.report_progress(number, len(cases))
     report = Report(
         experiment=NAME,
         title="Big skins",
-        provenance=provenance(command + (" --quick" if options.quick else ""), settings)
-        | {"cores": _cores()},
+        provenance=provenance(options.command("bench", NAME), settings),
         rows=rows,
-        findings=[_finding(rows, method, skin) for method in METHODS for skin in SKINS]
-        + [_calibration_finding(rows, skin) for skin in SKINS],
-        tables=[
-            Table.of_case(case_of(skin, None), CALIBRATION_DEFINITIONS, [CALIBRATION])
-            if rate is None
-            else Table.of_case(case_of(skin, rate), DEFINITIONS, METHODS)
-            for skin, rate in cases
-        ],
+        findings=lines_of(rows, dict.fromkeys(row.case for row in rows), METHODS),
     )
     return write_report(report, options.output)
 
 
-def case_of(skin: Skin, rate_mev_s: int | None) -> str:
-    """Return the name of a case: markers and events, ``1024@10``, or slides, ``1024 slides``."""
-    return f"{skin.count} slides" if rate_mev_s is None else f"{skin.count}@{rate_mev_s}"
-
-
-def _case(skin: Skin, rate_mev_s: int, options: RunOptions) -> Iterator[Row]:
-    duration_us = QUICK_DURATION_US if options.quick else DURATION_US
-    stream = skin_stream(skin, rate_mev_s, options.seed, duration_us)
-    for method in METHODS:
-        for metric, value in _measured(method, skin, stream).items():
-            yield Row(
-                method=method,
-                case=case_of(skin, rate_mev_s),
-                metric=metric,
-                value=value,
-                unit=UNITS.get(metric, "us"),
-                n=duration_us // PACE_US,
-                source="twin",
-                paper=None,
-                definition=DEFINITIONS[metric],
-            )
-
-
-def _calibration(skin: Skin, options: RunOptions) -> Iterator[Row]:
-    stream = slides(skin, options.seed)
-    with tempfile.TemporaryDirectory() as folder:
-        recording = Path(folder, "slides.raw")
-        with create_events(recording, skin.size) as writer:
-            writer.write(stream.events)
-        reference_px = stream.truth.reference_px
-        in_own_process(calibrate_recording, recording, reference_px)  # compiles
-        found = in_own_process(calibrate_recording, recording, reference_px)
-    values = dict(zip(CALIBRATION_DEFINITIONS, (*found, len(stream.events) / 1e6), strict=True))
-    for metric, value in values.items():
-        yield Row(
-            method=CALIBRATION,
-            case=case_of(skin, None),
-            metric=metric,
-            value=float(value),
-            unit=UNITS[metric],
-            n=skin.count,
-            source="twin",
-            paper=None,
-            definition=CALIBRATION_DEFINITIONS[metric],
-        )
-
-
-def calibrate_recording(queue: Any, recording: Path, reference_px: NDArray[np.float64]) -> None:
-    """Calibrate from a file; put seconds, largest memory in MB and the error of the rests, px.
-
-    Args:
-        queue: Is given the figures.
-        recording: Slides.
-        reference_px: ``(m, 2)`` the true places at rest.
-    """
-    begun_s = time.perf_counter()
-    found = calibrate(open_events(recording))
-    seconds = time.perf_counter() - begun_s
-    error_px = np.nan
-    if found.reference_px.shape == reference_px.shape:
-        error_px = float(np.linalg.norm(found.reference_px - reference_px, axis=1).mean())
-    queue.put(np.array([seconds, largest_memory_mb(), error_px]))
-
-
 def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:
-    windows, calibration = windows_of(stream, PACE_US), calibration_at_rest(skin, stream)
+    windows, calibration = windows_of(stream, PACE_US), _at_rest(skin, stream)
     build = main_methods()[method].build
     free_run(build(calibration), windows[:20], stream)  # compiles, and fills the caches
     begun_s = time.perf_counter()
@@ -190,29 +185,3 @@ def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:
         "error_mean_px": found.error_px,
         "events_mev_s": stream.rate_hz / US_PER_S,
     }
-
-
-def _finding(rows: list[Row], method: str, skin: Skin) -> str:
-    parts = []
-    for rate in RATES_MEV_S:
-        case = case_of(skin, rate)
-        values = {row.metric: row.value for row in rows if (row.method, row.case) == (method, case)}
-        parts.append(
-            f"{values['step_p50_us']:.0f} us at {rate} Mev/s (p99 {values['step_p99_us']:.0f}, "
-            f"absorbed at {values['absorb_mev_s']:.0f} Mev/s, {values['error_mean_px']:.3f} px)"
-        )
-    return f"{method}, {skin.count} markers: " + "; ".join(parts) + "."
-
-
-def _calibration_finding(rows: list[Row], skin: Skin) -> str:
-    values = {row.metric: row.value for row in rows if row.case == case_of(skin, None)}
-    return (
-        f"calibration of {skin.count} markers from {values['events_mev']:.0f} million events: "
-        f"{values['calibration_s']:.0f} s, {values['peak_mb']:.0f} MB, rests within "
-        f"{values['rest_error_px']:.3f} px."
-    )
-
-
-def _cores() -> int:
-    available = getattr(os, "sched_getaffinity", None)
-    return len(available(0)) if available else os.cpu_count() or 1

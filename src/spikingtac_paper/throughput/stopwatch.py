@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import DeviceError
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import EventPacket
-from spikingtac_paper.throughput.bench_stream import BenchStream
+from spikingtac_paper.throughput.stream import BenchStream
 
 US_PER_S = 1e6
 PACE_US = 1_000
@@ -86,7 +85,6 @@ def paced_run(
     calibration: Calibration,
     windows: Sequence[EventPacket],
     duration_s: float,
-    busy_s: float = float("inf"),
 ) -> NDArray[np.float64]:
     """Return the latency of each step, us, from when its window is complete to its output.
 
@@ -99,8 +97,6 @@ def paced_run(
         calibration: Of the sensor.
         windows: One per millisecond.
         duration_s: How long.
-        busy_s: Sleep until so long before a window is complete. A process with real-time priority
-            that never sleeps is stopped for 50 ms of every second (Linux: ``sched_rt_runtime_us``).
     """
     tracker = build(calibration)
     span_us = windows[-1].t_end_us - windows[0].t_start_us
@@ -114,8 +110,6 @@ def paced_run(
         turn, index = divmod(number, len(windows))
         window = _later(windows[index], (turn + 1) * span_us)
         due = start + number * PACE_US / US_PER_S
-        if (free_s := due - time.perf_counter() - busy_s) > 0.0:
-            time.sleep(free_s)
         while time.perf_counter() < due:
             pass
         tracker.absorb(window)
@@ -154,13 +148,3 @@ def _later(window: EventPacket, shift_us: int) -> EventPacket:
         t_start_us=window.t_start_us + shift_us,
         t_end_us=window.t_end_us + shift_us,
     )
-
-
-def largest_memory_mb() -> float:
-    """Return the largest memory of this process so far, MB; NaN where that is unknown."""
-    if sys.platform == "win32":
-        return float("nan")
-    import resource
-
-    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, kilobytes elsewhere
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

@@ -7,12 +7,8 @@ from types import ModuleType
 from typing import Any
 
 from spikingtac.batch.run_folder import begin_run
-from spikingtac_paper.harness.fingerprint import provenance
-from spikingtac_paper.harness.metric import Metric
-from spikingtac_paper.harness.report import Report, Table, find_row
-from spikingtac_paper.harness.report_files import write_report
-from spikingtac_paper.harness.rows import Row, rows_of
-from spikingtac_paper.harness.run_options import RunOptions, select_methods
+from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
+from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
 from spikingtac_paper.touch import (
     recorded_forces,
     twin_patches,
@@ -41,15 +37,9 @@ METRICS: tuple[Metric, ...] = (
     *twin_patches.METRICS,
     *twin_slip.METRICS,
 )
-PUBLISHED = (
-    "Published, their hardware: an MLP of 277 thousand parameters on a fifth series of data/force "
-    "(trained on four, with depth): mean absolute errors 0.039, 0.039, 0.111 N, R2 0.988, 0.986, "
-    "0.985 for Fx, Fy, Fz. That series is not among those here.",
-    "Published, their hardware: Evetac (Funk and others, arXiv 2312.01236) senses vibrations up to "
-    "498 Hz and reconstructs shear forces at 1,000 Hz.",
-    "GelEvent and 9DTact: their printed figures were not at hand, so none stands here.",
-)
-"""What others print, in sentences: their sensors, loads and labels differ from those here."""
+FIRST = ("force/pooled", "wrench/all", "wrench-typical/all", "wrench-noisy/all", "touches/all",
+         "patch/all", "slip/all", "held/all")  # fmt: skip
+"""Cases on the first page."""
 
 
 def run(options: RunOptions) -> dict[str, Any]:
@@ -74,14 +64,14 @@ def run(options: RunOptions) -> dict[str, Any]:
     }
     begin_run(options.output, settings, options.resume, options.overwrite)
     records = _records(options, names)
-    rows = rows_of(records, METRICS, {}, paper_case="")
+    rows = rows_of(records, METRICS)
     report = Report(
         experiment=NAME,
         title="What is felt",
-        provenance=provenance(options.command(NAME), settings),
+        provenance=provenance(options.command("experiment", NAME), settings),
         rows=rows,
-        findings=[*findings(rows), *PUBLISHED],
-        tables=_tables(rows, names),
+        first=FIRST,
+        findings=lines_of(rows, FIRST, names),
         methods={name: METHODS[name] for name in names},
     )
     return write_report(report, options.output, trials=len(records))
@@ -108,35 +98,3 @@ def _records(options: RunOptions, names: Sequence[str]) -> list[dict[str, Any]]:
             records += records_of(chosen, seed, options.quick)
         options.report_progress(done, len(PARTS))
     return records
-
-
-def findings(rows: Sequence[Row]) -> list[str]:
-    """Return the findings: sentences that are computed from the rows alone."""
-    sentences = []
-    for case, part in (
-        ("force/pooled", recorded_forces),
-        ("wrench/all", twin_wrench),
-        *((f"wrench-{camera}/all", twin_wrench) for camera in twin_wrench.CAMERAS),
-        ("touches/all", twin_touches),
-        ("patch/all", twin_patches),
-        ("slip/all", twin_slip),
-        ("held/all", twin_slip),
-    ):
-        for method in part.METHODS:
-            found = [find_row(rows, method, case, metric.name) for metric in part.METRICS]
-            figures = [
-                f"{row.metric} {row.value:.3g}" for row in found if row and row.value is not None
-            ]
-            if figures:
-                sentences.append(f"{case}, {method}: {', '.join(figures)}.")
-    return sentences
-
-
-def _tables(rows: Sequence[Row], names: list[str]) -> list[Table]:
-    tables = []
-    for case in dict.fromkeys(row.case for row in rows):
-        here = [row for row in rows if row.case == case]
-        metrics = dict.fromkeys(row.metric for row in here)
-        methods = [name for name in names if any(row.method == name for row in here)]
-        tables.append(Table.of_case(case, metrics, methods))
-    return tables

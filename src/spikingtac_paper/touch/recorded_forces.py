@@ -12,7 +12,7 @@ from spikingtac.touch.force.files.series_file import load_series
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.score import r_squared
 from spikingtac.touch.force.wrench_series import WrenchSeries
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import MeanDisplacement
 
 Field = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 
 Field = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -21,7 +21,7 @@ from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.touch.touches.detector import TouchDetector
 from spikingtac.touch.touches.touch import Touch
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import region_above
 from spikingtac_paper.touch.bodies import LONG, TESTED
 from spikingtac_paper.touch.true_calibration import true_calibration

@@ -15,7 +15,7 @@ from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.touch.touches.detector import TouchDetector
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import event_touches
 from spikingtac_paper.touch.true_calibration import true_calibration
 

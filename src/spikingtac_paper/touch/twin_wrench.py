@@ -15,7 +15,7 @@ from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
 from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.wrench_series import WrenchSeries
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import MeanDisplacement
 from spikingtac_paper.touch.tracked_wrench import N_MM_PER_NM, tracked_series
 

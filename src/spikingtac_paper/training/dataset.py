@@ -24,8 +24,8 @@ from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.state_map.state_map import StateMap
 from spikingtac.types import EventPacket
-from spikingtac_paper.training.degrade import US_PER_S, with_background, with_drops
 
+US_PER_S = 1e6
 LEVELS = 255
 """Largest value of a stored map, one byte per pixel; a step of a graded map is 35."""
 
@@ -201,3 +201,34 @@ def _parts(events: EventPacket, until_us: NDArray[np.int64]) -> Iterator[EventPa
 
 def _log_uniform(limits: tuple[float, float], random: Generator) -> float:
     return math.exp(random.uniform(math.log(limits[0]), math.log(limits[1])))
+
+
+def with_background(packet: EventPacket, rate_hz: float, random: Generator) -> EventPacket:
+    """Add background activity: Poisson in time, uniform over pixels, random polarity.
+
+    Args:
+        packet: Events of a stretch of time.
+        rate_hz: Events per second and pixel; 0 returns the packet itself.
+        random: Source of the noise.
+
+    Returns:
+        Events and noise in order of time. An event precedes noise of the same time.
+    """
+    width, height = packet.size
+    span_us = packet.t_end_us - packet.t_start_us
+    count = int(random.poisson(rate_hz * width * height * span_us / US_PER_S)) if rate_hz else 0
+    if count == 0:
+        return packet
+    t = np.concatenate([packet.t, random.integers(packet.t_start_us, packet.t_end_us, count)])
+    order = np.argsort(t, kind="stable")
+    x = np.concatenate([packet.x, random.integers(0, width, count, np.uint16)])
+    y = np.concatenate([packet.y, random.integers(0, height, count, np.uint16)])
+    p = np.concatenate([packet.p, random.random(count) < 0.5])
+    return EventPacket(
+        x[order], y[order], p[order], t[order], packet.t_start_us, packet.t_end_us, packet.size
+    )
+
+
+def with_drops(packet: EventPacket, fraction: float, random: Generator) -> EventPacket:
+    """Drop each event with probability ``fraction``, 0 to 1."""
+    return packet.select(random.random(len(packet)) >= fraction) if fraction else packet

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -40,8 +38,8 @@ def export_network(
     folder: str | Path,
     maps: Sequence[NDArray[np.float32]],
     name: str = "lean",
-) -> tuple[Path, Path]:
-    """Write ``NAME.onnx``, ``NAME-int8.onnx`` and their digests.
+) -> tuple[Path, Path | None]:
+    """Write ``NAME.onnx``, for the lean network ``NAME-int8.onnx``, and their digests.
 
     Args:
         weights: ``weights.safetensors`` of a training run.
@@ -50,7 +48,7 @@ def export_network(
         name: Stem of the files.
 
     Returns:
-        Paths of the float32 and of the int8 network.
+        Paths of the float32 and of the int8 network; only the lean one has the latter.
 
     Raises:
         ConfigError: The weights are damaged or of another origin, or there are no maps.
@@ -66,15 +64,13 @@ def export_network(
     out.mkdir(parents=True, exist_ok=True)
     plain, int8 = out / f"{name}.onnx", out / f"{name}-int8.onnx"
     plain.write_bytes(model.SerializeToString(deterministic=True))
-    names = [item.name for item in model.graph.input]
+    if network["kind"] != "lean":
+        _write_digests(out, (plain,))
+        return plain, None
     inputs = [_graph_inputs(state_map, fold, multiple_px) for state_map in maps]
-    chosen = [{name: item[name] for name in names} for item in inputs]
-    if network["kind"] == "lean":
-        ranges = _ranges(model, lean_layers(tensors), chosen)
-        blocks = build_block_model(tensors, ranges, fold, multiple_px)
-        int8.write_bytes(blocks.SerializeToString(deterministic=True))
-    else:
-        int8.write_bytes(_quantised(model, chosen))
+    ranges = _ranges(model, lean_layers(tensors), inputs)
+    blocks = build_block_model(tensors, ranges, fold, multiple_px)
+    int8.write_bytes(blocks.SerializeToString(deterministic=True))
     _write_digests(out, (plain, int8))
     return plain, int8
 
@@ -132,44 +128,6 @@ def _ranges(model: Any, names: list[str], inputs: list[_Inputs]) -> dict[str, tu
         low, high = np.quantile(np.concatenate([part.ravel() for part in values]), ends)
         ranges[name] = (float(low), float(high))
     return ranges
-
-
-def _quantised(model: Any, inputs: list[_Inputs]) -> bytes:
-    from onnxruntime.quantization import (
-        CalibrationDataReader,
-        QuantFormat,
-        QuantType,
-        quantize_static,
-    )
-
-    class Reader(CalibrationDataReader):
-        """Hands the maps to the calibration one by one."""
-
-        def __init__(self) -> None:
-            self._left = iter(inputs)
-
-        def get_next(self) -> _Inputs | None:  # type: ignore[override]
-            """Return the next map, or None after the last."""
-            return next(self._left, None)
-
-    with tempfile.TemporaryDirectory() as scratch:
-        target = Path(scratch) / "int8.onnx"
-        logger = logging.getLogger()
-        logger.disabled, before = True, logger.disabled  # it advises steps that do not apply here
-        try:
-            quantize_static(
-                model,
-                target,
-                Reader(),
-                quant_format=QuantFormat.QDQ,
-                per_channel=True,
-                activation_type=QuantType.QUInt8,
-                weight_type=QuantType.QInt8,
-                op_types_to_quantize=["Conv", "Relu", "Concat"],  # Resize is faster in float32
-            )
-        finally:
-            logger.disabled = before
-        return target.read_bytes()
 
 
 def _write_digests(folder: Path, files: Sequence[Path]) -> None:

@@ -1,9 +1,13 @@
-"""A training run, from its configuration to exported networks; it needs the extra ``[train]``."""
+"""A training run, from its configuration to exported networks; it needs the extra ``[train]``.
+
+Recordings of the twin contain ``truth.npz`` as every simulation does; training never opens it.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,17 +16,16 @@ import numpy as np
 
 from spikingtac.errors import ConfigError, nearest
 from spikingtac.schema import build, read_toml
-from spikingtac_paper.training.dataset import LEVELS, make_pairs
+from spikingtac_paper.training.dataset import LEVELS, Clip, load_clip, make_pairs, map_after
 from spikingtac_paper.training.export import export_network
 from spikingtac_paper.training.train import LOG_FILE, TrainConfig, train
-from spikingtac_paper.training.training_set import (
-    Advance,
-    SceneChoice,
-    SceneRecorder,
-    TrainingSet,
-    from_scenes,
-)
 
+Advance = Callable[[float], None]
+"""Is called with the fraction of the work that is done, 0 to 1."""
+SceneRecorder = Callable[[str, int], Path]
+"""Returns the recording of a scene and a seed; it renders the scene first if needed."""
+TrainingSet = tuple[list[Clip], list[Clip]]
+"""Clips to train on, and clips of a motion that is not trained on."""
 CONFIGS = ("lean", "evflownet")
 """Configurations of the package, under ``configs``."""
 CALIBRATION_SEED = 1 << 21
@@ -59,15 +62,44 @@ def load_training_config(name: str, **changes: Any) -> TrainConfig:
         raise ConfigError(str(error)) from error
 
 
-def training_set_of(config: TrainConfig, record: SceneRecorder, advance: Advance) -> TrainingSet:
-    """Read the recordings of the configuration's scenes; see :func:`from_scenes`."""
-    choice = SceneChoice(
-        scenes=config.scenes,
-        seeds=config.seeds,
-        held_out=config.held_out,
-        bootstrap=config.bootstrap,
-    )
-    return from_scenes(choice, record, advance)
+def from_scenes(config: TrainConfig, record: SceneRecorder, advance: Advance) -> TrainingSet:
+    """Read the recordings of a configuration's scenes.
+
+    Args:
+        config: Names and seeds of the scenes, of the held-out one and of the slides.
+        record: Returns the recording of a scene and a seed; it renders the scene first if needed.
+        advance: Is called with the fraction that is done, 0 to 1.
+
+    Raises:
+        ConfigError: A scene does not exist.
+    """
+    jobs = [(name, seed) for name in config.scenes for seed in config.seeds]
+    first_seed, bootstraps = config.seeds[0], int(bool(config.bootstrap))
+    total = len(jobs) + bootstraps + bool(config.held_out)
+    start = None
+    if config.bootstrap:
+        start = map_after(load_clip(record(config.bootstrap, first_seed)))
+        advance(1 / total)
+    clips = []
+    for number, (name, seed) in enumerate(jobs, 1 + bootstraps):
+        clips.append(load_clip(record(name, seed), start))
+        advance(number / total)
+    if not config.held_out:
+        return clips, []
+    return clips, [load_clip(record(config.held_out, first_seed), start)]
+
+
+def from_recordings(
+    recordings: Sequence[str | Path], bootstrap: str | Path | None = None
+) -> TrainingSet:
+    """Read recordings of a sensor.
+
+    Args:
+        recordings: Recording folders or event files.
+        bootstrap: Recording of slides whose last map is the first map of the others.
+    """
+    start = map_after(load_clip(bootstrap)) if bootstrap else None
+    return [load_clip(path, start) for path in recordings], []
 
 
 def train_and_export(
@@ -81,9 +113,10 @@ def train_and_export(
         folder: Folder of the run.
         advance: Is called with the fraction that is done, 0 to 1.
     """
-    weights = train(recordings.clips, recordings.held_out, config, folder, advance)
+    clips, held_out = recordings
+    weights = train(clips, held_out, config, folder, advance)
     random = np.random.default_rng([config.seed, CALIBRATION_SEED])
-    inputs = make_pairs(recordings.clips, config.pairs, random).inputs
+    inputs = make_pairs(clips, config.pairs, random).inputs
     indices = random.choice(len(inputs), min(CALIBRATION_MAPS, len(inputs)), replace=False)
     maps = [inputs[index].astype(np.float32) / np.float32(LEVELS) for index in indices]
     plain, int8 = export_network(weights, folder, maps, config.network.kind)
@@ -93,5 +126,5 @@ def train_and_export(
         **{key: value for key, value in json.loads(lines[-1]).items() if key != "round"},
         "weights": str(weights),
         "onnx": str(plain),
-        "int8": str(int8),
+        "int8": str(int8 or plain),
     }

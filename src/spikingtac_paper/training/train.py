@@ -21,13 +21,7 @@ from spikingtac.errors import ConfigError
 from spikingtac.schema import to_mapping
 from spikingtac_paper.training.architecture import NetworkConfig, apply_network, make_network
 from spikingtac_paper.training.dataset import LEVELS, Clip, PairConfig, Pairs, make_pairs
-from spikingtac_paper.training.losses import prediction_error
-from spikingtac_paper.training.training_state import (
-    TrainingState,
-    load_state,
-    save_state,
-    save_weights,
-)
+from spikingtac_paper.training.state import TrainingState, load_state, save_state, save_weights
 
 HELD_OUT_SEED = 1 << 20
 """Second seed of the held-out pairs; no round has this number."""
@@ -82,6 +76,24 @@ class TrainConfig:
             )
         if not self.learning_rate > 0:
             raise ValueError(f"learning_rate is {self.learning_rate}, it must be positive")
+
+
+def prediction_error(logits: Tensor, target: Tensor) -> Tensor:
+    """Return the cross-entropy between the denoised map and another map of the same moment.
+
+    Its minimum is the expectation of the target for the given input, whatever the noise of the
+    target, as long as that noise is independent (J. Lehtinen et al., "Noise2Noise", ICML 2018,
+    arXiv:1803.04189). Pixels that only chance connects get the same prediction, so that the network
+    cannot copy noise.
+
+    The paper refers to "the loss formulations in NeuTac", of which no publication could be found,
+    and EV-FlowNet's needs camera frames: this one is ours (``docs/explanation/denoising.md``).
+
+    Args:
+        logits: ``(n, 1, height, width)``.
+        target: Same shape, from 0 to 1.
+    """
+    return torch.nn.functional.binary_cross_entropy_with_logits(logits, target)
 
 
 def train(

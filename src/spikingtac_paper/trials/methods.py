@@ -1,4 +1,4 @@
-"""The tracking methods that an experiment compares, each with everything it depends on."""
+"""The tracking methods that an experiment compares, and output laws over their estimates."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, digest, load_config
 from spikingtac.denoise.registry import make_denoiser
+from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig, ReZero, ReZeroConfig
+from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw, PaperLawConfig
 from spikingtac.markers.registry import TRACKERS, make_tracker, trackers
 from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.schema import to_mapping
@@ -17,7 +21,9 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
-from spikingtac_paper.harness.fingerprint import code_digest
+from spikingtac_paper.harness.run import code_digest
+from spikingtac_paper.trials.ground_truth import GroundTruth
+from spikingtac_paper.trials.prediction import Prediction
 
 Builder = Callable[[Calibration], MarkerTracker]
 Before = Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]]
@@ -146,3 +152,90 @@ def as_published(name: str, about: str) -> Method:
     config = load_config("paper")
     blobs = replace(config.tracking.blobs, support_us=0, refresh_us=0)
     return of_config(name, about, config.with_tracking(blobs=blobs))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawMethod:
+    """An output law that uses the estimates of another method.
+
+    Attributes:
+        name: Name in the report.
+        about: One line about it.
+        of: Name of the method whose estimates it uses.
+        law: Creates the law.
+        settings: All its settings.
+    """
+
+    name: str
+    about: str
+    of: str
+    law: Callable[[], OutputLaw]
+    settings: Any
+
+    def key(self) -> str:
+        """Return the digest of configuration and code, without those of ``of``."""
+        code = code_digest()
+        return digest({"name": self.name, "of": self.of, "law": self.settings, "code": code})
+
+
+def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
+    """Return a prediction with the output positions of a law.
+
+    The re-zero law learns from the truth when nothing touches the skin: this is the best that a
+    contact detector could achieve. It does not learn before the first release.
+    """
+    at_us = prediction.t_us[:, None]
+    free = (at_us >= truth.free_us[:, 0]) & (at_us < truth.free_us[:, 1])
+    touched = np.logical_not(np.any(free, axis=1))
+    given = np.empty_like(prediction.detected_px)
+    for number, (t_us, detected) in enumerate(
+        zip(prediction.t_us.tolist(), prediction.detected_px.astype(np.float64), strict=True)
+    ):
+        if isinstance(law, ReZero):
+            law.observe(t_us, bool(touched[number]))
+        given[number] = law.update(detected, prediction.reference_px)
+    return replace(prediction, position_px=given)
+
+
+def compared_laws(of: str = "default") -> list[LawMethod]:
+    """Return the laws of the main tables on the estimates of one method."""
+    paper, anchored = PaperLawConfig(), AnchoredLawConfig()
+    return [
+        LawMethod(
+            name=f"{of}-law-paper",
+            about=f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px",
+            of=of,
+            law=PaperLaw,
+            settings=to_mapping(paper),
+        ),
+        LawMethod(
+            name=f"{of}-law-anchored",
+            about=f"anchored law, gamma {anchored.gamma:g}, {anchored.delta1_px:g} to "
+            f"{anchored.delta2_px:g} px",
+            of=of,
+            law=AnchoredLaw,
+            settings=to_mapping(anchored),
+        ),
+        LawMethod(
+            name=f"{of}-law-rezero",
+            about="anchored law around a zero that is learnt between contacts",
+            of=of,
+            law=ReZero,
+            settings=to_mapping(ReZeroConfig()),
+        ),
+    ]
+
+
+def all_methods() -> dict[str, Method | LawMethod]:
+    """Return the methods of the main tables, and the output laws that use their estimates."""
+    methods: dict[str, Method | LawMethod] = {}
+    for name, method in main_methods().items():
+        methods[name] = method
+        if name == "neutac":
+            # NeuTac on the binary map equals ``paper`` without its law.
+            about = "binary map, detection, no law: the estimates of paper before its law"
+            binary = LawMethod(
+                name="neutac-binary", about=about, of="paper", law=NoLaw, settings={}
+            )
+            methods[binary.name] = binary
+    return methods | {method.name: method for method in compared_laws()}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikingtac.errors import RecordingError
 from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
 from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac_paper.harness.metric import Metric
+from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
 

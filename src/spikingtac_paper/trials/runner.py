@@ -8,33 +8,24 @@ computed again, and outdated ones are never used. One method on one trial is one
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from spikingtac.atomic_files import write_json
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.fingerprint import code_digest
-from spikingtac_paper.harness.records import Record, load_record
-from spikingtac_paper.harness.run_options import Advance
-from spikingtac_paper.trials.calibrations import calibration_digest, calibration_of
+from spikingtac_paper.harness.run import Progress, Record, RunOptions, code_digest, kept
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.laws import LawMethod, apply_law
-from spikingtac_paper.trials.methods import TRUTH, Method
+from spikingtac_paper.trials.methods import TRUTH, LawMethod, Method, apply_law
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.prediction import Prediction
-from spikingtac_paper.trials.trials import V2E, Trial
+from spikingtac_paper.trials.trial import V2E, Trial, calibration_digest, calibration_of
 
 KEPT_HZ = 500.0
 """Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate."""
 
 Methods = Callable[[], Mapping[str, Method | LawMethod]]
-PoolOf = Callable[[int], AbstractContextManager[Executor]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,6 +38,7 @@ class TrialJob:
         table: Importable function that returns the methods by name.
         folder: Folder of the run.
         data: Folder of recordings from elsewhere, or None.
+        calibrate: Whether the input to make is the calibration, or the recording.
     """
 
     trial: Trial
@@ -54,11 +46,10 @@ class TrialJob:
     table: Methods
     folder: Path
     data: Path | None = None
+    calibrate: bool = True
 
 
-def run_all(
-    jobs: Sequence[TrialJob], pool_of: PoolOf, advance: Advance | None = None
-) -> list[Record]:
+def run_all(jobs: Sequence[TrialJob], options: RunOptions) -> list[Record]:
     """Score every method on every trial.
 
     The calibrations and the recordings are made first, each of them once. Then each method runs on
@@ -66,8 +57,7 @@ def run_all(
 
     Args:
         jobs: The jobs, the longest first.
-        pool_of: Returns the worker pool for a number of tasks, to be entered.
-        advance: Is called with the fraction that is done, 0 to 1.
+        options: The options of the run.
 
     Returns:
         One record for each trial and method: trial, method, scores.
@@ -75,24 +65,14 @@ def run_all(
     sensors = {job.trial.bootstrap().key(): job for job in jobs}
     recordings = {job.trial.recording_key(): job for job in jobs if job.trial.camera != V2E}
     parts = [part for job in jobs for part in _split(job)]
-    total = len(sensors) + len(recordings) + len(parts)
-    with pool_of(len(parts)) as pool:
-        inputs = [pool.submit(make_calibration, job) for job in sensors.values()]
-        inputs += [pool.submit(make_recording, job) for job in recordings.values()]
-        _wait_for(inputs, 0, total, advance)
-        scored = [pool.submit(run_job, job) for job in parts]
-        _wait_for(scored, len(inputs), total, advance)
-        return [record for future in scored for record in future.result()]
-
-
-def _wait_for(
-    futures: Sequence[Future[Any]], done: int, total: int, advance: Advance | None
-) -> None:
-    """Wait for jobs, of which ``done`` have ended before; raise the error of one that failed."""
-    for number, future in enumerate(as_completed(futures), done + 1):
-        future.result()
-        if advance is not None:
-            advance(number / total)
+    progress = Progress(options, len(sensors) + len(recordings) + len(parts))
+    with options.pool(len(parts)) as pool:
+        progress.run(
+            pool,
+            make_input,
+            [*sensors.values(), *(replace(job, calibrate=False) for job in recordings.values())],
+        )
+        return [record for some in progress.run(pool, run_job, parts) for record in some]
 
 
 def _split(job: TrialJob) -> Iterator[TrialJob]:
@@ -106,14 +86,12 @@ def _split(job: TrialJob) -> Iterator[TrialJob]:
         yield replace(job, methods=tuple(names))
 
 
-def make_calibration(job: TrialJob) -> None:
-    """Make the calibration that a job needs."""
-    calibration_of(job.trial, job.folder, job.data)
-
-
-def make_recording(job: TrialJob) -> None:
-    """Make the recording that a job needs."""
-    job.trial.record(job.folder)
+def make_input(job: TrialJob) -> None:
+    """Make the calibration or the recording that a job needs."""
+    if job.calibrate:
+        calibration_of(job.trial, job.folder, job.data)
+    else:
+        job.trial.record(job.folder)
 
 
 def run_job(job: TrialJob) -> list[Record]:
@@ -132,30 +110,22 @@ def _score_method(
         assert isinstance(base, Method)
         method = base
     key = _key(trial, method, calibration)
-    scoring = code_digest()
-    score_key = digest({"prediction": key, "law": law.key() if law else "", "scoring": scoring})
+    about = {"prediction": key, "law": law.key() if law else "", "scoring": code_digest()}
     stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
-    path = job.folder / "scores" / name / f"{stem}.json"
-    record = load_record(path, score_key)
-    if record is not None:
-        return record
-    events, truth = trial.open(job.folder, job.data)
     file = job.folder / "predictions" / (method.name if method else TRUTH) / f"{stem}.npz"
-    prediction = Prediction.load(file, key)
-    if prediction is None:
-        prediction = predict(method, events, calibration, truth)
-        prediction.save(file, key)
-    if law:
-        prediction = apply_law(prediction, law.law(), truth)
-    record = {
-        "key": score_key,
-        "method": name,
-        "trial": asdict(trial),
-        "prediction": str(file.relative_to(job.folder)),
-        "scores": point_scores(prediction, truth, trial.damaged_markers),
-    }
-    write_json(path, record)
-    return record
+
+    def scored() -> Record:
+        events, truth = trial.open(job.folder, job.data)
+        prediction = Prediction.load(file, key)
+        if prediction is None:
+            prediction = predict(method, events, calibration, truth)
+            prediction.save(file, key)
+        if law:
+            prediction = apply_law(prediction, law.law(), truth)
+        scores = point_scores(prediction, truth, trial.damaged_markers)
+        return {"method": name, "trial": asdict(trial), "scores": scores}
+
+    return kept(job.folder / "scores" / name / f"{stem}.json", digest(about), scored)
 
 
 def _key(trial: Trial, method: Method | None, calibration: Calibration) -> str:

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac_paper.registry import BENCHES, choices_text, runner_of
-from spikingtac_paper.verbs.run_study import run_study
+from spikingtac_paper.registry import BENCHES, choices_text, run_study, runner_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,7 @@ import tyro
 from spikingtac.batch.worker_pool import worker_pool
 from spikingtac.cli.many import check_workers
 from spikingtac.errors import ConfigError
-from spikingtac_paper.registry import EXPERIMENTS, choices_text, runner_of
-from spikingtac_paper.verbs.run_study import run_study
+from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study, runner_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,11 +55,9 @@ def run(args: Args) -> int:
         forget_run(args.output)
     with progress("preparing recordings") as advance:
         if args.recordings:
-            from spikingtac_paper.training.training_set import from_recordings
-
-            recordings = from_recordings(args.recordings, args.bootstrap)
+            recordings = session.from_recordings(args.recordings, args.bootstrap)
         else:
-            recordings = session.training_set_of(config, _recorder(args.output), advance)
+            recordings = session.from_scenes(config, _recorder(args.output), advance)
     with progress("training") as advance:
         summary: dict[str, Any] = session.train_and_export(config, recordings, args.output, advance)
     if args.json:

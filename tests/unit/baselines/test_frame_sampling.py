@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikingtac_paper.baselines.frame_sampling import (
+from spikingtac_paper.collision.frames import (
     FrameSampler,
     FrameSamplingConfig,
     displacement_sum_px,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.denoise.classical import CLASSICAL_DENOISERS
-from spikingtac_paper.denoise.cases import (
+from spikingtac_paper.denoise.experiment import (
     FILTER_PRODUCT,
     METHODS,
     DenoiseConfig,
@@ -18,7 +18,7 @@ from spikingtac_paper.denoise.scoring import (
     clean_centroids,
     score_recording,
 )
-from spikingtac_paper.harness.rows import Row
+from spikingtac_paper.harness.report import Row
 from stand_ins.denoiser_training import RADIUS_PX, moving_disc
 
 FIRST_US, EVERY_US = 50_000, 50_000

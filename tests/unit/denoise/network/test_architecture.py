@@ -13,13 +13,13 @@ from spikingtac_paper.training.architecture import (  # noqa: E402
     apply_network,
     make_network,
 )
-from spikingtac_paper.training.losses import prediction_error  # noqa: E402
-from spikingtac_paper.training.training_state import (  # noqa: E402
+from spikingtac_paper.training.state import (  # noqa: E402
     TrainingState,
     load_state,
     save_state,
     save_weights,
 )
+from spikingtac_paper.training.train import prediction_error  # noqa: E402
 
 CONFIGS = [
     NetworkConfig(widths=(8, 16)),

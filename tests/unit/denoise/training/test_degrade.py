@@ -3,7 +3,7 @@ import pytest
 
 from spikingtac.state_map.binary import first_unfit_event
 from spikingtac.types import EventPacket
-from spikingtac_paper.training.degrade import with_background, with_drops
+from spikingtac_paper.training.dataset import with_background, with_drops
 from stand_ins.denoiser_training import SIZE, SPAN_US, moving_disc
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.touch import experiment
 from spikingtac_paper.touch.twin_slip import (
     CONTACTS,

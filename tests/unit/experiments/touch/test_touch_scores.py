@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spikingtac.touch.force.wrench_series import WrenchSeries
-from spikingtac_paper.harness.rows import rows_of
+from spikingtac_paper.harness.report import lines_of, rows_of
 from spikingtac_paper.touch.baselines import MeanDisplacement, event_touches
-from spikingtac_paper.touch.experiment import METRICS, findings
+from spikingtac_paper.touch.experiment import METRICS
 from spikingtac_paper.touch.recorded_forces import force_records
 from spikingtac_paper.touch.twin_touches import touch_scores
 
@@ -89,5 +89,5 @@ def test_each_recorded_series_is_predicted_from_the_others(tmp_path) -> None:
         "force/s1", "force/s2", "force/pooled"
     ]  # fmt: skip
     assert records[-1]["scores"]["r2_fx"] == pytest.approx(1.0)
-    rows = rows_of(records, METRICS, {}, paper_case="")
-    assert any("mean-displacement" in line and "r2_fx 1" in line for line in findings(rows))
+    lines = lines_of(rows_of(records, METRICS), ["force/pooled"], ["mean-displacement"])
+    assert "r2_fx 1" in lines[0]

@@ -1,24 +1,30 @@
-"""Trials: scene, sensor, camera and seed, and the recording of each."""
+"""Trials: scene, sensor, camera and seed, and the recording and the calibration of each."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spikingtac.config import digest
+from spikingtac.atomic_files import replacing
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import digest, load_config
 from spikingtac.events.filters import RandomDrop
 from spikingtac.events.manifest import MANIFEST, TRUTH
 from spikingtac.events.open import open_events
+from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.schema import to_mapping
 from spikingtac.sim.scene import catalog
+from spikingtac.sim.scene.motions import IndenterMotion
+from spikingtac.sim.scene.scene import ContactConfig, Scene
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.fingerprint import code_digest
+from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.shortened_scenes import shortened
 
 BOOTSTRAP_SEED = 1_000_000
 """Seed of all slides: no sequence of an experiment has it."""
@@ -162,3 +168,85 @@ class Dropped:
     def __iter__(self) -> Iterator[EventPacket]:
         drop = RandomDrop(self.fraction, self.seed)
         return (drop(packet) for packet in self.packets)
+
+
+def shortened(scene: Scene, motion_s: float) -> Scene:
+    """Return the scene with the motions of the first ``motion_s`` seconds, then the release.
+
+    The rest before the first contact and after the last one stays whole, so that every metric keeps
+    its meaning.
+
+    Args:
+        scene: A scene of the catalogue.
+        motion_s: Motions that begin later are left out, s.
+    """
+    return replace(scene, contacts=tuple(_first(scene.contacts, motion_s)))
+
+
+def _first(contacts: tuple[ContactConfig, ...], motion_s: float) -> Iterator[ContactConfig]:
+    begun_s = 0.0
+    for contact in contacts:
+        if begun_s >= motion_s:
+            return
+        motion = IndenterMotion(contact.motion)
+        *before, release = contact.motion.segments
+        starts_s = motion.segment_starts_s[: len(before)]
+        kept = [one for one, at in zip(before, starts_s, strict=True) if begun_s + at < motion_s]
+        once_s = motion.duration_s + contact.pause_s
+        repeats = min(contact.repeats, max(1, int((motion_s - begun_s) / once_s)))
+        shorter = replace(contact.motion, segments=(*kept, release))
+        yield replace(contact, motion=shorter, repeats=repeats)
+        begun_s += contact.repeats * once_s
+
+
+def calibration_digest(calibration: Calibration, names: tuple[str, ...] = ()) -> str:
+    """Return the digest of the calibration fields that a method reads.
+
+    Args:
+        calibration: Calibration of the sensor.
+        names: Names of the fields; empty means all but the provenance.
+    """
+    known = tuple(one.name for one in fields(calibration) if one.name != "provenance")
+    values = {name: getattr(calibration, name) for name in names or known}
+    return digest({name: _plain(value) for name, value in values.items()})
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+    return repr(value)
+
+
+def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Calibration:
+    """Return the calibration of a trial's sensor, as a user would have made it.
+
+    The slides are recorded with the same camera preset and the same sensor, but without damaged
+    markers and extra loss. All methods use the same calibration.
+
+    Args:
+        trial: Any trial of the sensor.
+        folder: Folder of the run, which holds the calibrations.
+        data: Folder of recordings from elsewhere.
+    """
+    slides = trial.bootstrap()
+    settings = load_config("default").calibration
+    key = digest(
+        {
+            "slides": slides.key(),
+            "settings": to_mapping(settings),
+            "code": code_digest(),
+        }
+    )
+    path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"
+    if path.is_file():
+        return Calibration.load(path)
+    if trial.camera == V2E:
+        assert data is not None
+        source = open_events(data / V2E / "bootstrap.raw")
+    else:
+        source = open_events(slides.record(folder))
+    calibration = calibrate(source, settings)
+    with replacing(path) as temporary:
+        calibration.save(temporary)
+    # Read it back: a run that continues sees the same rounded numbers as one that began.
+    return Calibration.load(path)

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.robot.approacher import ApproachConfig
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig
+from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig, RigConfig
 from spikingtac.sim.rig.ur3 import UR3Twin
-from spikingtac_paper.baselines.frame_sampling import FrameSampler
+from spikingtac_paper.collision.frames import FrameSampler
 from spikingtac_paper.collision.scene import (
+    DIRECTION,
     NEAR_MM,
     RELEASED_S,
     SETTLE_WINDOWS,
-    CollisionScene,
     run_up_mm,
     travel_time_s,
 )
@@ -68,19 +68,15 @@ class ApproachRun:
         arm: A copy of the arm at the beginning of its motion; copies of it are stopped later.
         decided_us: Method -> time of its first decision, us.
         costs_us: Detector -> histogram of its computing time per window, us.
-        counts: Number of events of each window that the detectors received.
-        first_us: Beginning of the first of these windows, us.
     """
 
     touch: FirstContact
     arm: UR3Twin
     decided_us: dict[str, float] = field(default_factory=dict)
     costs_us: dict[str, Counter[int]] = field(default_factory=dict)
-    counts: list[int] = field(default_factory=list)
-    first_us: int = 0
 
 
-def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.Generator) -> None:
+def prepare(rig: Rig, speed_mm_s: float, rng: np.random.Generator) -> None:
     """Touch the wall and release it, move to the start, and wait there until the approach is due.
 
     The arm begins each motion with a cycle of its controller. The start is therefore moved back at
@@ -89,51 +85,45 @@ def prepare(rig: Rig, scene: CollisionScene, speed_mm_s: float, rng: np.random.G
 
     Args:
         rig: A new rig of the scene.
-        scene: The scene.
         speed_mm_s: Speed of the approach, mm/s.
         rng: Draws the starting place.
     """
-    released_us = float(rig.t_us)
-    if scene.past == "released":
-        rig.arm.move_linear(PriorContact().press_mm * scene.direction, PriorContact().speed_mm_s)
-        _until_at_rest(rig)
-        rig.wait(PriorContact().hold_s)
-        rig.arm.move_linear(-NEAR_MM * scene.direction, PriorContact().speed_mm_s)
-        while rig.state.in_contact:
-            rig.wait(WAIT_S)
-        released_us = float(rig.t_us)
-        _until_at_rest(rig)
-    way_mm = run_up_mm(scene, speed_mm_s) + rng.uniform() * speed_mm_s * scene.rig.arm.cycle_s
-    rig.arm.move_linear(-way_mm * scene.direction, RETREAT_MM_S)
+    prior = PriorContact()
+    rig.arm.move_linear(prior.press_mm * DIRECTION, prior.speed_mm_s)
     _until_at_rest(rig)
-    due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(scene, speed_mm_s, way_mm))
+    rig.wait(prior.hold_s)
+    rig.arm.move_linear(-NEAR_MM * DIRECTION, prior.speed_mm_s)
+    while rig.state.in_contact:
+        rig.wait(WAIT_S)
+    released_us = float(rig.t_us)
+    _until_at_rest(rig)
+    way_mm = run_up_mm(speed_mm_s) + rng.uniform() * speed_mm_s * RigConfig().arm.cycle_s
+    rig.arm.move_linear(-way_mm * DIRECTION, RETREAT_MM_S)
+    _until_at_rest(rig)
+    due_us = released_us + 1e6 * (RELEASED_S - travel_time_s(speed_mm_s, way_mm))
     rig.wait(max((due_us - rig.t_us) * 1e-6, WAIT_S))
     rig.reset_first_contact()
 
 
-def approach(
-    rig: Rig, scene: CollisionScene, speed_mm_s: float, observers: Observers
-) -> ApproachRun:
+def approach(rig: Rig, speed_mm_s: float, observers: Observers) -> ApproachRun:
     """Move the arm past the wall's place while all methods observe.
 
     Args:
         rig: The rig after :func:`prepare`.
-        scene: The scene of the rig.
         speed_mm_s: Speed of the arm, mm/s.
         observers: The methods that observe.
     """
-    rig.arm.move_linear(BEYOND_MM * scene.direction, speed_mm_s)
+    rig.arm.move_linear(BEYOND_MM * DIRECTION, speed_mm_s)
     arm = rig.arm.copy()
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE_WINDOWS)
-    before = _cruise(rig, scene, config)
-    run = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm, first_us=rig.t_us)
+    before = _cruise(rig, config)
+    run = ApproachRun(FirstContact(float("inf"), np.full(3, np.nan)), arm)
     run.costs_us = {name: Counter() for name in observers.detectors}
     if observers.frames is not None:
         observers.frames.start(np.mean(before, axis=0))
     known = float(rig.t_us), rig.markers_px[0]
     while not _has_ended(rig, observers, run):
         window = next(rig.windows())
-        run.counts.append(len(window))
         for name, detector in observers.detectors.items():
             if name not in run.decided_us:
                 begun = time.perf_counter()
@@ -159,7 +149,7 @@ def _show_to_frames(observers: Observers, run: ApproachRun, truth: tuple[Vector,
             run.decided_us[FRAMES] = found
 
 
-def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vector]:
+def _cruise(rig: Rig, config: ApproachConfig) -> list[Vector]:
     """Wait until the arm has cruised for ``settle_windows``; return the markers of these windows.
 
     The rule is that of :class:`~spikingtac.robot.approacher.Approacher`.
@@ -167,7 +157,7 @@ def _cruise(rig: Rig, scene: CollisionScene, config: ApproachConfig) -> list[Vec
     cruising, seen = 0, []
     while cruising < config.settle_windows:
         next(rig.windows(WINDOW_US))
-        speed = float(rig.arm.speed_mm_s() @ scene.direction)
+        speed = float(rig.arm.speed_mm_s() @ DIRECTION)
         steady = abs(speed / config.speed_mm_s - 1.0) <= config.cruise_tolerance
         cruising = cruising + 1 if steady else 0
         seen.append(rig.markers_px[0])
@@ -189,31 +179,25 @@ def _until_at_rest(rig: Rig) -> None:
         rig.wait(WAIT_S)
 
 
-@dataclass(frozen=True, slots=True)
-class StopOutcome:
-    """Positions of the arm along the approach, mm from the true first touch.
+def stop_at(run: ApproachRun, decided_us: float) -> dict[str, float]:
+    """Return where the arm is at a decision, truly and as it reports, and where it comes to rest.
 
-    Attributes:
-        deviation_mm: The true position at the decision.
-        read_mm: The position that the controller reported at the decision.
-        overshoot_mm: The true position at rest.
+    A copy of the run's arm is stopped. Positions are along the approach, mm from the true first
+    touch; ``delay_us`` is the time from there.
     """
-
-    deviation_mm: float
-    read_mm: float
-    overshoot_mm: float
-
-
-def stop_at(run: ApproachRun, decided_us: float, direction: Vector) -> StopOutcome:
-    """Return the outcome of a decision at some time, by stopping a copy of the run's arm."""
     arm, real = run.arm.copy(), run.touch.arm_mm
     now_us = round(decided_us)
     arm.advance_to(now_us)
-    deviation = float((arm.true_position_mm() - real) @ direction)
-    read = float((arm.pose().position_mm - real) @ direction)
+    deviation = float((arm.true_position_mm() - real) @ DIRECTION)
+    read = float((arm.pose().position_mm - real) @ DIRECTION)
     arm.stop()
     while arm.state() is ArmState.MOVING:
         now_us += WINDOW_US
         arm.advance_to(now_us)
-    overshoot = float((arm.true_position_mm() - real) @ direction)
-    return StopOutcome(deviation, read, overshoot)
+    overshoot = float((arm.true_position_mm() - real) @ DIRECTION)
+    return {
+        "deviation_mm": deviation,
+        "read_mm": read,
+        "overshoot_mm": overshoot,
+        "delay_us": decided_us - run.touch.t_us,
+    }

@@ -7,11 +7,11 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
+    NoHold,
     ablation_methods,
     ablation_trials,
     methods_on,
 )
-from spikingtac_paper.point_tracking.no_hold import NoHold
 from spikingtac_paper.trials.methods import Method
 
 SIZE = (130, 130)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,27 +10,24 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
 from spikingtac.events.open import open_events
-from spikingtac.markers.anchored_law import AnchoredLaw
+from spikingtac.markers.anchored_law import AnchoredLaw, ReZero
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.motions import IndenterMotion
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac_paper.harness.run_options import RunOptions
+from spikingtac_paper.harness.run import RunOptions
 from spikingtac_paper.point_tracking.cases import (
     DAMAGES,
     LOOPS,
     QUICK_MOTION_S,
     main_trials,
 )
-from spikingtac_paper.registry import EXPERIMENTS, runner_of
 from spikingtac_paper.trials import runner as runner_module
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.laws import LawMethod
-from spikingtac_paper.trials.methods import Method, main_methods
+from spikingtac_paper.trials.methods import LawMethod, Method, apply_law, main_methods
+from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.runner import TrialJob, predict, run_all, run_job
-from spikingtac_paper.trials.shortened_scenes import shortened
-from spikingtac_paper.trials.trials import Trial
+from spikingtac_paper.trials.trial import Trial, shortened
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
 BUILT: list[str] = []
@@ -60,7 +55,7 @@ class Still:
 def table(gain: float = 1.0) -> dict[str, Method]:
     return {
         "still": Method(
-            name="still", about="", rate_hz=1_000.0, build=Still, settings={"gain": gain}, code=()
+            name="still", about="", rate_hz=1_000.0, build=Still, settings={"gain": gain}
         )
     }
 
@@ -76,8 +71,7 @@ def other_table() -> dict[str, Method]:
     return table(gain=2.0)
 
 
-def one_worker(tasks: int) -> AbstractContextManager[Executor]:
-    return RunOptions(output=Path(), workers=1).pool(tasks)
+ONE_WORKER = RunOptions(output=Path(), workers=1)
 
 
 @pytest.fixture
@@ -97,11 +91,9 @@ def known_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
     BUILT.clear()
     job = TrialJob(trial=TRIAL, methods=("still", "truth"), table=table, folder=tmp_path)
-    shares: list[float] = []
-    first = run_all([job], one_worker, shares.append)
+    first = run_all([job], ONE_WORKER)
     assert [record["method"] for record in first] == ["still", "truth"]
     assert BUILT == ["still"]
-    assert shares[-1] == 1.0
     assert json.loads(json.dumps(run_job(job))) == json.loads(json.dumps(first))
     assert BUILT == ["still"], "kept"
     score = next((tmp_path / "scores" / "still").iterdir())
@@ -116,27 +108,13 @@ def test_what_has_not_changed_is_not_computed_again(tmp_path: Path) -> None:
 def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
     BUILT.clear()
     job = TrialJob(trial=TRIAL, methods=("still", "pulled"), table=table_with_laws, folder=tmp_path)
-    still, pulled = run_all([job], one_worker)
+    still, pulled = run_all([job], ONE_WORKER)
     assert (still["method"], pulled["method"]) == ("still", "pulled")
     assert BUILT == ["still"], "tracked once"
-    assert pulled["prediction"] == still["prediction"]
     alone = replace(job, methods=("pulled",), folder=tmp_path / "alone")
-    assert run_all([alone], one_worker)[0]["scores"] == pulled["scores"], (
+    assert run_all([alone], ONE_WORKER)[0]["scores"] == pulled["scores"], (
         "also where only it is asked for"
     )
-
-
-@pytest.mark.usefixtures("known_sensor")
-def test_other_scoring_scores_again_what_was_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    BUILT.clear()
-    job = TrialJob(trial=TRIAL, methods=("still",), table=table, folder=tmp_path)
-    run_job(job)
-    monkeypatch.setattr(runner_module, "SCORING", ("experiments/harness/rows.py",))
-    monkeypatch.setattr(runner_module, "point_scores", lambda *_: {"error_mean_px": -1.0})
-    assert run_job(job)[0]["scores"] == {"error_mean_px": -1.0}
-    assert BUILT == ["still"]
 
 
 @pytest.mark.usefixtures("known_sensor")
@@ -234,6 +212,17 @@ def test_every_method_of_the_contract_is_there() -> None:
     assert {"default", "fast", "paper", "evetac", "neutac", "ekalibr"} <= set(main_methods())
 
 
-def test_an_unknown_experiment_names_the_valid_ones() -> None:
-    with pytest.raises(ConfigError, match=r"did you mean 'point-tracking'.*valid"):
-        runner_of(EXPERIMENTS, "point-trackin", "experiment")
+def test_re_zero_learns_between_contacts_and_is_frozen_in_them() -> None:
+    rest, t_us = np.array([[50.0, 50.0], [90.0, 50.0]]), np.arange(0, 10_000_000, 2_000)
+    there = np.tile(rest + np.array([0.6, 0.0]), (len(t_us), 1, 1)).astype(np.float32)
+    off = Prediction(t_us, there, there, np.zeros(there.shape[:2], np.bool_), rest)
+    course = np.tile(rest, (len(t_us), 1, 1))
+    spans = (np.empty((0, 2), np.int64), np.array([[0, 10_000_000]]))
+    frozen, learnt = (
+        apply_law(off, ReZero(), GroundTruth(t_us, course, rest, np.full(2, 7.0), 0, free_us))
+        for free_us in spans
+    )
+    held_px = np.linalg.norm(frozen.position_px[-1] - rest, axis=1)
+    assert held_px == pytest.approx(0.18, abs=1e-3)
+    assert np.linalg.norm(learnt.position_px[-1] - rest, axis=1).max() < 0.01
+    assert np.array_equal(learnt.detected_px, off.detected_px)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +12,8 @@ from spikingtac.sim.optics import Optics
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.states import SkinState, image_radius_px
 from spikingtac.types import EventPacket
-from spikingtac_paper.harness.fingerprint import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.trials import Trial
+from spikingtac_paper.trials.trial import Trial
 
 TARGET_HZ = 2.0e6
 """Events per second: a busy tactile recording (performance.md of the project's notes)."""
@@ -68,53 +65,6 @@ def bench_stream(camera: str, seed: int, turns: int) -> BenchStream:
         turns_hz *= TARGET_HZ / _shaken(trial, turns_hz, TRY_US).rate_hz
     turn_us = IMAGE_US * round(1e6 / turns_hz / IMAGE_US)
     return _shaken(trial, 1e6 / turn_us, turns * turn_us)
-
-
-def kept_stream(camera: str, seed: int, turns: int, folder: Path) -> BenchStream:
-    """Return the stream of :func:`bench_stream` from a folder; make and store it if it is missing.
-
-    Args:
-        camera: ``typical`` or ``noisy``.
-        seed: Of the camera's noise.
-        turns: Number of full circles.
-        folder: The bench's.
-    """
-    code = code_digest()
-    path = folder / "streams" / f"{camera}-{seed}-{turns}-{code}.npz"
-    if not path.is_file():
-        stream = bench_stream(camera, seed, turns)
-        _save(stream, path)
-        return stream
-    with np.load(path, allow_pickle=False) as kept:
-        columns = {name: kept[name] for name in kept.files}
-    width, height = columns["size"].tolist()
-    start_us, end_us = columns["span_us"].tolist()
-    x, y, p, t = (columns[name] for name in "xypt")
-    events = EventPacket(x, y, p, t, start_us, end_us, (width, height))
-    times_us, marker_px = columns["truth_us"], columns["marker_px"]
-    truth = GroundTruth(times_us, marker_px, marker_px[0], columns["radius_px"], int(times_us[-1]))
-    return BenchStream(events, truth, float(columns["rate_hz"]), _trial(camera, seed))
-
-
-def _save(stream: BenchStream, path: Path) -> None:
-    events, truth = stream.events, stream.truth
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    with partial.open("wb") as file:
-        np.savez(
-            file,
-            x=events.x,
-            y=events.y,
-            p=events.p,
-            t=events.t,
-            size=np.array(events.size),
-            span_us=np.array([events.t_start_us, events.t_end_us]),
-            truth_us=truth.t_us,
-            marker_px=truth.marker_px,
-            radius_px=truth.radius_px,
-            rate_hz=np.array(stream.rate_hz),
-        )
-    partial.replace(path)
 
 
 def _trial(camera: str, seed: int) -> Trial:
