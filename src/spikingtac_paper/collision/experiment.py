@@ -71,7 +71,8 @@ class RunSize:
             return cls(
                 first_seed=first, serials=1, seeds=1, fastest=4, slow=2, series=0, stretches=8
             )
-        return cls(first_seed=first, seeds=options.seeds or cls.seeds)
+        full = cls(first_seed=first)
+        return replace(full, seeds=options.seeds or full.seeds)
 
 
 def run(options: RunOptions) -> dict[str, Any]:
