@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib
+import io
 import json
 import os
 import sys
@@ -97,17 +99,33 @@ def _dispatch(arguments: list[str]) -> int:
 def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
     import tyro
 
-    from spikingtac.cli.options import HELP, check_options, check_values, for_help
+    from spikingtac.cli.options import HELP, check_options, check_values, description, for_help
 
     check_options(arguments, verb, rest)
-    if not HELP & set(rest):
+    asked = not HELP.isdisjoint(rest)
+    if not asked:
         check_values(arguments, rest)
-    return tyro.cli(
-        for_help(arguments) if HELP & set(rest) else arguments,
-        prog=f"spikingtac {verb}",
-        args=rest,
-        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-    )
+    told = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(told):
+            return tyro.cli(
+                for_help(arguments) if asked else arguments,
+                prog=f"spikingtac {verb}",
+                description=description(arguments),
+                args=rest,
+                config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+            )
+    except SystemExit as stop:
+        if stop.code == 0:
+            raise
+        raise ConfigError(f"{_plain(told.getvalue())}; see: spikingtac {verb} --help") from stop
+
+
+def _plain(box: str) -> str:
+    """Return the parser's text without the box around it and without its way to the help."""
+    lines = [line.strip(" \u2502") for line in box.splitlines()[1:]]  # the sides of the box
+    ends = [n for n, line in enumerate(lines) if not line or line[0] in "\u2500\u2570"]
+    return " ".join(lines[: min(ends, default=len(lines))])
 
 
 def _report(error: Exception, as_json: bool) -> int:

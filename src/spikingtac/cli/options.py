@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+import shutil
+import textwrap
 import types
 import typing
 from collections.abc import Iterator, Sequence
@@ -15,7 +18,8 @@ from spikingtac.errors import ConfigError, nearest
 COMMON = ("--help",)
 """Options of every verb that its dataclass does not list."""
 
-
+NARROWEST = 40
+"""Width of a terminal below which help is not wrapped further, characters."""
 HELP = frozenset(("-h", "--help"))
 EMPTY: tuple[object, ...] = (None, False, ())
 """Defaults that say nothing to a reader: the text of the option says what happens without it."""
@@ -35,6 +39,15 @@ def for_help(arguments: type) -> type:
     }
     names = {"__annotations__": shown, "__doc__": arguments.__doc__}
     return type(arguments.__name__, (arguments,), {**names, "__module__": arguments.__module__})
+
+
+def description(arguments: type) -> str:
+    """Return a verb's docstring, wrapped to the terminal: the parser does not wrap it."""
+    width = max(shutil.get_terminal_size().columns, NARROWEST)
+    paragraphs = inspect.cleandoc(arguments.__doc__ or "").split("\n\n")
+    # The parser joins lines that begin with a letter.
+    indented = {"width": width, "initial_indent": " ", "subsequent_indent": " "}
+    return "\n\n".join(textwrap.fill(" ".join(one.split()), **indented) for one in paragraphs)
 
 
 def _hint(field: Field[Any]) -> str | None:

@@ -9,6 +9,8 @@ docstring is its line of help.
 from __future__ import annotations
 
 import ast
+import shutil
+import textwrap
 from importlib import metadata, util
 from pathlib import Path
 
@@ -82,8 +84,12 @@ def verbs() -> dict[str, str]:
 def overview() -> str:
     """Return the text of ``spikingtac --help``."""
     every = verbs()
-    width = max(len(verb) for verb in every)
-    lines = (f"  {verb:<{width}}   {line}" for verb, line in every.items())
+    longest = max(len(verb) for verb in every)
+    width, indent = shutil.get_terminal_size().columns, " " * (longest + 5)
+    lines = (
+        textwrap.fill(f"  {verb:<{longest}}   {line}", max(width, 60), subsequent_indent=indent)
+        for verb, line in every.items()
+    )
     return OVERVIEW.format(verbs="\n".join(lines))
 
 

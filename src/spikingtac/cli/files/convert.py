@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
-from spikingtac.errors import ConfigError, nearest
+from spikingtac.errors import ConfigError, RecordingError, nearest
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from spikingtac.events.formats.file_source import FileSource
+    from spikingtac.events.hot_pixels import HotPixelFilter
+    from spikingtac.events.transform import Transform
+    from spikingtac.types import EventPacket
+
+HOT_PIXEL_US = 30_000_000
+"""Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
+events meanwhile, and a camera at 10 Mev/s fills 4 GB)."""
+CHANGES = ("from_us", "to_us", "flip_polarity", "size", "crop", "flip", "rotate", "shift_us",
+           "hot_pixels", "encoding", "sensor", "strict")  # fmt: skip
+"""Options that say what is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +54,23 @@ class Args(ManyArgs):
     """First microsecond after the part to keep."""
     flip_polarity: bool = False
     """Exchange ON and OFF, so that dark markers read as white ones."""
+    size: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="W H")] = None
+    """Size of the sensor, px, whatever the file says of it."""
+    crop: Annotated[tuple[int, int, int, int] | None, tyro.conf.arg(metavar="X0 Y0 X1 Y1")] = None
+    """Part of the sensor to keep, px: first column and row, and those after the last; its corner
+    becomes the origin."""
+    flip: Literal["x", "y"] | None = None
+    """Mirror what --crop keeps: x exchanges left and right, y top and bottom."""
+    rotate: Literal[90, 180, 270] | None = None
+    """Turn the picture clockwise after that, degrees."""
+    shift_us: int = 0
+    """Add to all times, us; --from-us and --to-us are times before it."""
+    hot_pixels: Literal["keep", "drop"] = "keep"
+    """Keep or leave out the events of pixels that send all the time."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a .raw file; EVT3 unless given."""
     sensor: int | None = None
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
+    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
     strict: bool = False
     """Refuse a damaged file instead of repairing it."""
 
@@ -69,7 +99,9 @@ def run(args: Args) -> int:
         remark(f"note: {note}")
     for kind, count in found.document["anomalies"].items():
         remark(f"note: {kind} {count} times in the input")
-    remark(f"{found.document['events']} events written to {target}")
+    if found.document["hot_pixels_dropped"]:
+        remark(f"note: events of {found.document['hot_pixels_dropped']} hot pixels left out")
+    remark(f"written: {target}, {found.document['events']} events")
     return 0
 
 
@@ -92,31 +124,84 @@ def _convert(
     args: Args, path: Path, target: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Converted:
     from spikingtac.events.create import create_events
+    from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.open import open_events
-    from spikingtac.events.transform import Transform, flip_polarity, time_slice
+    from spikingtac.events.transform import Transform
 
-    source = open_events(path, strict=args.strict, sensor=args.sensor)
-    written = 0
+    change = Transform(
+        from_us=args.from_us,
+        to_us=args.to_us,
+        shift_us=args.shift_us,
+        flip_polarity=args.flip_polarity,
+        crop_px=args.crop,
+        flip=args.flip,
+        rotate_deg=args.rotate or 0,
+    )
+    source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
+    size, written = change.size(source.size), 0
+    hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
     with (
         ending_on_interrupt(source),
-        create_events(target, source.size, encoding=args.encoding) as writer,
+        create_events(target, size, encoding=args.encoding) as writer,
     ):
-        for packet in time_slice(source, args.from_us, args.to_us):
-            writer.write(flip_polarity(packet) if args.flip_polarity else packet)
+        for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
+            writer.write(packet)
             written += len(packet)
             advance(source.progress)
-        part = Transform(from_us=args.from_us, to_us=args.to_us)
-        writer.add_triggers(part.triggers(source.triggers))
+        writer.add_triggers(change.triggers(source.triggers))
+    notes = list(source.notes)
+    if writer.triggers_left_out:
+        notes.append(f"{target.suffix} holds no triggers: {writer.triggers_left_out} left out")
     document = {
         "input": str(path),
         "output": str(target),
         "format": source.format,
-        "size": list(source.size),
+        "size": list(size),
         "events": written,
+        "triggers": len(source.triggers),
+        "hot_pixels_dropped": 0 if hot_px is None else len(hot_px),
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
     }
-    return _Converted(document, source.notes)
+    return _Converted(document, notes)
+
+
+def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
+    """Yield the packets to write.
+
+    Raises:
+        RecordingError: The part to keep lies outside of the recording.
+    """
+    from_us, to_us = change.from_us, change.to_us
+    first_us = last_us = None
+    empty = True
+    for packet in source:
+        first_us = packet.t_start_us if first_us is None else first_us
+        last_us = packet.t_end_us
+        if to_us is not None and packet.t_start_us >= to_us:
+            break
+        for changed in change.packets([hot.kept(packet)]):
+            empty = False
+            yield changed
+    if empty and (from_us is not None or to_us is not None):
+        span = "nothing" if first_us is None else f"{first_us} to {last_us} us"
+        begin, end = "its begin" if from_us is None else from_us, "end" if to_us is None else to_us
+        raise RecordingError(
+            f"nothing is kept of {str(source.path)!r}: it holds {span}, asked was {begin} to {end}"
+        )
+
+
+def _hot_pixels(source: FileSource) -> NDArray[np.int64] | None:
+    """Return ``(h, 2)`` columns and rows of pixels that send all the time, from the beginning."""
+    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.quality import judge_events
+    from spikingtac.types import EventPacket
+
+    if is_stream(source.path):
+        raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
+    begun = next((packet.t_start_us for packet in source), 0)
+    early = list(takewhile(lambda packet: packet.t_start_us < begun + HOT_PIXEL_US, source))
+    return judge_events(EventPacket.concatenate(early)).hot_px if early else None
 
 
 def _run_many(args: Args) -> int:
@@ -128,14 +213,13 @@ def _run_many(args: Args) -> int:
     if args.to is None:
         raise ConfigError("of many files, convert needs the format to write: --to npz")
     ending = _ending(args.to, args.encoding)
-    names = ("from_us", "to_us", "flip_polarity", "encoding", "sensor", "strict")
     batch = Batch(
         name="convert",
         work=convert_one,
         recordings=find_recordings(args.files, apart_from=folder),
         folder=folder,
         ending=ending,
-        settings={name: getattr(args, name) for name in names},
+        settings={name: getattr(args, name) for name in CHANGES},
     )
     return run_many(batch, args)
 
