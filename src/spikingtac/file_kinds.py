@@ -1,38 +1,54 @@
-"""What a file of this package holds, for errors where another kind of file was needed."""
+"""What a file of this package holds, for the verb info, and for errors where another was needed."""
 
 from __future__ import annotations
 
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
-TRACKS, TRUTH = {"t_us.npy", "displacement_px.npy"}, {"marker_t_us.npy", "marker_px.npy"}
-"""Members of the archives that hold them."""
+ARCHIVES = {
+    "tracks": {"t_us.npy", "displacement_px.npy"},
+    "truth": {"marker_t_us.npy", "marker_px.npy"},
+    "series": {"t_us.npy", "reference_mm.npy", "displacement_mm.npy"},
+}
+"""Kind -> members that its archive has."""
+DOCUMENTS = {
+    "calibration": {"schema", "grid", "reference_px"},
+    "force": {"schema", "components", "reference"},
+    "report": {"experiment", "rows"},
+    "manifest": {"t_start_us", "t_end_us", "size"},
+}
+"""Kind -> keys that its JSON has."""
 RECORDING = "events.raw"
 """What a recording folder has."""
-CALIBRATION = {"schema", "grid", "reference_px"}
-"""Keys of a calibration, which a force model has not."""
 LARGEST_BYTES = 16 << 20
 """Larger JSON files are not looked into."""
 TOLD = {
     "tracks": "it holds tracks, which spikingtac info, plot and compare read",
     "truth": "it holds the truth of a simulation, which spikingtac compare reads",
+    "series": "it holds displacements of another sensor, which spikingtac touch and force read",
     "calibration": "it is a calibration: give it with --calibration, or to spikingtac info",
+    "force": "it is a force model: give it with --force to spikingtac track, view and force",
+    "report": "it is the report of an experiment; report.html beside it shows it",
+    "manifest": "it is the manifest of a recording: give its folder to spikingtac info",
     "recording": "it is a recording, which spikingtac info, view and track read",
 }
 """Kind -> what it is and what reads it."""
 
 
 def kind_of(path: str | Path) -> str | None:
-    """Return ``tracks``, ``truth``, ``calibration``, ``recording``, or None for anything else."""
+    """Return a key of :data:`TOLD`, or None for anything else."""
     file = Path(path)
     if file.is_dir():
         return "recording" if (file / RECORDING).is_file() else None
     if not file.is_file():
         return None
+    if file.suffix == ".onnx":
+        return "force"
     if zipfile.is_zipfile(file):
-        return _kind_of_archive(file)
-    return "calibration" if file.suffix == ".json" and _is_calibration(file) else None
+        return _first(ARCHIVES, _members(file))
+    return _first(DOCUMENTS, document_of(file).keys()) if file.suffix == ".json" else None
 
 
 def told_kind(path: str | Path) -> str | None:
@@ -41,20 +57,23 @@ def told_kind(path: str | Path) -> str | None:
     return None if kind is None else TOLD[kind]
 
 
-def _kind_of_archive(file: Path) -> str | None:
+def document_of(file: Path) -> dict[str, Any]:
+    """Return the JSON object of a file; an empty one where it holds none."""
+    try:
+        small = file.stat().st_size <= LARGEST_BYTES
+        document = json.loads(file.read_text(encoding="utf-8")) if small else None
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def _members(file: Path) -> set[str]:
     try:
         with zipfile.ZipFile(file) as archive:
-            names = set(archive.namelist())
+            return set(archive.namelist())
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
-        return None
-    return "tracks" if names >= TRACKS else "truth" if names >= TRUTH else None
+        return set()
 
 
-def _is_calibration(file: Path) -> bool:
-    if file.stat().st_size > LARGEST_BYTES:
-        return False
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(document, dict) and document.keys() >= CALIBRATION
+def _first(kinds: dict[str, set[str]], names: Any) -> str | None:
+    return next((kind for kind, needed in kinds.items() if needed <= set(names)), None)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,9 @@ from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.types import EventPacket
 
 US_PER_S = 1_000_000
+HOT_PIXEL_US = 30_000_000
+"""Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
+events meanwhile)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +54,15 @@ def judge_events(events: EventPacket) -> EventQuality:
         noise_hz=np.count_nonzero(~hot) * US_PER_S / quiet_us / usual if usual else 0.0,
         hot_px=hot_px,
     )
+
+
+def hot_pixels_of(packets: Iterable[EventPacket]) -> NDArray[np.int64]:
+    """Return ``(h, 2)`` columns and rows of the hot pixels of a recording, from its beginning.
+
+    Args:
+        packets: The recording; it is iterated twice.
+    """
+    begin_us = next((packet.t_start_us for packet in packets), 0)
+    end_us = begin_us + HOT_PIXEL_US
+    early = list(takewhile(lambda packet: packet.t_start_us < end_us, packets))
+    return judge_events(EventPacket.concatenate(early)).hot_px if early else np.empty((0, 2), int)

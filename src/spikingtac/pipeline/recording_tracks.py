@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
@@ -20,10 +20,14 @@ from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
-from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
+from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.tracks import create_tracks
-from spikingtac.tracks.files import NpzTracksWriter
 from spikingtac.types import MarkerFrame
+
+PROGRESS_EVERY = 64
+"""Estimates between two reports of progress."""
+HALF_WIDTH_SIGMAS = 1.6449
+"""Half of the 90 % interval of a normal distribution over its standard deviation."""
 
 
 def track_to_file(
@@ -42,7 +46,7 @@ def track_to_file(
         config: How markers are followed.
         calibration: The sensor's calibration.
         advance: Told the share that is done, 0 to 1.
-        force: Tells the wrench of every frame, too (``.npz`` only).
+        force: Tells the wrench of every frame, too.
 
     Returns:
         A summary: counts, largest displacement, markers never observed, anomalies, health, what
@@ -51,20 +55,23 @@ def track_to_file(
 
     Raises:
         CalibrationError: The recording's size is not the calibration's.
-        ConfigError: The force model is of another sensor, or the output is no ``.npz``.
+        ConfigError: The force model is of another sensor.
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    estimator = force_estimator(force, Path(output), len(calibration.reference_px))
+    if force is not None:
+        force.require_image(len(calibration.reference_px))
+    estimator = None if force is None else force.estimator()
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
     try:
         for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
-            runs.follow(frame.detected_px - calibration.reference_px)
-            if estimator is not None and isinstance(writer, NpzTracksWriter):
-                moved = frame.detected_px - calibration.reference_px
-                writer.measure(wrench_columns(estimator.update(frame.t_us, moved)))
+            moved = frame.detected_px - calibration.reference_px
+            runs.follow(moved)
+            if force is not None and estimator is not None:
+                wrench = estimator.update(frame.t_us, moved)
+                writer.measure(wrench_columns(wrench, force.components))
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -94,27 +101,17 @@ def _ageing(swing: Swing | None) -> dict[str, Any]:
     }
 
 
-def force_estimator(force: ForceModel | None, output: Path, markers: int) -> ForceEstimator | None:
-    """Return what makes wrenches of frames in their order; None without a model.
-
-    Raises:
-        ConfigError: The model is of another sensor, or the output is no ``.npz``.
-    """
-    if force is None:
-        return None
-    if output.suffix != ".npz":
-        raise ConfigError(f"forces are written to .npz, not to {output.name!r}")
-    force.require_image(markers)
-    return force.estimator()
-
-
-def wrench_columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
-    """Return a wrench by the keys of a file."""
-    return {
+def wrench_columns(wrench: Wrench, components: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Return a wrench by the keys of a file; forces by themselves where all three are known."""
+    columns = {
         "wrench_estimate": wrench.values,
         "wrench_half_width": wrench.half_width,
         "wrench_distance": np.array(wrench.distance),
     }
+    if tuple(components[:3]) != ("fx", "fy", "fz"):
+        return columns
+    sigma_n = wrench.half_width[:3] / HALF_WIDTH_SIGMAS
+    return {"force_n": wrench.values[:3], "force_sigma_n": sigma_n, **columns}
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:
@@ -142,10 +139,6 @@ def provenance_of(
         "package_version": package_version(),
         "losses": dict(source.losses.kinds()),
     }
-
-
-PROGRESS_EVERY = 64
-"""Estimates between two reports of progress."""
 
 
 class _Counts:

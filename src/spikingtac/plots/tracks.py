@@ -25,7 +25,7 @@ from spikingtac.plots.theme import (
 )
 from spikingtac.touch.field.local_gradient import GradientOperator
 from spikingtac.tracks import Tracks
-from spikingtac.tracks.comparison import LOADED
+from spikingtac.tracks.comparison import LOADED, Comparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,10 +34,13 @@ if TYPE_CHECKING:
 
 Kind = Literal["course", "field", "map", "strain"]
 US_PER_S = 1_000_000
+MOST_TICKS = 6
+"""Most intervals between the ticks of an axis of a field."""
 ARROW_SHARE = 0.9
 """Length of the longest arrow over the distance of neighbouring markers."""
-COURSE_HEIGHT, FIELD_HEIGHT = 0.62, 1.3
-"""Height of a time course, and the largest of a field with its scale, over the width."""
+COURSE_HEIGHT, FIELD_HEIGHT, COMPARISON_HEIGHT = 0.62, 1.3, 1.05
+"""Height of a time course, the largest of a field with its scale, and that of a comparison, over
+the width."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,8 @@ def draw_course_thinned(axes: Axes, tracks: Tracks, most_points: int, theme: The
     some = slice(None, None, max(len(tracks.t_us) // most_points, 1))
     length = np.hypot(moved[some, :, 0], moved[some, :, 1])
     t_s = (tracks.t_us[some] - tracks.t_us[0]) / US_PER_S
-    axes.plot(t_s, length, color=theme.soft, linewidth=0.3, alpha=0.6)
+    labels = ["each marker", *["_"] * (length.shape[1] - 1)]  # "_" names nothing
+    axes.plot(t_s, length, color=theme.soft, linewidth=0.3, alpha=0.6, label=labels)
     axes.plot(t_s, np.median(length, axis=1), color=theme.second, linewidth=1.0, label="median")
     axes.plot(t_s, length.max(axis=1), color=theme.strong, linewidth=1.0, label="largest")
     axes.set(xlabel="time (s)", ylabel=f"displacement ({unit})", xlim=(t_s[0], max(t_s[-1], 1e-6)))
@@ -218,14 +222,15 @@ _KINDS: dict[str, Callable[[Axes, Tracks, int, Theme], object]] = {
 
 
 def _finish_field(axes: Axes, tracks: Tracks, row: int, theme: Theme) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     (left, top), (right, bottom) = view_px(tracks.reference_px)
-    axes.set(
-        xlim=(left, right),
-        ylim=(bottom, top),
-        xlabel="x (px)",
-        ylabel="y (px)",
-        aspect="equal",
-    )
+    unit, px_per_unit = ("px", 1.0) if tracks.px_per_mm is None else ("mm", tracks.px_per_mm)
+    for axis, low, high in ((axes.xaxis, left, right), (axes.yaxis, top, bottom)):
+        ticks = MaxNLocator(MOST_TICKS).tick_values(low / px_per_unit, high / px_per_unit)
+        axis.set_ticks(np.asarray(ticks) * px_per_unit, [f"{tick:g}" for tick in ticks])
+    axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", aspect="equal")
+    axes.set(xlim=(left, right), ylim=(bottom, top))
     t_s = (tracks.t_us[row] - tracks.t_us[0]) / US_PER_S
     axes.set_title(f"t = {t_s:.3f} s", color=theme.text, fontsize=FONT_PT)
 
@@ -238,3 +243,38 @@ def _add_scale(axes: Axes, drawn: object, label: str, theme: Theme) -> None:
     bar.set_label(label, color=theme.text, fontsize=FONT_PT)
     bar.ax.tick_params(colors=theme.text, labelsize=FONT_PT - 1)
     bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def plot_comparison(
+    comparison: Comparison, *, theme: str = "light", width: str = "single"
+) -> Figure:
+    """Draw the median and the 95th percentile over the markers in time, and both by marker.
+
+    What is no error, since nobody knows the truth, is called a difference.
+
+    Args:
+        comparison: What is drawn.
+        theme: ``light`` or ``dark``.
+        width: ``single`` or ``double`` column.
+
+    Raises:
+        ConfigError: A name is unknown.
+    """
+    figure, colors = new_figure(theme, width, COMPARISON_HEIGHT)
+    over_time, by_marker = figure.subplots(2, 1)
+    t_s = (comparison.t_us - comparison.t_us[0]) / US_PER_S
+    for percentile, color in ((50, colors.strong), (95, colors.second)):
+        along = np.percentile(comparison.distance_px, percentile, axis=1)
+        label = "median" if percentile == 50 else "95th percentile"
+        over_time.plot(t_s, along, color=color, linewidth=0.8, label=label)
+        values = np.percentile(comparison.distance_px, percentile, axis=0)
+        by_marker.plot(values, ".", color=color, markersize=3)
+    style_axes(over_time, colors)
+    style_axes(by_marker, colors)
+    named = f"{comparison.word} (px)"
+    over_time.set(
+        xlabel="time (s)", ylabel=named, ylim=(0, None), xlim=(t_s[0], max(t_s[-1], 1e-6))
+    )
+    by_marker.set(xlabel="marker", ylabel=named, ylim=(0, None))
+    legend_above(over_time, colors)
+    return figure

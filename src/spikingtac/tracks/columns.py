@@ -45,6 +45,9 @@ HEALTH_TYPES = {
 }
 """Key of a file -> the type of a counter of the source, one a time; older files lack them."""
 
+FORCES = ("force_n", "force_sigma_n")
+"""Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them."""
+
 VECTORS = ("detected_px", "position_px", "displacement_px")
 """Those that have an x and a y."""
 
@@ -68,31 +71,34 @@ def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[An
     return columns
 
 
-def long_columns(
-    t_us: NDArray[np.int64],
-    vectors: Mapping[str, NDArray[Any]],
-    held: NDArray[np.bool_],
-    confidence: NDArray[Any],
-) -> dict[str, NDArray[Any]]:
-    """Return columns in long form, by name.
+def long_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return columns in long form, one row for each time and marker, by name.
 
     Args:
-        t_us: ``(n,)`` times, us.
-        vectors: Quantity and unit as ``displacement_px`` -> ``(n, m, 2)`` values; each becomes two
-            columns, ``displacement_x_px`` and ``displacement_y_px``.
-        held: ``(n, m)`` True where a position was predicted.
-        confidence: ``(n, m)`` 0 to 1.
+        columns: ``t_us``, ``held``, ``confidence`` and any vectors ``(n, m, 2)`` by their keys in a
+            file: ``displacement_px`` becomes ``displacement_x_px`` and ``displacement_y_px``.
+            Forces ``(n, 3)`` are repeated for every marker.
     """
-    estimates, markers = held.shape
-    columns: dict[str, NDArray[Any]] = {
-        "t_us": np.repeat(t_us, markers),
+    estimates, markers = columns["held"].shape
+    rows: dict[str, NDArray[Any]] = {
+        "t_us": np.repeat(columns["t_us"], markers),
         "marker": np.tile(np.arange(markers), estimates),
     }
-    for name, vector in vectors.items():
-        quantity, _, unit = name.rpartition("_")
-        for axis, letter in enumerate("xy"):
-            columns[f"{quantity}_{letter}_{unit}"] = vector[:, :, axis].ravel()
-    return columns | {"held": held.ravel(), "confidence": confidence.ravel()}
+    for name, vector in columns.items():
+        if vector.ndim == 3:
+            rows |= _by_axis(name, vector.reshape(estimates * markers, 2))
+    rows |= {name: columns[name].ravel() for name in ("held", "confidence")}
+    for name in FORCES:
+        if name in columns:
+            rows |= _by_axis(name, np.repeat(columns[name], markers, axis=0))
+    return rows
+
+
+def _by_axis(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns of ``(n, 2 or 3)`` values, with the axis before the unit."""
+    quantity, _, unit = name.rpartition("_")
+    axes = "xyz"[: values.shape[1]]
+    return {f"{quantity}_{axis}_{unit}": values[:, n] for n, axis in enumerate(axes)}
 
 
 def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
@@ -111,6 +117,9 @@ def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
         shape = (*times, markers, 2) if name in VECTORS else (*times, markers)
         if array.shape != shape or array.dtype.kind != np.dtype(dtype).kind:
             raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, not of {shape}")
+    for name in FORCES:
+        if name in values and values[name].shape != (*times, 3):
+            raise ValueError(f"{name} has shape {values[name].shape}, not {(*times, 3)}")
     for name in HEALTH_TYPES:
         if name in values and values[name].shape != times:
             raise ValueError(f"{name} has shape {values[name].shape}, not {times}")

@@ -21,17 +21,22 @@ class Comparison:
 
     Attributes:
         t_us: ``(n,)`` times of the first tracks within the span of both, us.
-        error_px: ``(n, m)`` distance of each marker, px.
+        distance_px: ``(n, m)`` distance of each marker, px.
         coasted: ``(n, m)`` True where the first tracks predicted a position.
-        error_mm: ``(n, m)`` the same on the skin, mm, or None where the scale is not known.
-        truth: Whether the distance is that from a truth; otherwise neither need be right.
+        distance_mm: ``(n, m)`` the same on the skin, mm, or None where the scale is not known.
+        truth: Whether the distance is that from a truth, an error; otherwise it is a difference.
     """
 
     t_us: NDArray[np.int64]
-    error_px: NDArray[np.float64]
+    distance_px: NDArray[np.float64]
     coasted: NDArray[np.bool_]
-    error_mm: NDArray[np.float64] | None = None
+    distance_mm: NDArray[np.float64] | None = None
     truth: bool = False
+
+    @property
+    def word(self) -> str:
+        """What the distance is called: ``error``, or ``difference`` where nobody knows a truth."""
+        return "error" if self.truth else "difference"
 
     def summary(self) -> dict[str, Any]:
         """Return the figures over all markers and times.
@@ -39,29 +44,33 @@ class Comparison:
         Returns:
             ``markers``, ``estimates``, ``error_mean_px``, ``error_p50_px``, ``error_p95_px``,
             ``error_max_px``, ``error_seen_mean_px`` (without coasted markers), ``worst_marker``
-            (of the largest mean) and ``error_mean_mm``; None where unknown.
+            (of the largest mean) and ``error_mean_mm``; None where unknown. Of two tracks,
+            ``difference`` stands in the place of ``error``.
         """
-        p50_px, p95_px = np.percentile(self.error_px, (50, 95))
-        mean_px = float(self.error_px.mean())
-        seen = self.error_px[~self.coasted]
+        p50_px, p95_px = np.percentile(self.distance_px, (50, 95))
+        seen = self.distance_px[~self.coasted]
+        figures = {
+            "mean_px": float(self.distance_px.mean()),
+            "p50_px": float(p50_px),
+            "p95_px": float(p95_px),
+            "max_px": float(self.distance_px.max()),
+            "seen_mean_px": float(seen.mean()) if len(seen) else None,
+            "mean_mm": None if self.distance_mm is None else float(self.distance_mm.mean()),
+        }
         return {
-            "markers": self.error_px.shape[1],
+            "markers": self.distance_px.shape[1],
             "estimates": len(self.t_us),
-            "error_mean_px": mean_px,
-            "error_p50_px": float(p50_px),
-            "error_p95_px": float(p95_px),
-            "error_max_px": float(self.error_px.max()),
-            "error_seen_mean_px": float(seen.mean()) if len(seen) else None,
-            "worst_marker": int(self.error_px.mean(axis=0).argmax()),
-            "error_mean_mm": None if self.error_mm is None else float(self.error_mm.mean()),
+            **{f"{self.word}_{name}": value for name, value in figures.items()},
+            "worst_marker": int(self.distance_px.mean(axis=0).argmax()),
         }
 
     def by_marker(self) -> list[dict[str, Any]]:
-        """Return ``marker``, ``error_mean_px`` and ``error_p95_px`` for each marker."""
-        means, high = self.error_px.mean(axis=0), np.percentile(self.error_px, 95, axis=0)
+        """Return ``marker``, and mean and 95th percentile as in :meth:`summary`, of each marker."""
+        means, high = self.distance_px.mean(axis=0), np.percentile(self.distance_px, 95, axis=0)
+        mean, p95 = f"{self.word}_mean_px", f"{self.word}_p95_px"
         return [
-            {"marker": marker, "error_mean_px": float(mean), "error_p95_px": float(p95)}
-            for marker, (mean, p95) in enumerate(zip(means, high, strict=True))
+            {"marker": marker, mean: float(middle), p95: float(far)}
+            for marker, (middle, far) in enumerate(zip(means, high, strict=True))
         ]
 
 
@@ -106,19 +115,25 @@ def _compared(
     if not common.any():
         raise ConfigError("the two have no time in common; compare tracks of the same recording")
     at_us = one.t_us[common]
-    late = np.searchsorted(t_us, at_us).clip(1, max(len(t_us) - 1, 1))
-    if len(t_us) == 1:
-        expected = np.broadcast_to(position_px[0], (len(at_us), markers, 2))
-    else:
-        share = (at_us - t_us[late - 1]) / (t_us[late] - t_us[late - 1])
-        before, after = position_px[late - 1].astype(float), position_px[late].astype(float)
-        expected = before + share[:, np.newaxis, np.newaxis] * (after - before)
+    expected = _interpolated(t_us, position_px, at_us)
     own, scale = own_px[common], one.skin_scale
     return Comparison(
         t_us=at_us,
-        error_px=np.linalg.norm(own - expected, axis=2),
+        distance_px=np.linalg.norm(own - expected, axis=2),
         coasted=one.coasted[common],
-        error_mm=None
+        distance_mm=None
         if scale is None
         else np.linalg.norm(scale.to_mm(own) - scale.to_mm(expected), axis=2),
     )
+
+
+def _interpolated(
+    t_us: NDArray[Any], position_px: NDArray[Any], at_us: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return positions at other times, linearly between those that are known."""
+    late = np.searchsorted(t_us, at_us).clip(1, max(len(t_us) - 1, 1))
+    if len(t_us) == 1:
+        return np.broadcast_to(position_px[0], (len(at_us), *position_px.shape[1:])).astype(float)
+    share = (at_us - t_us[late - 1]) / (t_us[late] - t_us[late - 1])
+    before, after = position_px[late - 1].astype(float), position_px[late].astype(float)
+    return before + share[:, np.newaxis, np.newaxis] * (after - before)

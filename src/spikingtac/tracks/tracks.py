@@ -14,23 +14,34 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, RecordingError
+from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.file_kinds import kind_of, told_kind
-from spikingtac.tracks.columns import FIELDS, HEALTH_TYPES, VECTORS, require_shapes, stacked
-from spikingtac.tracks.files import NpzTracksWriter, create_tracks
-from spikingtac.tracks.tables import as_pandas, as_xarray
+from spikingtac.tracks.columns import (
+    FIELDS,
+    FORCES,
+    HEALTH_TYPES,
+    VECTORS,
+    long_columns,
+    require_shapes,
+    stacked,
+)
+from spikingtac.tracks.files import (
+    CsvTracksWriter,
+    ParquetTracksWriter,
+    TracksWriter,
+    create_tracks,
+)
 from spikingtac.types import MarkerFrame, SourceHealth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-    from xarray import Dataset
 
 US_PER_S = 1_000_000
 DRAWING = "spikingtac.plots.tracks"
 """Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
-WRENCHES = ("wrench_estimate", "wrench_half_width", "wrench_distance")
+MEASURED = (*FORCES, "wrench_estimate", "wrench_half_width", "wrench_distance")
 """Arrays that are there where a force model was given."""
 
 
@@ -48,8 +59,9 @@ class Tracks:
         reference_px: ``(m, 2)`` rest positions, px.
         meta: Resolved configuration, input digest, package version, loss counters; where they are
             known also ``px_per_mm``, the scale, and ``grid``, the rows and columns of the markers.
-        wrench_estimate: ``(n, c)`` estimated forces in N, then moments in Nm; None where no force
-            model was given.
+        force_n: ``(n, 3)`` estimated force on the skin, N; None where no force model was given.
+        force_sigma_n: ``(n, 3)`` its standard deviation.
+        wrench_estimate: ``(n, c)`` components of the force model: N, then Nm.
         wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
         wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
         gaps: ``(n,)`` stretches that were missing up to then; this and the following, the health of
@@ -68,6 +80,8 @@ class Tracks:
     confidence: NDArray[np.float32]
     reference_px: NDArray[np.float32]
     meta: dict[str, Any]
+    force_n: NDArray[np.float32] | None = None
+    force_sigma_n: NDArray[np.float32] | None = None
     wrench_estimate: NDArray[np.float32] | None = None
     wrench_half_width: NDArray[np.float32] | None = None
     wrench_distance: NDArray[np.float32] | None = None
@@ -136,11 +150,13 @@ class Tracks:
                 folder.
             MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
         """
-        writer = create_tracks(path, self.reference_px.astype(np.float64))
-        felt = self._wrenches()
+        self._write(create_tracks(path, self.reference_px.astype(np.float64)))
+
+    def _write(self, writer: TracksWriter) -> None:
+        felt = self._measured()
         try:
             for number, frame in enumerate(self.frames()):
-                if felt and isinstance(writer, NpzTracksWriter):
+                if felt:
                     writer.measure({name: values[number] for name, values in felt.items()})
                 writer.write(frame)
             writer.close(self.meta)
@@ -212,7 +228,7 @@ class Tracks:
             (the median), ``displacement_max_px`` with its ``displacement_max_marker`` and
             ``displacement_max_t_us``, ``displacement_max_mm``, ``held_share``, ``never_observed``
             (markers that were coasted throughout), ``health`` (the counters at the end, and the
-            mean rate) and ``px_per_mm``; None where unknown.
+            mean rate), ``px_per_mm`` and ``force_max_n``; None where unknown.
         """
         estimates, markers = self.coasted.shape
         figures: dict[str, Any] = {"markers": markers, "estimates": estimates}
@@ -237,30 +253,39 @@ class Tracks:
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
             "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
+            "force_max_n": None
+            if self.force_n is None
+            else float(np.linalg.norm(self.force_n, axis=1).max(initial=0.0)),
         }
 
     def to_pandas(self) -> DataFrame:
         """Return the tracks as a table in long form: one row for each time and marker.
 
-        Its columns are those of the CSV file, and ``displacement_x_mm`` and ``displacement_y_mm``
-        where the scale is known.
+        Its columns are those of the CSV file, with ``displacement_x_mm`` and ``displacement_y_mm``
+        where the scale is known, and ``force_x_n`` and so on where the force is.
 
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        return as_pandas(self._arrays())
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingExtraError(
+                "tables need pandas; install it with: pip install 'spikingtac[tables]'"
+            ) from error
+        columns = {name: getattr(self, name) for name in ("t_us", *VECTORS)}
+        if self.px_per_mm is not None:
+            columns["displacement_mm"] = self.displacement_mm
+        each = {"held": self.coasted, "confidence": self.confidence}
+        return pandas.DataFrame(long_columns({**columns, **each, **self._measured()}))
 
-    def to_xarray(self) -> Dataset:
-        """Return the tracks with named axes: ``t_us``, ``marker`` and ``axis``, which is x or y.
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the tracks as Parquet in long form, whatever the ending; see :meth:`save`."""
+        self._write(ParquetTracksWriter(Path(path), len(self.reference_px)))
 
-        Its variables are the arrays of ``tracks.npz``, each with its unit, ``displacement_mm``
-        where the scale is known, and the coordinates ``row`` and ``column`` of each marker where
-        the grid is. It can be written as netCDF; the attribute ``meta`` is JSON.
-
-        Raises:
-            MissingExtraError: xarray is not installed.
-        """
-        return as_xarray(self._arrays(), self.meta)
+    def to_csv(self, path: str | Path) -> None:
+        """Write the tracks as CSV in long form, whatever the ending; see :meth:`save`."""
+        self._write(CsvTracksWriter(Path(path), len(self.reference_px)))
 
     def plot(
         self,
@@ -274,21 +299,8 @@ class Tracks:
         draw = importlib.import_module(DRAWING).plot_tracks
         return draw(self, kind, at_us=at_us, theme=theme, width=width)
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        vectors = {name: getattr(self, name) for name in VECTORS}
-        in_mm = {} if self.px_per_mm is None else {"displacement_mm": self.displacement_mm}
-        each = {"held": self.coasted, "confidence": self.confidence}
-        return {
-            "t_us": self.t_us,
-            **vectors,
-            **in_mm,
-            **each,
-            "reference_px": self.reference_px,
-            **self._wrenches(),
-        }
-
-    def _wrenches(self) -> dict[str, NDArray[Any]]:
-        values = {name: getattr(self, name) for name in WRENCHES}
+    def _measured(self) -> dict[str, NDArray[Any]]:
+        values = {name: getattr(self, name) for name in MEASURED}
         return {name: array for name, array in values.items() if array is not None}
 
 

@@ -13,11 +13,12 @@ from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket
+from stand_ins.tracks import circling_tracks
 
 SIZE = (32, 24)
 KEYS = {
     "format", "size", "events", "on_fraction", "t_first_us", "t_last_us", "duration_s",
-    "mean_rate_mev_s", "peak_rate_mev_s", "anomalies", "health",
+    "mean_rate_mev_s", "peak_rate_mev_s", "anomalies", "health", "triggers", "trigger_channels",
 }  # fmt: skip
 
 
@@ -79,6 +80,98 @@ def test_convert_cuts_and_flips(recorded: Path, name: str, capsys) -> None:
     inside = (whole.t >= 5_000) & (whole.t < 20_100)
     np.testing.assert_array_equal(found.t, whole.t[inside])
     np.testing.assert_array_equal(found.p, ~whole.p[inside])
+
+
+def converted(recorded: Path, *options: str) -> EventPacket:
+    target = recorded.with_name("changed.npz")
+    assert main(["convert", str(recorded), str(target), "--overwrite", *options]) == 0
+    return EventPacket.concatenate(list(open_events(target)))
+
+
+def test_convert_crops_flips_turns_and_shifts(recorded: Path) -> None:
+    whole = EventPacket.concatenate(list(open_events(recorded)))
+    options = ["--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"]
+    found = converted(recorded, *options, "--shift-us", "-100")
+    inside = (whole.x >= 4) & (whole.x < 20) & (whole.y >= 2)
+    x, y = whole.x[inside].astype(int) - 4, whole.y[inside].astype(int) - 2
+    assert found.size == (22, 16)
+    np.testing.assert_array_equal(found.x, 21 - y)  # clockwise: what was below is left
+    np.testing.assert_array_equal(found.y, 15 - x)  # x was mirrored first
+    np.testing.assert_array_equal(found.t, whole.t[inside] - 100)
+    assert converted(recorded, "--size", "64", "48").size == (64, 48)
+
+
+def test_convert_drops_hot_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(0, 2_000_000, 500, np.int64)
+    hot = np.arange(len(t)) % 2 == 0
+    column = np.where(hot, 7, np.arange(len(t)) % 24).astype(np.uint16)
+    row = np.where(hot, 7, np.arange(len(t)) // 24 % 24).astype(np.uint16)
+    with create_events(tmp_path / "a.raw", SIZE) as writer:
+        writer.write(EventPacket(column, row, hot, t, 0, 2_000_000, SIZE))
+    found = converted(tmp_path / "a.raw", "--hot-pixels", "drop")
+    assert not ((found.x == 7) & (found.y == 7)).any()
+    assert "1 hot pixels" in capsys.readouterr().err
+    assert len(converted(tmp_path / "a.raw")) == len(t) > len(found) > len(t) // 3
+
+
+@pytest.mark.parametrize("part", [("--from-us", "20500"), ("--to-us", "-5")])
+def test_a_part_outside_of_the_recording_is_an_error(
+    recorded: Path, part: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = recorded.with_name("b.npz")
+    assert main(["convert", str(recorded), str(target), *part]) == 1
+    assert "it holds 0 to 20500 us" in capsys.readouterr().err
+    assert not target.exists()
+    # A silence within the recording is a part of it.
+    silence = ["--from-us", "12000", "--to-us", "13000"]
+    assert main(["convert", str(recorded), str(target), *silence]) == 0
+
+
+def test_triggers_stay_where_the_format_holds_them(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = recorded.with_name("t.npz")
+    with create_events(source, SIZE) as writer:
+        writer.write(EventPacket.concatenate(list(open_events(recorded))))
+        edges = open_events(recorded).triggers
+        edges.append([100, 9_000], [0, 0], [True, False])
+        writer.add_triggers(edges)
+    assert main(["convert", str(source), str(recorded.with_name("u.npz")), "--to-us", "5000"]) == 0
+    assert main(["info", str(recorded.with_name("u.npz")), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["triggers"], found["trigger_channels"]["0"]["t_first_us"]) == (1, 100)
+    assert main(["convert", str(source), str(recorded.with_name("u.csv"))]) == 0
+    assert "2 left out" in capsys.readouterr().err
+
+
+def test_info_tells_what_files_of_ours_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks = circling_tracks(estimates=20)
+    tracks.save(tmp_path / "tracks.npz")
+    t_us, rest = np.arange(5) * 1000, np.zeros((3, 2))
+    moved, wrench = np.full((5, 3, 2), 0.3), np.full((5, 6), 2.0)
+    series = {"t_us": t_us, "reference_mm": rest, "displacement_mm": moved, "wrench": wrench}
+    np.savez(tmp_path / "series.npz", **series)
+    np.savez(tmp_path / "truth.npz", marker_t_us=t_us, marker_px=moved)
+    row = {"method": "default", "case": "all", "metric": "m", "value": 1.0, "source": "twin"}
+    report = {"experiment": "holes", "rows": [row, row]}
+    (tmp_path / "report.json").write_text(json.dumps(report))
+    force = {"schema": 3, "components": ["fx"], "reference": [[0, 0]], "unit": "mm"}
+    (tmp_path / "force.json").write_text(json.dumps(force))
+    expected = {
+        "tracks.npz": ("tracks", "estimates", 20),
+        "series.npz": ("series", "force_max_n", np.sqrt(12.0)),
+        "truth.npz": ("truth", "markers", 3),
+        "report.json": ("report", "methods", ["default"]),
+        "force.json": ("force", "components", ["fx"]),
+    }
+    for name, (kind, key, value) in expected.items():
+        assert main(["info", str(tmp_path / name), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["format"], found[key]) == (kind, value)
+        assert main(["info", str(tmp_path / name)]) == 0
+        assert found["about"] in capsys.readouterr().err
 
 
 def test_convert_writes_the_encoding_that_is_asked_for(recorded: Path) -> None:

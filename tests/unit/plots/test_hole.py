@@ -69,21 +69,12 @@ def test_what_is_drawn_is_what_the_legend_says() -> None:
     np.testing.assert_allclose(distance, RADIUS_MM + one.residual_factor * RESIDUAL_MM)
 
 
-def test_an_unknown_truth_is_not_drawn() -> None:
+def test_without_truth_or_estimate_they_are_not_drawn(tmp_path: Path) -> None:
     axes = Figure().add_subplot()
     draw_hole(axes, picture(known=False))
     assert not any("true" in label for label in axes.get_legend_handles_labels()[1])
-
-
-def test_without_an_estimate_the_readings_are_shown() -> None:
     axes = Figure().add_subplot()
     draw_hole(axes, HolePicture(circle=None, reading_mm=picture().reading_mm))
     assert axes.get_legend_handles_labels()[1] == ["readings, no estimate"]
-
-
-@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
-def test_the_ending_chooses_the_format(ending: str, tmp_path: Path) -> None:
-    path = tmp_path / f"hole{ending}"
-    save_hole_plot(path, "a title\nof two lines", picture())
-    start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[ending]
-    assert path.read_bytes().startswith(start)
+    save_hole_plot(tmp_path / "hole.svg", "a title\nof two lines", picture())
+    assert (tmp_path / "hole.svg").read_bytes().startswith(b"<?xml")

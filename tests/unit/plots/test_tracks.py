@@ -9,15 +9,13 @@ from typing import get_args
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
 from PIL import Image
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.comparison import plot_comparison
 from spikingtac.plots.field_view import cell_corners
 from spikingtac.plots.theme import THEMES, WIDTHS_IN
-from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_tracks, save_figure
+from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks, save_figure
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import PITCH_PX
@@ -87,13 +85,17 @@ def test_cells_meet_and_do_not_overlap(kind: str) -> None:
                                tracks.reference_px[0] - PITCH_PX / 2, atol=1e-3)  # fmt: skip
 
 
-def test_what_moved_most_stands_out_from_the_ground() -> None:
-    for theme in THEMES.values():
-        ground, least, most = (
-            np.mean(to_rgb(color)) for color in (theme.ground, *theme.magnitudes()([0, 255]))
-        )
-        assert abs(most - ground) > 0.4
-        assert abs(most - ground) > abs(least - ground)
+def test_figures_in_mm_have_axes_in_mm() -> None:
+    for scale, unit in ((None, "px"), (10.0, "mm")):
+        axes = plot_tracks(circling_tracks(estimates=20, px_per_mm=scale), "field").axes[0]
+        assert axes.get_xlabel() == f"x ({unit})"
+        ticks = [(tick, float(text.get_text())) for tick, text in
+                 zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)]  # fmt: skip
+        assert all(tick == pytest.approx(label * (scale or 1.0)) for tick, label in ticks)
+    figure = circling_tracks(estimates=20, px_per_mm=10.0).plot("course")
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["each marker", "median", "largest"]
 
 
 def test_a_time_outside_of_the_tracks_is_refused() -> None:
@@ -102,10 +104,12 @@ def test_a_time_outside_of_the_tracks_is_refused() -> None:
             plot_tracks(circling_tracks(estimates=20), "field", at_us=at_us)
 
 
-def test_what_is_no_error_is_called_a_difference() -> None:
+def test_a_comparison_shows_differences_and_errors_of_a_truth() -> None:
     tracks = circling_tracks()
-    found = compare_tracks(tracks, circling_tracks(off_px=0.5))
-    assert plot_comparison(found).axes[0].get_ylabel() == "difference (px)"
+    over_time, by_marker = plot_comparison(compare_tracks(tracks, circling_tracks(off_px=0.5))).axes
+    for line in (*over_time.get_lines(), *by_marker.get_lines()):
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), 0.5, atol=1e-3)
+    assert over_time.get_ylabel() == "difference (px)"
     true = compare_with_truth(tracks, tracks.t_us, tracks.position_px)
     assert plot_comparison(true).axes[1].get_ylabel() == "error (px)"
 
@@ -120,11 +124,3 @@ def test_wrong_names_and_empty_tracks_are_refused(tmp_path: Path) -> None:
         save_figure(figure, tmp_path / "figure.jpg")
     with pytest.raises(ConfigError, match="does not exist"):
         save_figure(figure, tmp_path / "no" / "figure.png")
-
-
-def test_a_comparison_is_drawn_over_time_and_by_marker() -> None:
-    found = compare_tracks(circling_tracks(), circling_tracks(off_px=0.5))
-    over_time, by_marker = plot_comparison(found).axes
-    for line in (*over_time.get_lines(), *by_marker.get_lines()):
-        np.testing.assert_allclose(np.asarray(line.get_ydata()), 0.5, atol=1e-3)
-    assert len(np.asarray(by_marker.get_lines()[0].get_ydata())) == 64

@@ -1,30 +1,110 @@
-"""Tracks in memory: figures, scale, tables, and what is written is read."""
+"""Tracks in memory and on disk: figures, scale, forces, tables, distances."""
 
 from __future__ import annotations
 
+import builtins
 import csv
+import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
-from spikingtac.tracks import CSV_COLUMNS, Tracks, is_tracks_file
-from stand_ins.tracks import circling_tracks
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.tracks import CSV_COLUMNS, FRAMES_PER_CHUNK, Tracks, create_tracks, is_tracks_file
+from spikingtac.tracks.columns import HEALTH_TYPES
+from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
+from spikingtac.types import MarkerFrame, SourceHealth
+from stand_ins.tracks import HELD_MARKER, circling_tracks
+from stand_ins.viewer import positions_px
+
+REFERENCE_PX = np.array([[10.0, 20.0], [30.0, 40.0]])
+
+
+def frame(t_us: int) -> MarkerFrame:
+    detected = REFERENCE_PX + t_us * 1e-3
+    return MarkerFrame(
+        t_us=t_us,
+        detected_px=detected,
+        position_px=detected - 0.5,
+        displacement_px=detected - 0.5 - REFERENCE_PX,
+        coasted=np.array([False, True]),
+        confidence=np.array([0.75, 0.0]),
+        health=SourceHealth(gaps=t_us // 2_000, reconnects=1, rate_ev_s=1_234.5),
+    )
+
+
+def written(path: Path, count: int) -> Path:
+    writer = create_tracks(path, REFERENCE_PX)
+    for k in range(count):
+        writer.write(frame(1_000 * k))
+    writer.close({"losses": {"gap": 2}})
+    return path
+
+
+def felt(tracks: Tracks) -> Tracks:
+    force = np.arange(3.0 * len(tracks.t_us), dtype=np.float32).reshape(-1, 3)
+    return replace(tracks, force_n=force, force_sigma_n=force / 10)
+
+
+@pytest.mark.parametrize("count", [0, 3, FRAMES_PER_CHUNK + 5])
+def test_npz_keeps_every_frame(tmp_path: Path, count: int) -> None:
+    tracks = Tracks.load(written(tmp_path / "t.npz", count))
+    assert tracks.t_us.tolist() == [1_000 * k for k in range(count)]
+    assert tracks.displacement_px.shape == (count, 2, 2)
+    assert (tracks.t_us.dtype, tracks.detected_px.dtype) == (np.int64, np.float32)
+    np.testing.assert_allclose(tracks.displacement_px, tracks.position_px - REFERENCE_PX, atol=1e-4)
+    assert tracks.meta == {"losses": {"gap": 2}}
+    expected = [frame(1_000 * k).health for k in range(count)]
+    assert [row.health for row in tracks.frames()] == expected
+    again = written(tmp_path / "again.npz", count)  # equal frames, equal bytes
+    assert again.read_bytes() == (tmp_path / "t.npz").read_bytes()
+
+
+def test_files_of_older_versions_are_read(tmp_path: Path) -> None:
+    arrays = dict(np.load(written(tmp_path / "t.npz", 3)))
+    for name in HEALTH_TYPES:
+        del arrays[name]
+    np.savez(tmp_path / "old.npz", **arrays)
+    tracks = Tracks.load(tmp_path / "old.npz")
+    assert tracks.summary()["health"] is None
+    assert next(tracks.frames()).health == SourceHealth()
+    for odd in ({"gaps": np.zeros(2, np.int32)}, {"force_n": np.zeros((3, 2), np.float32)}):
+        np.savez(tmp_path / "odd.npz", **arrays, **odd)
+        with pytest.raises(RecordingError, match="has shape"):
+            Tracks.load(tmp_path / "odd.npz")
+
+
+def test_what_holds_no_tracks_and_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", t_us=np.arange(3))
+    for name in ("x.npz", "missing.npz"):
+        with pytest.raises(RecordingError, match="holds no tracks"):
+            Tracks.load(tmp_path / name)
+        assert not is_tracks_file(tmp_path / name)
+    with pytest.raises(ConfigError, match=r"\.npz, \.csv or \.parquet"):
+        create_tracks(tmp_path / "t.mat", REFERENCE_PX)
+    with pytest.raises(ConfigError, match="does not exist"):
+        create_tracks(tmp_path / "no" / "t.npz", REFERENCE_PX)
 
 
 def test_the_summary_is_what_was_put_in() -> None:
-    found = circling_tracks().summary()
+    tracks = felt(circling_tracks())
+    found = tracks.summary()
     assert (found["markers"], found["estimates"]) == (64, 500)
     assert (found["t_first_us"], found["t_last_us"], found["rate_hz"]) == (7, 499_007, 1_000.0)
-    assert found["duration_s"] == pytest.approx(0.499)
     # The outermost markers circle widest; they are furthest from rest half a turn on.
     assert found["displacement_max_px"] == pytest.approx(12.2, abs=0.1)
     assert found["displacement_max_marker"] in (0, 7, 56, 63)
     assert found["displacement_max_t_us"] == 499_007
-    assert found["held_share"] == pytest.approx(1 / 64)
-    assert found["never_observed"] == [9]
+    assert (found["held_share"], found["never_observed"]) == (1 / 64, [9])
     assert found["displacement_max_mm"] is None
+    assert found["force_max_n"] == pytest.approx(np.linalg.norm([1497, 1498, 1499]))
+    assert "64 markers, 500 estimates in 0.499 s" in repr(tracks)
+    none = circling_tracks(estimates=0).summary()
+    assert (none["estimates"], none["displacement_max_px"], none["rate_hz"]) == (0, 0.0, None)
 
 
 def test_the_scale_makes_millimetres() -> None:
@@ -36,41 +116,139 @@ def test_the_scale_makes_millimetres() -> None:
         _ = circling_tracks().displacement_mm
 
 
-def test_they_print_as_one_line() -> None:
-    text = repr(circling_tracks())
-    assert "64 markers, 500 estimates in 0.499 s" in text
-    assert "\n" not in text
-
-
-def test_tracks_without_an_estimate_have_a_summary() -> None:
-    found = circling_tracks(estimates=0).summary()
-    assert (found["estimates"], found["displacement_max_px"]) == (0, 0.0)
-    assert found["rate_hz"] is found["t_first_us"] is None
-    assert found["never_observed"] == []
-
-
-def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
-    tracks = circling_tracks(px_per_mm=15.5)
+def test_frames_are_gathered_and_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    tracks = felt(circling_tracks(estimates=12, px_per_mm=8.0))
     tracks.save(tmp_path / "tracks.npz")
-    again = Tracks.load(tmp_path / "tracks.npz")
-    for name in ("t_us", "detected_px", "position_px", "coasted", "confidence", "reference_px"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(tracks, name))
-    assert again.meta == tracks.meta
     assert is_tracks_file(tmp_path / "tracks.npz")
-    np.savez(tmp_path / "events.npz", t=np.arange(3))
-    assert not is_tracks_file(tmp_path / "events.npz")
-    assert not is_tracks_file(tmp_path / "missing.npz")
+    again = Tracks.load(tmp_path / "tracks.npz")
+    rest_px = tracks.reference_px.astype(float)
+    calibration = Calibration(
+        reference_px=rest_px,
+        radius_px=np.full(64, 7.0),
+        grid=(8, 8),
+        size=(320, 320),
+        px_per_mm=8.0,
+    )
+    gathered = Tracks.of(tracks.frames(), calibration)
+    for name in ("t_us", "detected_px", "displacement_px", "coasted", "confidence", "reference_px"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(tracks, name))
+        np.testing.assert_array_equal(getattr(gathered, name), getattr(tracks, name))
+    np.testing.assert_array_equal(again.force_n, tracks.force_n)
+    assert again.meta == tracks.meta
+    assert gathered.px_per_mm == 8.0
+    assert Tracks.of([], calibration).displacement_px.shape == (0, 64, 2)
 
 
 def test_the_table_is_the_csv_file(tmp_path: Path) -> None:
-    pandas = pytest.importorskip("pandas")
+    pandas = pytest.importorskip("pandas", reason="the extra [tables] is not installed")
     tracks = circling_tracks(estimates=5)
-    table = tracks.to_pandas()
-    assert tuple(table.columns) == CSV_COLUMNS
-    tracks.save(tmp_path / "tracks.csv")
-    rows = list(csv.DictReader((tmp_path / "tracks.csv").read_text().splitlines()))
-    written = pandas.DataFrame(rows).astype(float)
-    np.testing.assert_allclose(table.to_numpy(float), written.to_numpy(), atol=6e-4)
-    assert {"displacement_x_mm", "displacement_y_mm"} <= set(
-        circling_tracks(estimates=5, px_per_mm=15.5).to_pandas().columns
+    for one, columns in ((tracks, []), (felt(tracks), ["force_x_n", "force_y_n", "force_z_n"])):
+        table = one.to_pandas()
+        assert tuple(table.columns)[:10] == CSV_COLUMNS
+        assert list(table.columns)[10:13] == columns
+        one.to_csv(tmp_path / "tracks.txt")
+        rows = list(csv.DictReader((tmp_path / "tracks.txt").read_text().splitlines()))
+        in_file = pandas.DataFrame(rows).astype(float)
+        assert list(in_file.columns) == list(table.columns)
+        np.testing.assert_allclose(table.to_numpy(float), in_file.to_numpy(), atol=6e-4)
+        assert json.loads((tmp_path / "tracks.txt.json").read_text()) == tracks.meta
+    in_mm = circling_tracks(estimates=5, px_per_mm=15.5).to_pandas()
+    assert {"displacement_x_mm", "displacement_y_mm"} <= set(in_mm.columns)
+
+
+def test_parquet_holds_the_values_with_their_types(tmp_path: Path) -> None:
+    pq = pytest.importorskip("pyarrow.parquet", reason="the extra [parquet] is not installed")
+    noise = np.random.default_rng(0).normal(0, 0.02, (1200, 64, 2)).astype(np.float32)
+    tracks = circling_tracks(estimates=1200)
+    tracks = felt(replace(tracks, detected_px=tracks.detected_px + noise))
+    for ending in ("csv", "parquet"):
+        tracks.save(tmp_path / f"t.{ending}")
+    assert (tmp_path / "t.csv").stat().st_size > 3 * (tmp_path / "t.parquet").stat().st_size
+    file = pq.ParquetFile(tmp_path / "t.parquet")
+    table = file.read()
+    assert tuple(table.column_names)[:10] == CSV_COLUMNS
+    y_px = table["detected_y_px"].to_numpy().reshape(1200, 64)
+    np.testing.assert_array_equal(y_px, tracks.detected_px[:, :, 1])
+    np.testing.assert_array_equal(table["t_us"].to_numpy()[::64], tracks.t_us)
+    assert table["marker"].to_pylist()[:66] == [*range(64), 0, 1]
+    assert table["held"].to_pylist()[HELD_MARKER]
+    assert json.loads(file.metadata.metadata[b"spikingtac"]) == tracks.meta
+    circling_tracks(estimates=0).to_parquet(tmp_path / "none.parquet")
+    assert pq.read_table(tmp_path / "none.parquet").num_rows == 0
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "parquet"])
+def test_what_is_given_up_leaves_nothing(tmp_path: Path, ending: str) -> None:
+    if ending == "parquet":
+        pytest.importorskip("pyarrow", reason="the extra [parquet] is not installed")
+    writer = create_tracks(tmp_path / f"t.{ending}", REFERENCE_PX)
+    writer.write(frame(0))
+    writer.abandon()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "extra", "call"),
+    [
+        ("pandas", "tables", lambda tracks, folder: tracks.to_pandas()),
+        ("pyarrow", "parquet", lambda tracks, folder: tracks.save(folder / "x.parquet")),
+    ],
+)
+def test_a_missing_library_is_named_with_its_extra(
+    module: str, extra: str, call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.split(".")[0] == module:
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtraError, match=rf"spikingtac\[{extra}\]"):
+        call(circling_tracks(estimates=1), tmp_path)
+
+
+def test_a_shift_is_a_difference_at_every_marker_and_time() -> None:
+    found = compare_tracks(circling_tracks(), circling_tracks(off_px=0.25))
+    assert found.distance_px.shape == (500, 64)
+    np.testing.assert_allclose(found.distance_px, 0.25, atol=1e-4)
+    summary = found.summary()
+    for name in ("mean", "p50", "p95", "max"):
+        assert summary[f"difference_{name}_px"] == pytest.approx(0.25, abs=1e-4)
+    assert summary["difference_mean_mm"] is None
+    assert not [name for name in (*summary, *found.by_marker()[0]) if "error" in name]
+
+
+def test_a_truth_at_other_times_is_interpolated() -> None:
+    tracks = circling_tracks(px_per_mm=10.0)
+    times_us = np.arange(0, 400_001, 2_000)
+    found = compare_with_truth(
+        tracks, times_us, np.stack([positions_px(t_us) for t_us in times_us])
     )
+    assert found.t_us[-1] <= 400_000 < found.t_us[-1] + 1_000
+    # A chord of 2 ms of a circle of 6 px and 1 s leaves it by 6 (2 pi)^2 2e-3^2 / 8 px.
+    assert found.distance_px.max() < 2e-4
+    assert found.summary()["error_mean_mm"] == pytest.approx(found.distance_px.mean() / 10.0)
+    alone = compare_with_truth(tracks, tracks.t_us[5:6], tracks.detected_px[5:6])
+    assert (alone.t_us.tolist(), alone.distance_px.max()) == ([tracks.t_us[5]], 0.0)
+
+
+def test_coasted_markers_are_told_apart() -> None:
+    one = circling_tracks()
+    detected = one.detected_px.copy()
+    detected[:, HELD_MARKER] += 5.0
+    truth = np.stack([positions_px(t_us) for t_us in one.t_us.tolist()])
+    summary = compare_with_truth(replace(one, detected_px=detected), one.t_us, truth).summary()
+    assert summary["worst_marker"] == HELD_MARKER
+    assert summary["error_mean_px"] > 0.1
+    assert summary["error_seen_mean_px"] < 1e-3
+
+
+def test_other_sensors_and_other_times_are_refused() -> None:
+    one = circling_tracks()
+    with pytest.raises(ConfigError, match="64 markers, the other 3"):
+        compare_with_truth(one, one.t_us, one.detected_px[:, :3])
+    for other in (replace(one, t_us=one.t_us + 10**9), circling_tracks(estimates=0)):
+        with pytest.raises(ConfigError, match="no time in common"):
+            compare_tracks(one, other)

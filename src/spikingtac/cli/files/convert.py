@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
     from spikingtac.events.transform import Transform
     from spikingtac.types import EventPacket
 
-HOT_PIXEL_US = 30_000_000
-"""Beginning of a recording in which hot pixels are looked for, us (ours: one at 10 Hz sends 300
-events meanwhile, and a camera at 10 Mev/s fills 4 GB)."""
 CHANGES = ("from_us", "to_us", "flip_polarity", "size", "crop", "flip", "rotate", "shift_us",
            "hot_pixels", "encoding", "sensor", "strict")  # fmt: skip
 """Options that say what is written."""
@@ -191,17 +187,13 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
         )
 
 
-def _hot_pixels(source: FileSource) -> NDArray[np.int64] | None:
-    """Return ``(h, 2)`` columns and rows of pixels that send all the time, from the beginning."""
+def _hot_pixels(source: FileSource) -> NDArray[np.int64]:
     from spikingtac.events.formats.evt.raw_stream import is_stream
-    from spikingtac.events.quality import judge_events
-    from spikingtac.types import EventPacket
+    from spikingtac.events.quality import hot_pixels_of
 
     if is_stream(source.path):
         raise ConfigError("--hot-pixels drop reads a recording twice; record the camera first")
-    begun = next((packet.t_start_us for packet in source), 0)
-    early = list(takewhile(lambda packet: packet.t_start_us < begun + HOT_PIXEL_US, source))
-    return judge_events(EventPacket.concatenate(early)).hot_px if early else None
+    return hot_pixels_of(source)
 
 
 def _run_many(args: Args) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +21,7 @@ PEAK_WINDOW_US = 1_000
 US_PER_S = 1_000_000
 EVENTS_PER_MEV = 1_000_000
 UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
-         "_hz": "Hz", "_px": "px", "_mm": "mm"}  # fmt: skip
+         "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
 """Ending of a figure's name -> its unit; the first that fits counts."""
 SHARES = ("_fraction", "_share")
 """Endings of what a reader is told in per cent."""
@@ -28,13 +29,13 @@ SHARES = ("_fraction", "_share")
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Print the content of an event file, recording folder, tracks or calibration."""
+    """Print the content of an event file, of a recording folder, or of any file of this package."""
 
     file: tyro.conf.Positional[Path]
-    """Event file, recording folder, tracks.npz, calibration.json, or a camera: its address, a named
-    pipe, or -."""
+    """Event file, recording folder, or a camera: its address, a named pipe, or -. Also tracks.npz,
+    truth.npz, calibration.json, a force model, report.json, or arrays of displacements."""
     sensor: int | None = None
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
+    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a RAW file; it overrides the header."""
     strict: bool = False
@@ -47,12 +48,10 @@ def run(args: Args) -> int:
     """Read the whole file once and print its content."""
     from spikingtac.events.open import open_events
     from spikingtac.file_kinds import kind_of
-    from spikingtac.tracks import Tracks, is_tracks_file
 
-    if args.file.is_file() and is_tracks_file(args.file):
-        return _print_figures({"format": "tracks", **Tracks.load(args.file).summary()}, args)
-    if kind_of(args.file) == "calibration":
-        return _print_figures(_of_calibration(args.file), args)
+    kind = kind_of(args.file)
+    if kind is not None and kind in _FIGURES:
+        return _print_kind(kind, args)
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
     found = summary(source)
     if args.json:
@@ -61,8 +60,7 @@ def run(args: Args) -> int:
     for note in source.notes:
         remark(f"note: {note}")
     anomalies, channels = found.pop("anomalies"), found.pop("trigger_channels")
-    rows = [_row(key, value) for key, value in found.items()]
-    emit_table(str(args.file), ("", ""), rows, words=2)
+    emit_table(str(args.file), ("", ""), [_row(*item) for item in found.items()], words=2)
     if channels:
         rows = [(name, *one.values()) for name, one in channels.items()]
         emit_table("triggers", ("channel", "edges", "first us", "last us"), rows)
@@ -76,13 +74,88 @@ def run(args: Args) -> int:
     return 0
 
 
-def _print_figures(found: dict[str, Any], args: Args) -> int:
+def _print_kind(kind: str, args: Args) -> int:
+    """Print the figures of a file of ours that holds no events, and what takes it."""
+    from spikingtac.file_kinds import TOLD
+
+    found = {"format": kind, **_FIGURES[kind](args.file)}
     if args.json:
-        emit_json(found)
-    else:
-        rows = [_row(key, value) for key, value in found.items()]
-        emit_table(str(args.file), ("", ""), rows, words=2)
+        emit_json({**found, "about": TOLD[kind]})
+        return 0
+    emit_table(str(args.file), ("", ""), [_row(*item) for item in found.items()], words=2)
+    remark(TOLD[kind])
     return 0
+
+
+def _of_tracks(path: Path) -> dict[str, Any]:
+    from spikingtac.tracks import Tracks
+
+    return Tracks.load(path).summary()
+
+
+def _of_truth(path: Path) -> dict[str, Any]:
+    from spikingtac.events.formats.array_file import load_arrays
+
+    truth = load_arrays(path, "ground truth")
+    t_us = truth["marker_t_us"]
+    return {
+        "markers": truth["marker_px"].shape[1],
+        "samples": len(t_us),
+        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
+        "arrays": sorted(truth),
+    }
+
+
+def _of_series(path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from spikingtac.events.formats.array_file import load_arrays
+
+    arrays = load_arrays(path, "displacements")
+    t_us, moved, wrench = arrays["t_us"], arrays["displacement_mm"], arrays.get("wrench")
+    return {
+        "markers": moved.shape[1],
+        "samples": len(t_us),
+        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
+        "displacement_max_mm": float(np.linalg.norm(moved, axis=2).max(initial=0.0)),
+        "wrench_components": 0 if wrench is None else wrench.shape[1],
+        "force_max_n": None
+        if wrench is None
+        else float(np.linalg.norm(wrench[:, :3], axis=1).max(initial=0.0)),
+    }
+
+
+def _of_force(path: Path) -> dict[str, Any]:
+    from spikingtac.file_kinds import document_of
+
+    document = document_of(path)
+    return {
+        "components": document.get("components"),
+        "unit": document.get("unit"),
+        "markers": len(document["reference"]) if "reference" in document else None,
+    }
+
+
+def _of_report(path: Path) -> dict[str, Any]:
+    from spikingtac.file_kinds import document_of
+
+    document = document_of(path)
+    rows = [row for row in document["rows"] if isinstance(row, dict)]
+    return {
+        "experiment": document["experiment"],
+        "rows": len(rows),
+        **{
+            f"{name}s": sorted({str(row.get(name)) for row in rows})
+            for name in ("method", "case", "metric", "source")
+        },
+    }
+
+
+def _of_manifest(path: Path) -> dict[str, Any]:
+    from spikingtac.file_kinds import document_of
+
+    document = document_of(path)
+    return {name: value for name, value in document.items() if not isinstance(value, dict)}
 
 
 def _of_calibration(path: Path) -> dict[str, Any]:
@@ -104,6 +177,18 @@ def _of_calibration(path: Path) -> dict[str, Any]:
         "lens": calibration.lens is not None,
         "recording": calibration.provenance.get("recording"),
     }
+
+
+_FIGURES: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "tracks": _of_tracks,
+    "truth": _of_truth,
+    "series": _of_series,
+    "calibration": _of_calibration,
+    "force": _of_force,
+    "report": _of_report,
+    "manifest": _of_manifest,
+}
+"""Kind of a file of ours that holds no events -> its figures."""
 
 
 def summary(source: FileSource) -> dict[str, Any]:
@@ -220,4 +305,6 @@ def _text(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, dict):
         return ", ".join(f"{key.replace('_', ' ')} {count:g}" for key, count in value.items())
-    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)
+    if isinstance(value, list):
+        return (" x " if isinstance(value[0], int) else ", ").join(map(str, value))
+    return str(value)

@@ -33,7 +33,6 @@ EXTRAS = {
     "rerun": ("rerun",),
     "tables": ("pandas",),
     "parquet": ("pyarrow",),
-    "xarray": ("xarray",),
     "cluster": ("distributed",),
     "ros2": ("cyclonedds",),
     "foxglove": ("foxglove",),

@@ -21,13 +21,13 @@ class Args:
     """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
 
     one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
-    """tracks.npz; errors are computed at its times."""
+    """tracks.npz; the distances are computed at its times."""
     other: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OTHER")]
     """Other tracks.npz, a truth.npz, or a recording folder that holds one."""
-    plot: Path | None = None
-    """Figure to write (.png, .svg, .pdf): errors over time and by marker."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o", "--plot"], metavar="FIGURE")] = None
+    """Figure to write (.png, .svg, .pdf): the distance over time and by marker."""
     table: Path | None = None
-    """CSV file to write: errors of each marker."""
+    """CSV file to write: the distance of each marker."""
     theme: ThemeName = "light"
     """Colours of the figure: light for paper, dark for screens."""
     width: WidthName = "single"
@@ -42,16 +42,15 @@ def run(args: Args) -> int:
     """Compare, print the figures, and write what was asked for."""
     from spikingtac.atomic_files import require_free
 
-    for path in (args.plot, args.table):
+    for path in (args.output, args.table):
         if path is not None:
             require_free(path, args.overwrite)
     found = compared(args.one, args.other)
     summary = found.summary()
-    if args.plot is not None:
-        from spikingtac.plots.comparison import plot_comparison
-        from spikingtac.plots.tracks import save_figure
+    if args.output is not None:
+        from spikingtac.plots.tracks import plot_comparison, save_figure
 
-        save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.plot)
+        save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.output)
     if args.table is not None:
         _write_table(found, args.table)
     if args.json:
@@ -59,7 +58,7 @@ def run(args: Args) -> int:
         return 0
     rows = [(name.replace("_", " "), _text(value)) for name, value in summary.items()]
     emit_table(f"{args.one} against {args.other}", ("", ""), rows)
-    for path in (args.plot, args.table):
+    for path in (args.output, args.table):
         if path is not None:
             remark(f"written: {path}")
     return 0
@@ -91,13 +90,13 @@ def compared(one: Path, other: Path) -> Comparison:
 def _write_table(found: Comparison, path: Path) -> None:
     from spikingtac.atomic_files import write_text
 
-    lines = ["marker,error_mean_px,error_p95_px"]
-    lines += [
-        f"{row['marker']},{row['error_mean_px']:.4f},{row['error_p95_px']:.4f}"
-        for row in found.by_marker()
-    ]
+    rows = found.by_marker()
+    lines = [",".join(rows[0])]
+    lines += [",".join(f"{value:.6g}" for value in row.values()) for row in rows]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def _text(value: Any) -> str:
+    if value is None:
+        return "not known"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,14 +1,17 @@
-"""``spikingtac plot``: a figure of tracks."""
+"""``spikingtac plot``: a figure of tracks, or of the events of a recording."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
+from spikingtac.errors import ConfigError
+from spikingtac.file_kinds import kind_of
+from spikingtac.plots.events import EventKind
 from spikingtac.plots.theme import ThemeName, WidthName
 from spikingtac.plots.tracks import Kind
 
@@ -18,20 +21,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Draw tracks: displacement over time, vector field, heat map or strain.
+    """Draw tracks, or the events of any recording; a recording needs no calibration.
 
     Lengths are in mm where the calibration knew the pitch (calibrate --pitch-mm), otherwise in px.
     """
 
-    tracks: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
-    """tracks.npz; make it with: spikingtac track."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("tracks.png")
-    """File to write: .png, .svg or .pdf; .gif animates the field, with the course below."""
-    kind: Kind = "course"
-    """course: displacement over time; field: arrows; map: heat map; strain: growth of area."""
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS|RECORDING")]
+    """tracks.npz; or an event file or a recording folder."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course below.
+    tracks.png or events.png unless given."""
+    kind: Kind | EventKind | None = None
+    """Tracks: course (displacement over time), field (arrows), map (heat map), strain (growth of
+    area). Events: moment (ON and OFF), rate (over time), surface (how recent), hot (hot pixels),
+    or overview (all four). course or overview unless given."""
     at_s: float | None = None
-    """Time of a field, map or strain, s since the first estimate; that of the largest displacement
-    unless given."""
+    """Time of a field, map, strain, moment or surface, s since the first estimate or event; that of
+    the largest displacement or rate unless given."""
     from_s: float | None = None
     """Begin of an animation, s since the first estimate; a second before the largest displacement
     unless given."""
@@ -53,47 +59,74 @@ class Args:
 def run(args: Args) -> int:
     """Draw, and write the figure."""
     from spikingtac.atomic_files import require_free
-    from spikingtac.tracks import Tracks
 
-    _check(args)
-    require_free(args.output, args.overwrite)
-    tracks = Tracks.load(args.tracks)
-    pictures = _animate(args, tracks) if args.output.suffix == ".gif" else _draw(args, tracks)
+    tracked = kind_of(args.source) in ("tracks", "truth")
+    output = args.output or Path("tracks.png" if tracked else "events.png")
+    kind = args.kind or ("course" if tracked else "overview")
+    valid = get_args(Kind if tracked else EventKind)
+    if kind not in valid:
+        what = "tracks" if tracked else "a recording"
+        raise ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
+    _check(args, output, kind, tracked)
+    require_free(output, args.overwrite)
+    told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     if args.json:
-        told = {"output": str(args.output), "kind": args.kind, "pictures": pictures}
-        emit_json({**told, **tracks.summary()})
+        emit_json({"output": str(output), "kind": kind, **told})
     else:
-        remark(f"written: {args.output}")
+        remark(f"written: {output}")
     return 0
 
 
-def _check(args: Args) -> None:
-    from spikingtac.errors import ConfigError
-
-    animated = args.output.suffix == ".gif"
+def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
+    animated = output.suffix == ".gif"
     if not animated and (args.from_s is not None or args.to_s is not None or args.slow != 1.0):
         raise ConfigError("--from-s, --to-s and --slow are for animations: -o field.gif")
-    if animated and (args.at_s is not None or args.kind not in ("course", "field")):
+    if animated and not tracked:
+        raise ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
+    if animated and (args.at_s is not None or kind not in ("course", "field")):
         raise ConfigError("a .gif shows the field over a stretch: leave out --at-s and --kind")
 
 
-def _draw(args: Args, tracks: Tracks) -> int:
+def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
+    from spikingtac.events.open import open_events
+    from spikingtac.plots.events import event_figures, plot_events
+    from spikingtac.plots.tracks import save_figure
+
+    figures = event_figures(open_events(args.source), args.at_s)
+    save_figure(plot_events(figures, kind, theme=args.theme, width=args.width), output)
+    return {
+        "pictures": 1,
+        "at_us": figures.at_us,
+        "events": int(figures.counts.sum()),
+        "hot_px": figures.hot_px.tolist(),
+    }
+
+
+def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
+    from spikingtac.tracks import Tracks
+
+    tracks = Tracks.load(args.source)
+    animated = output.suffix == ".gif"
+    pictures = _animate(args, output, tracks) if animated else _draw(args, output, kind, tracks)
+    return {"pictures": pictures, **tracks.summary()}
+
+
+def _draw(args: Args, output: Path, kind: str, tracks: Tracks) -> int:
     from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
 
     at_us = None
     if args.at_s is not None and len(tracks.t_us):
         at_us = int(tracks.t_us[0]) + round(args.at_s * US_PER_S)
-    figure = plot_tracks(tracks, args.kind, at_us=at_us, theme=args.theme, width=args.width)
-    save_figure(figure, args.output)
+    save_figure(plot_tracks(tracks, kind, at_us=at_us, theme=args.theme, width=args.width), output)
     return 1
 
 
-def _animate(args: Args, tracks: Tracks) -> int:
+def _animate(args: Args, output: Path, tracks: Tracks) -> int:
     from spikingtac.plots.animation import save_animation
 
     return save_animation(
         tracks,
-        args.output,
+        output,
         stretch_s=(args.from_s, args.to_s),
         slow=args.slow,
         theme=args.theme,
