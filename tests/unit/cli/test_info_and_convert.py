@@ -114,13 +114,16 @@ def test_convert_drops_hot_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert len(converted(tmp_path / "a.raw")) == len(t) > len(found) > len(t) // 3
 
 
-@pytest.mark.parametrize("part", [("--from-us", "20500"), ("--to-us", "-5")])
+@pytest.mark.parametrize(
+    ("option", "at_us", "told"),
+    [("--from-us", "20500", "ends at 20500 us"), ("--to-us", "-5", "begins at 0 us")],
+)
 def test_a_part_outside_of_the_recording_is_an_error(
-    recorded: Path, part: tuple[str, str], capsys: pytest.CaptureFixture[str]
+    recorded: Path, option: str, at_us: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = recorded.with_name("b.npz")
-    assert main(["convert", str(recorded), str(target), *part]) == 1
-    assert "it holds 0 to 20500 us" in capsys.readouterr().err
+    assert main(["convert", str(recorded), str(target), option, at_us]) == 1
+    assert told in capsys.readouterr().err
     assert not target.exists()
     # A silence within the recording is a part of it.
     silence = ["--from-us", "12000", "--to-us", "13000"]
@@ -128,19 +131,24 @@ def test_a_part_outside_of_the_recording_is_an_error(
 
 
 def test_triggers_stay_where_the_format_holds_them(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = recorded.with_name("t.npz")
-    with create_events(source, SIZE) as writer:
-        writer.write(EventPacket.concatenate(list(open_events(recorded))))
-        edges = open_events(recorded).triggers
-        edges.append([100, 9_000], [0, 0], [True, False])
-        writer.add_triggers(edges)
-    assert main(["convert", str(source), str(recorded.with_name("u.npz")), "--to-us", "5000"]) == 0
-    assert main(["info", str(recorded.with_name("u.npz")), "--json"]) == 0
+    words = [0x8 << 28]  # EVT 2.0: upper time 0, then edges on channel 3 at 10 and 50 us, an event
+    words += [0xA << 28 | t_us << 22 | 3 << 8 | rises for t_us, rises in ((10, 1), (50, 0))]
+    words += [0x1 << 28 | 60 << 22 | 5 << 11 | 7]
+    source = tmp_path / "t.raw"
+    head = b"% evt 2.0\n% format EVT2;height=24;width=32\n% end\n"
+    source.write_bytes(head + np.array(words, "<u4").tobytes())
+    assert main(["info", str(source), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["triggers"], found["trigger_channels"]["0"]["t_first_us"]) == (1, 100)
-    assert main(["convert", str(source), str(recorded.with_name("u.csv"))]) == 0
+    channel = {"count": 2, "t_first_us": 10, "t_last_us": 50}
+    assert (found["triggers"], found["trigger_channels"]) == (2, {"3": channel})
+    target = tmp_path / "t.npz"
+    assert main(["convert", str(source), str(target), "--from-us", "20", "--shift-us", "5"]) == 0
+    archive = np.load(target)
+    names = ("trigger_t_us", "trigger_channel", "trigger_edge")
+    assert [archive[name].tolist() for name in names] == [[55], [3], [False]]
+    assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
     assert "2 left out" in capsys.readouterr().err
 
 

@@ -122,17 +122,8 @@ def _convert(
     from spikingtac.events.create import create_events
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.open import open_events
-    from spikingtac.events.transform import Transform
 
-    change = Transform(
-        from_us=args.from_us,
-        to_us=args.to_us,
-        shift_us=args.shift_us,
-        flip_polarity=args.flip_polarity,
-        crop_px=args.crop,
-        flip=args.flip,
-        rotate_deg=args.rotate or 0,
-    )
+    change = _transform(args)
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
     size, written = change.size(source.size), 0
     hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
@@ -162,6 +153,20 @@ def _convert(
     return _Converted(document, notes)
 
 
+def _transform(args: Args) -> Transform:
+    from spikingtac.events.transform import Transform
+
+    return Transform(
+        from_us=args.from_us,
+        to_us=args.to_us,
+        shift_us=args.shift_us,
+        flip_polarity=args.flip_polarity,
+        crop_px=args.crop,
+        flip=args.flip,
+        rotate_deg=args.rotate or 0,
+    )
+
+
 def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
     """Yield the packets to write.
 
@@ -180,10 +185,11 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
             empty = False
             yield changed
     if empty and (from_us is not None or to_us is not None):
-        span = "nothing" if first_us is None else f"{first_us} to {last_us} us"
+        early = first_us is not None and to_us is not None and to_us <= first_us
+        span = f"begins at {first_us} us" if early else f"ends at {last_us or 0} us"
         begin, end = "its begin" if from_us is None else from_us, "end" if to_us is None else to_us
         raise RecordingError(
-            f"nothing is kept of {str(source.path)!r}: it holds {span}, asked was {begin} to {end}"
+            f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}"
         )
 
 

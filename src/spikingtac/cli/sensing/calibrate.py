@@ -28,11 +28,14 @@ def run(args: Args) -> int:
     recording = _only_one(args)
     from spikingtac.atomic_files import require_free
     from spikingtac.events.open import open_events
+    from spikingtac.file_kinds import kind_of
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 
     for path in (args.output, args.plot):
         if path is not None:
             require_free(path, args.overwrite)
+    if kind_of(recording) == "calibration":
+        return _set_scale(args, recording)
     config = CalibrationConfig(
         grid=grid_shape(args.grid),
         pitch_mm=args.pitch_mm,
@@ -56,6 +59,27 @@ def run(args: Args) -> int:
         emit_json({"output": str(args.output), **summary(calibration)})
     else:
         _print(calibration, args)
+        remark(f"written: {args.output}" + (f", {args.plot}" if args.plot else ""))
+    return 0
+
+
+def _set_scale(args: Args, path: Path) -> int:
+    """Write a calibration that is there already with the scale of ``--pitch-mm``."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+
+    if args.pitch_mm is None:
+        raise ConfigError(
+            f"{str(path)!r} is a calibration already; calibrate learns from a recording, and sets "
+            "the scale of a calibration: --pitch-mm 2.4"
+        )
+    if not args.pitch_mm > 0.0:
+        raise ConfigError(f"--pitch-mm is {args.pitch_mm:g}, it must be above 0")
+    calibration = Calibration.load(path).with_pitch(args.pitch_mm)
+    calibration.save(args.output)
+    if args.json:
+        emit_json({"output": str(args.output), "px_per_mm": calibration.px_per_mm})
+    else:
+        remark(f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
     return 0
 
 

@@ -22,6 +22,7 @@ class Args(ManyArgs):
     it begins without load, when every marker moves by more than its diameter, and when the skin
     rests for half a second between contacts.
 
+    A calibration.json in the place of the recording, with --pitch-mm: set its scale afterwards.
     With --check, whether recordings come from the sensor of a calibration; many go into a folder:
     spikingtac calibrate --check left_finger.json DAY -o DAY_checked --workers 4
     """
@@ -29,8 +30,9 @@ class Args(ManyArgs):
     recordings: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING")
     ]
-    """Event file, recording folder, or a camera: its address, a named pipe, or -. With --check also
-    several, a folder of recordings or a pattern such as 'day/*.raw'."""
+    """Event file, recording folder, or a camera: its address, a named pipe, or -; or a calibration,
+    to set its scale. With --check also several, a folder of recordings or a pattern such as
+    'day/*.raw'."""
     check: Annotated[Path | None, tyro.conf.arg(metavar="CALIBRATION")] = None
     """Write no calibration: say whether the recordings fit this one."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
