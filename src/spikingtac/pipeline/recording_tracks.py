@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
-from spikingtac.touch.force.model import ForceModel, Wrench
+from spikingtac.touch.force.model import ForceModel
 from spikingtac.tracks import create_tracks
 from spikingtac.types import MarkerFrame
 
@@ -59,9 +59,7 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    if force is not None:
-        force.require_image(len(calibration.reference_px))
-    estimator = None if force is None else force.estimator()
+    felt = None if force is None else _wrenches(force, len(calibration.reference_px))
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
@@ -69,9 +67,8 @@ def track_to_file(
         for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
             moved = frame.detected_px - calibration.reference_px
             runs.follow(moved)
-            if force is not None and estimator is not None:
-                wrench = estimator.update(frame.t_us, moved)
-                writer.measure(wrench_columns(wrench, force.components))
+            if felt is not None:
+                writer.measure(felt(frame.t_us, moved))
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -101,17 +98,30 @@ def _ageing(swing: Swing | None) -> dict[str, Any]:
     }
 
 
-def wrench_columns(wrench: Wrench, components: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Return a wrench by the keys of a file; forces by themselves where all three are known."""
-    columns = {
-        "wrench_estimate": wrench.values,
-        "wrench_half_width": wrench.half_width,
-        "wrench_distance": np.array(wrench.distance),
-    }
-    if tuple(components[:3]) != ("fx", "fy", "fz"):
+def _wrenches(
+    force: ForceModel, markers: int
+) -> Callable[[int, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+    """Return what makes the columns of a wrench of frames in their order.
+
+    Raises:
+        ConfigError: The model is of another sensor.
+    """
+    force.require_image(markers)
+    estimator, all_three = force.estimator(), tuple(force.components[:3]) == ("fx", "fy", "fz")
+
+    def measure(t_us: int, moved: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        wrench = estimator.update(t_us, moved)
+        columns = {
+            "wrench_estimate": wrench.values,
+            "wrench_half_width": wrench.half_width,
+            "wrench_distance": np.array(wrench.distance),
+        }
+        if all_three:
+            columns["force_n"] = wrench.values[:3]
+            columns["force_sigma_n"] = wrench.half_width[:3] / HALF_WIDTH_SIGMAS
         return columns
-    sigma_n = wrench.half_width[:3] / HALF_WIDTH_SIGMAS
-    return {"force_n": wrench.values[:3], "force_sigma_n": sigma_n, **columns}
+
+    return measure
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:

@@ -58,18 +58,14 @@ class Tracks:
         confidence: ``(n, m)`` 0 to 1.
         reference_px: ``(m, 2)`` rest positions, px.
         meta: Resolved configuration, input digest, package version, loss counters; where they are
-            known also ``px_per_mm``, the scale, and ``grid``, the rows and columns of the markers.
+            known also ``px_per_mm`` and ``grid``.
         force_n: ``(n, 3)`` estimated force on the skin, N; None where no force model was given.
         force_sigma_n: ``(n, 3)`` its standard deviation.
         wrench_estimate: ``(n, c)`` components of the force model: N, then Nm.
         wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
         wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
-        gaps: ``(n,)`` stretches that were missing up to then; this and the following, the health of
-            the events, are None in files of older versions.
-        overflows: ``(n,)`` buffers that overran up to then.
-        damaged: ``(n,)`` places that the decoder had to mend up to then.
-        reconnects: ``(n,)`` how often the camera had come back.
-        rate_ev_s: ``(n,)`` events per second in the latest full tenth of a second.
+        gaps, overflows, damaged, reconnects, rate_ev_s: ``(n,)`` the health of the events as in
+            :class:`~spikingtac.types.SourceHealth`; None in files of older versions.
     """
 
     t_us: NDArray[np.int64]
@@ -143,13 +139,7 @@ class Tracks:
             ) from error
 
     def save(self, path: str | Path) -> None:
-        """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`.
-
-        Raises:
-            ConfigError: The ending is none of ``.npz``, ``.csv``, ``.parquet``, or there is no such
-                folder.
-            MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
-        """
+        """Write the tracks; see :func:`spikingtac.tracks.files.create_tracks`."""
         self._write(create_tracks(path, self.reference_px.astype(np.float64)))
 
     def _write(self, writer: TracksWriter) -> None:
@@ -246,16 +236,12 @@ class Tracks:
             "displacement_max_px": largest_px,
             "displacement_max_marker": None if empty else int(marker),
             "displacement_max_t_us": None if empty else int(self.t_us[at]),
-            "displacement_max_mm": None
-            if self.px_per_mm is None
-            else _longest(self.displacement_mm),
+            "displacement_max_mm": None if self.px_per_mm is None else _most(self.displacement_mm),
             "held_share": 0.0 if empty else float(self.coasted.mean()),
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
             "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
-            "force_max_n": None
-            if self.force_n is None
-            else float(np.linalg.norm(self.force_n, axis=1).max(initial=0.0)),
+            "force_max_n": None if self.force_n is None else _most(self.force_n),
         }
 
     def to_pandas(self) -> DataFrame:
@@ -308,5 +294,6 @@ def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:
     return {FIELDS.get(name, name): array for name, array in values.items()}
 
 
-def _longest(moved: NDArray[np.float64]) -> float:
-    return float(np.hypot(*np.moveaxis(moved, 2, 0)).max(initial=0.0))
+def _most(vectors: NDArray[np.floating]) -> float:
+    """Return the length of the longest vector."""
+    return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
