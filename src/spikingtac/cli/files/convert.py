@@ -194,7 +194,7 @@ def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iter
 
 
 def _hot_pixels(source: FileSource) -> NDArray[np.int64]:
-    from spikingtac.events.formats.evt.raw_stream import is_stream
+    from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.events.quality import hot_pixels_of
 
     if is_stream(source.path):
