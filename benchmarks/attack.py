@@ -46,8 +46,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from spikingtac.atomic_files import write_json  # noqa: E402
-from spikingtac.contact.details import ContactDetails  # noqa: E402
-from spikingtac.contact.detector import ContactDetector, DetectorSummary  # noqa: E402
+from spikingtac.contact.detector import (  # noqa: E402
+    ContactDetails,
+    ContactDetector,
+    DetectorSummary,
+)
 from spikingtac.contact.window import Window  # noqa: E402
 from spikingtac.robot.ur import URArm  # noqa: E402
 from spikingtac.stream.guard import ContactProcess  # noqa: E402

@@ -39,11 +39,21 @@ from .contact.registry import DetectionConfig as DetectionConfig
 from .contact.event_count import EventCountConfig as EventCountConfig
 from .contact.event_count import EventCountDetector as EventCountDetector
 from .contact.quiet import QuietStatistics as QuietStatistics
-from .contact.motion.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
+from .contact.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .contact.registry import make_detector as make_detector
 
-# Robot
+# Robot: arms, move until contact, search a hole
 from .types import Pose as Pose
+from .robot.approacher import Approach as Approach
+from .robot.approacher import ApproachConfig as ApproachConfig
+from .robot.approacher import approach as approach
+from .robot.arm import open_arm as open_arm
+from .robot.prober import ArmProber as ArmProber
+from .robot.prober import ProbingConfig as ProbingConfig
+from .robot.adaptive_search import FoundHole as FoundHole
+from .robot.adaptive_search import probe_hole as probe_hole
+from .geometry.travel import TravelModel as TravelModel
+from .geometry.travel import fit_travel as fit_travel
 
 # Digital twin
 from .sim.scene.source import SceneSource as SceneSource

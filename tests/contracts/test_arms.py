@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.robot.arm import Arm, ArmState
+from spikingtac.robot.arm import Arm, ArmState, open_arm
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
@@ -57,7 +57,13 @@ def driver() -> Iterator[Workplace]:
         yield Workplace(arm, time.sleep)
 
 
-@pytest.fixture(params=[twin, driver], ids=["twin", "ur"])
+def opened() -> Iterator[Workplace]:
+    arm = open_arm("twin:")
+    time.sleep(0.02)
+    yield Workplace(arm, time.sleep)
+
+
+@pytest.fixture(params=[twin, opened, driver], ids=["twin", "twin:", "ur"])
 def place(request: pytest.FixtureRequest) -> Iterator[Workplace]:
     yield from request.param()
 
@@ -151,3 +157,9 @@ def test_a_closed_arm_says_so(place: Workplace) -> None:
         place.arm.move_linear(np.zeros(3), 10.0)
     with pytest.raises(DeviceError):
         place.arm.pose()
+
+
+@pytest.mark.parametrize("address", ["", "twin", "twin:finger"])
+def test_an_address_without_arm_is_refused(address: str) -> None:
+    with pytest.raises(ConfigError, match="valid: twin:, or the address of a UR arm"):
+        open_arm(address)

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.arm import ArmState
-from spikingtac.robot.ur import URArm, rotation_matrix
+from spikingtac.robot.ur import URArm
 from spikingtac.robot.watchdog import Health, Watchdog, WatchdogConfig, WatchdogThread
 from stand_ins.remote_arm import RemoteArm
 from stand_ins.ur_controller import URController
@@ -146,11 +146,3 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "rtde_control", None)
     with pytest.raises(MissingExtraError, match=r"spikingtac\[robot\]"):
         URArm("127.0.0.1")
-
-
-def test_rotation_vectors() -> None:
-    np.testing.assert_allclose(rotation_matrix(np.zeros(3)), np.eye(3))
-    half = rotation_matrix(np.array([0.0, np.pi, 0.0]))
-    np.testing.assert_allclose(half, np.diag([-1.0, 1.0, -1.0]), atol=1e-12)
-    quarter = rotation_matrix(np.array([0.0, 0.0, np.pi / 2]))
-    np.testing.assert_allclose(quarter @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from spikingtac.contact.motion.evidence_sums import evidence_kernel
-from spikingtac.contact.motion.rim_evidence import (
+from spikingtac.contact.rims import (
     AFFINE_MODES,
     OFF_RIM,
-    RimConfig,
     RimTable,
+    evidence_kernel,
     rim_table,
 )
-from spikingtac.contact.motion.scales import ScaleSums, ScaleTest, exceeded_kernel
+from spikingtac.contact.scales import ScaleSums, ScaleTest, exceeded_kernel
 from spikingtac.types import EventPacket
 from stand_ins.moving_rims import SIZE, calibration, windows
 
@@ -30,7 +29,7 @@ def plain_evidence(packet: EventPacket, table: RimTable) -> tuple[np.ndarray, np
 
 @pytest.mark.parametrize("count", [0, 1, 5, 400])
 def test_evidence(count: int) -> None:
-    table = rim_table(calibration(), RimConfig())
+    table = rim_table(calibration())
     (packet,) = windows(1, seed=count, noise=0.0, speed=lambda _: (count / 1000.0, 0.0))
     (noise,) = windows(1, seed=count, noise=float(count))
     for some in (packet, noise, EventPacket.empty(0, 1000, SIZE)):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spikingtac.contact.details import ContactDetails
-from spikingtac.contact.detector import DetectorSummary
+from spikingtac.contact.detector import ContactDetails, DetectorSummary
 from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, MarkerFrame

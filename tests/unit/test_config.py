@@ -88,12 +88,11 @@ def test_contact_detection_is_configured_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(
         '[contact]\ndetector = "event_count"\nfalse_alarms_per_hour = 3\n'
-        "[contact.motion.release]\ndead_votes = 2.5\n[contact.self_calibrating]\nmargin = 4\n"
+        "[contact.motion.release]\ndead_votes = 2.5\n"
     )
     contact = load_config(path).contact
     assert (contact.detector, contact.false_alarms_per_hour) == ("event_count", 3.0)
     assert contact.motion.release.dead_evidence == 2.5
-    assert contact.self_calibrating.margin == 4.0
     path.write_text("[contact]\nfalse_alarms_per_hour = 0\n")
     with pytest.raises(ConfigError, match="must be positive"):
         load_config(path)

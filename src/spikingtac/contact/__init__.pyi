@@ -14,8 +14,8 @@ from .live import live_windows as live_windows
 # Detectors
 from .detector import ContactDetector as ContactDetector
 from .detector import DetectorSummary as DetectorSummary
-from .details import ContactDetails as ContactDetails
-from .details import GelTouch as GelTouch
+from .detector import ContactDetails as ContactDetails
+from .detector import GelTouch as GelTouch
 from .registry import DETECTORS as DETECTORS
 from .registry import DetectionConfig as DetectionConfig
 from .registry import detectors as detectors
@@ -23,7 +23,6 @@ from .registry import make_detector as make_detector
 from .event_count import EventCountConfig as EventCountConfig
 from .event_count import EventCountDetector as EventCountDetector
 from .quiet import QuietStatistics as QuietStatistics
-from .motion.sequential_detector import SequentialMotionConfig as SequentialMotionConfig
-from .motion.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
-from .self_calibrating import SelfCalibratingConfig as SelfCalibratingConfig
-from .self_calibrating import SelfCalibratingDetector as SelfCalibratingDetector
+from .sequential_detector import SequentialMotionConfig as SequentialMotionConfig
+from .sequential_detector import SequentialMotionDetector as SequentialMotionDetector
+from .event_count import SelfCalibratingDetector as SelfCalibratingDetector

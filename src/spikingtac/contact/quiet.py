@@ -8,11 +8,18 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.contact.window import Window, count_of, packets_of
 from spikingtac.errors import CalibrationError, ConfigError
 
 SECONDS_PER_HOUR = 3600.0
+BLOCK_WINDOWS = 30
+"""Windows of a block: half a period of the arm's vibration, 15 Hz."""
+CLEAR_SIGMA = 5.0
+"""A block this many standard deviations above others holds more than noise."""
+LEAST_EVEN, EVEN_SHARE = 20, 0.5
+"""Fewest events of a block of an even stream, and largest share by which its blocks differ."""
 LEAST_WINDOWS = 100
 """Fewer windows determine a variance to no better than 15 %."""
 
@@ -138,3 +145,24 @@ def check_budget(false_alarms_per_hour: float) -> None:
         raise ConfigError(
             f"the budget is {false_alarms_per_hour} false contacts per hour, it must be positive"
         )
+
+
+def unsettled(count: NDArray[np.int64]) -> int:
+    """Return how many of the first windows of a recording tell nothing of what follows.
+
+    A camera may begin with a burst (its pixels settle after the start), or deliver nothing for a
+    while. Blocks of a burst stand out from the later half of the blocks; a silent beginning counts
+    as such where an even stream follows it, since a sensor without noise is silent too.
+
+    Args:
+        count: ``(n,)`` events of the first windows, n at least ten times :data:`BLOCK_WINDOWS`.
+    """
+    blocks = count[: len(count) // BLOCK_WINDOWS * BLOCK_WINDOWS].reshape(-1, BLOCK_WINDOWS)
+    sums = blocks.sum(axis=1)
+    later = sums[len(sums) // 2 :]
+    middle = float(np.median(later))
+    limit = middle + CLEAR_SIGMA * max(float(later.std()), math.sqrt(middle), 1.0)
+    calm = int((sums <= limit).argmax())
+    even = middle >= LEAST_EVEN and np.abs(later / max(middle, 1.0) - 1.0).max() <= EVEN_SHARE
+    silent = int((count > 0).argmax()) if even else 0
+    return max(calm * BLOCK_WINDOWS, silent if silent >= BLOCK_WINDOWS else 0)

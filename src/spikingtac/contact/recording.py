@@ -1,4 +1,7 @@
-"""Contacts in recordings: find the quiet windows, and run a detector over the rest."""
+"""Windows of events, the quiet ones at the beginning of a recording, and its contacts.
+
+Contacts in recordings: find the quiet windows, and run a detector over the rest.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ from itertools import chain, islice
 
 import numpy as np
 
-from spikingtac.contact.details import ContactDetails
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact.detector import ContactDetails, ContactDetector
 from spikingtac.contact.live import live_windows
+from spikingtac.contact.quiet import BLOCK_WINDOWS, CLEAR_SIGMA, unsettled
 from spikingtac.contact.window import WINDOW_US, Window, count_of, packets_of
 from spikingtac.errors import RecordingError
 from spikingtac.events.source import EventSource
@@ -21,10 +24,8 @@ LEAST_QUIET_WINDOWS = 300
 """A recording has to begin with at least this stretch without contact: 0.3 s."""
 MOST_WINDOWS = 120_000
 """Two minutes tell as much about a vibration of 15 Hz as an hour."""
-BLOCK_WINDOWS = 30
-"""Half a period of the arm's vibration; the two blocks before a busy one do not count as quiet."""
-CLEAR_SIGMA = 5.0
-""":func:`leading_quiet` ends at a block this many standard deviations above the first ones."""
+MOST_UNSETTLED = 2000
+"""Most windows at the beginning that are passed over, 2 s."""
 DETAIL_WINDOWS = 20
 """A contact is described from the 20 ms after its decision: one window may hold a dozen events."""
 
@@ -66,20 +67,28 @@ def _aligned(streams: Sequence[Iterator[EventPacket]]) -> Iterator[tuple[EventPa
         ]
 
 
-def leading_quiet(sources: Sequence[EventSource]) -> int:
-    """Return how many of the first windows count as quiet.
+def leading_quiet(sources: Sequence[EventSource]) -> tuple[int, int]:
+    """Return the first and the last (exclusive) of the leading windows that count as quiet.
 
-    The stretch ends where a block of windows holds clearly more events than the blocks of the
-    first 0.3 s. A block shows a light contact that no single window shows.
+    The stretch begins once the camera has settled. It ends where a block of windows holds clearly
+    more events than the blocks of its first 0.3 s; the two blocks before a busy one do not count. A
+    block shows a light contact that no single window shows.
 
     Raises:
         RecordingError: The recording is shorter than the least stretch, or holds no events.
     """
     stream = paired_windows(sources)
     first = np.array([count_of(window) for window in islice(stream, LEAST_QUIET_WINDOWS)])
+    begin = 0
+    while len(first) == LEAST_QUIET_WINDOWS and (skipped := unsettled(first)):
+        begin += skipped
+        further = [count_of(window) for window in islice(stream, skipped)]
+        first = np.append(first[skipped:], further)
+        if begin > MOST_UNSETTLED:
+            break
     if len(first) < LEAST_QUIET_WINDOWS:
         raise RecordingError(
-            f"the recording lasts {len(first)} ms; it has to begin with at least "
+            f"the recording lasts {begin + len(first)} ms; it has to begin with at least "
             f"{LEAST_QUIET_WINDOWS} ms without contact, or give another one with --quiet"
         )
     blocks = first.reshape(-1, BLOCK_WINDOWS).sum(axis=1)
@@ -89,11 +98,11 @@ def leading_quiet(sources: Sequence[EventSource]) -> int:
     while length < MOST_WINDOWS:
         block = [count_of(window) for window in islice(stream, BLOCK_WINDOWS)]
         if sum(block) > limit:
-            return max(length - 2 * BLOCK_WINDOWS, LEAST_QUIET_WINDOWS)
+            return begin, begin + max(length - 2 * BLOCK_WINDOWS, LEAST_QUIET_WINDOWS)
         length += len(block)
         if len(block) < BLOCK_WINDOWS:
             break
-    return length
+    return begin, begin + length
 
 
 @dataclass(frozen=True, slots=True)

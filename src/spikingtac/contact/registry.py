@@ -9,12 +9,11 @@ from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.motion.sequential_detector import (
+from spikingtac.contact.quiet import QuietStatistics, check_budget
+from spikingtac.contact.sequential_detector import (
     SequentialMotionConfig,
     SequentialMotionDetector,
 )
-from spikingtac.contact.quiet import QuietStatistics, check_budget
-from spikingtac.contact.self_calibrating import SelfCalibratingConfig
 from spikingtac.contact.window import Window
 from spikingtac.errors import named
 from spikingtac.plugins import with_plugins
@@ -30,14 +29,12 @@ class DetectionConfig:
         false_alarms_per_hour: Budget of false contacts while the arm moves freely.
         release_windows: For ``event_count``: a contact ends after this many quiet windows in a row.
         motion: For ``default``.
-        self_calibrating: For the viewer, which has no quiet recording.
     """
 
     detector: str | None = None
     false_alarms_per_hour: float = 1.0
     release_windows: int = 50
     motion: SequentialMotionConfig = field(default_factory=SequentialMotionConfig)
-    self_calibrating: SelfCalibratingConfig = field(default_factory=SelfCalibratingConfig)
 
     def __post_init__(self) -> None:
         check_budget(self.false_alarms_per_hour)

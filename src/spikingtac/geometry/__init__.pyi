@@ -11,7 +11,3 @@ from .touch_fit import TouchFitConfig as TouchFitConfig
 from .touch_fit import estimate_hole as estimate_hole
 from .travel import TravelModel as TravelModel
 from .travel import fit_travel as fit_travel
-
-# Alignment of point sets
-from .alignment import Alignment as Alignment
-from .alignment import align as align

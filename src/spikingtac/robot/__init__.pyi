@@ -4,6 +4,7 @@
 from .arm import Arm as Arm
 from .arm import ArmState as ArmState
 from .arm import TruthfulArm as TruthfulArm
+from .arm import open_arm as open_arm
 from .ur import URArm as URArm
 from .ur import URConfig as URConfig
 from .verified_stop import StopConfig as StopConfig
@@ -21,6 +22,7 @@ from .watchdog import WatchdogThread as WatchdogThread
 from .approacher import Approach as Approach
 from .approacher import ApproachConfig as ApproachConfig
 from .approacher import Approacher as Approacher
+from .approacher import approach as approach
 from .prober import ArmProber as ArmProber
 from .prober import Prober as Prober
 from .prober import ProbingConfig as ProbingConfig
@@ -29,6 +31,7 @@ from .adaptive_search import AdaptiveSearch as AdaptiveSearch
 from .adaptive_search import AdaptiveSearchConfig as AdaptiveSearchConfig
 from .adaptive_search import FoundHole as FoundHole
 from .adaptive_search import hole_around as hole_around
+from .adaptive_search import probe_hole as probe_hole
 from .cross_search import calibrated_circle as calibrated_circle
 from .cross_search import cross_search as cross_search
 from .cross_search import published_circle as published_circle

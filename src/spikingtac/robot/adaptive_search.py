@@ -228,6 +228,30 @@ class AdaptiveSearch:
         return None
 
 
+def probe_hole(
+    prober: Prober,
+    travel: TravelModel,
+    start_mm: FloatArray | None = None,
+    config: AdaptiveSearchConfig | None = None,
+) -> FoundHole:
+    """Find centre and radius of a hole by touch; the probe stands in it.
+
+    Args:
+        prober: Makes the touches, as :class:`~spikingtac.robot.prober.ArmProber` does with an arm,
+            the windows of its sensor and a detector.
+        travel: The calibration; see :func:`~spikingtac.geometry.travel.fit_travel`.
+        start_mm: ``(2,)`` a place inside the hole, mm; where the probe stands unless given.
+        config: The settings.
+
+    Raises:
+        SearchError: No wall was found, there is no room, or the contacts make no circle; the arm is
+            at rest.
+        DeviceError: Arm or sensor failed; the arm was commanded to stop.
+    """
+    start = prober.place_mm() if start_mm is None else start_mm
+    return AdaptiveSearch(prober, travel, config or AdaptiveSearchConfig()).run(start)
+
+
 def hole_around(touches: Sequence[Touched], travel: TravelModel, config: TouchFitConfig) -> Circle:
     """Return the hole that fits some touches; the mean of their starts is inside it.
 

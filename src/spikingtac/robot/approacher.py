@@ -189,6 +189,32 @@ class Approacher(Generic[W]):
         return state
 
 
+def approach(
+    arm: Arm,
+    windows: Iterable[W],
+    detector: Detector[W],
+    target_mm: FloatArray,
+    config: ApproachConfig | None = None,
+    watchdog: Watchdog | None = None,
+) -> Approach:
+    """Move an arm towards a target, stop it at contact, and return once it is at rest.
+
+    Args:
+        arm: The arm, at rest.
+        windows: Regular windows of its sensor or sensors.
+        detector: Decides on contact; see :func:`spikingtac.make_detector`.
+        target_mm: ``(3,)`` target of the tool in the robot's base frame, mm.
+        config: How to approach.
+        watchdog: Checked with every window; a trip ends the approach with a DeviceError.
+
+    Raises:
+        DeviceError: As :meth:`Approacher.approach`.
+    """
+    return Approacher(arm, windows, detector, config or ApproachConfig(), watchdog).approach(
+        target_mm
+    )
+
+
 def _stop_after(arm: Arm, fault: BaseException) -> None:
     """Stop the arm after a fault, which is the one to report unless the arm moves on.
 

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import ArmState, checked_target
-from spikingtac.robot.bounded_calls import BoundedCalls
-from spikingtac.robot.ur_client import DISCONNECT_S, connect, disconnect
-from spikingtac.robot.ur_stop import StopLink, verified_stop
+from spikingtac.robot.ur_client import DISCONNECT_S, BoundedCalls, connect, disconnect
+from spikingtac.robot.ur_ports import StopLink, verified_stop
 from spikingtac.robot.verified_stop import Report, StopConfig
 from spikingtac.types import Pose
 
@@ -93,7 +93,9 @@ class URArm:
         """Return the last reported pose; see :class:`~spikingtac.robot.arm.Arm`."""
         self._require_stream()
         values = np.array(self._receive.getActualTCPPose())
-        return Pose(position_mm=values[:3] * MM_PER_M, rotation=rotation_matrix(values[3:]))
+        return Pose(
+            position_mm=values[:3] * MM_PER_M, rotation=Rotation.from_rotvec(values[3:]).as_matrix()
+        )
 
     def speed_mm_s(self) -> Vector:
         """Return the last reported velocity ``(3,)`` of the tool, mm/s."""
@@ -276,13 +278,3 @@ class URArm:
                 f"the controller at {self._host} left a command unanswered; reconnect"
             )
         return self._calls.call(command, self._config.call_limit_s, late)
-
-
-def rotation_matrix(vector_rad: Vector) -> Vector:
-    """Return the rotation ``(3, 3)`` of UR's rotation vector ``(3,)``, rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector_rad))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector_rad / angle
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew

@@ -1,16 +1,150 @@
-"""ur_rtde's native client: how it is connected, and how it is let go of where it hangs."""
+"""ur_rtde's native client: how it is connected and let go of, and calls into it that may hang.
+
+Calls into a native client that may hang: one at a time, each waited for within a limit.
+
+A client that waits for a silent controller cannot be interrupted. What can be done is not to wait
+for it, to start nothing else in it, and to know for how long it has hung.
+
+ur_rtde's native client: how it is connected, and how it is let go of where it hangs.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
+import queue
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from spikingtac.errors import DeviceError, MissingExtraError
-from spikingtac.robot.bounded_calls import step_down
 from spikingtac.robot.ur_ports import require_controller
+
+SPIN_S = 0.02
+"""Longest time for which a call runs with real-time priority, s (ours: two cycles of CB3 and some;
+a controller that answers does so within them)."""
+
+
+def step_back() -> None:
+    """Let this process's main thread run before this one, where that has real-time priority.
+
+    A native client may wait for its controller without letting go of the core (ur_rtde: up to 3 s);
+    with equal priority nothing else of the process would run there meanwhile, its watchdog neither.
+    """
+    try:
+        if os.sched_getscheduler(os.getpid()) != os.SCHED_FIFO:  # the id of the main thread
+            return
+        highest = os.sched_getparam(os.getpid()).sched_priority - 1
+        if highest >= 1:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(highest))
+    except (AttributeError, OSError):  # another system than Linux
+        return
+
+
+def step_down(thread: int = 0) -> None:
+    """Make a thread of this process, given by its native id, ordinary work; 0 is this one.
+
+    Among equals nobody lets go of the core either: the calls of another guard, for another arm, run
+    with the same priority, and its controller would miss its heartbeat.
+    """
+    with contextlib.suppress(AttributeError, OSError):  # another system, or the thread has ended
+        if os.sched_getscheduler(thread) == os.SCHED_FIFO:
+            os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+
+
+@dataclass
+class _Call:
+    command: Callable[[], Any]
+    late: Callable[[], None]
+    done: threading.Event = field(default_factory=threading.Event)
+    abandoned: bool = False
+    result: Any = None
+    error: Exception | None = None
+
+
+class BoundedCalls:
+    """Runs calls in the order in which they come, each waited for within its own limit.
+
+    Args:
+        name: What is called, for messages and for the thread.
+        clock_s: A monotonic clock, s.
+    """
+
+    def __init__(self, name: str, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._clock_s = name, clock_s
+        self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
+        self._begun_s: float | None = None
+        self._turn = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def call(
+        self,
+        command: Callable[[], Any],
+        limit_s: float,
+        late: Callable[[], None] = lambda: None,
+    ) -> Any:
+        """Return what the command returns.
+
+        Args:
+            command: Called in the thread, unless the limit has passed before its turn.
+            limit_s: Longest wait, for the turn and for the command together, s.
+            late: Called in the thread if the command returns after it was given up.
+
+        Raises:
+            DeviceError: The command raised an error, or did not return in time.
+        """
+        until_s = self._clock_s() + limit_s
+        if not self._turn.acquire(timeout=max(limit_s, 0.0)):
+            raise DeviceError(f"{self._name}: an earlier call has not returned within {limit_s} s")
+        try:
+            call = _Call(command, late)
+            self._calls.put(call)
+            if not self._await(call, until_s):
+                call.abandoned = True
+                raise DeviceError(f"{self._name}: no answer within {limit_s} s")
+        finally:
+            self._turn.release()
+        if call.error is not None:
+            raise DeviceError(f"{self._name}: {call.error}") from call.error
+        return call.result
+
+    def running_s(self) -> float:
+        """Return for how long the present call has run, s; 0 without one."""
+        begun_s = self._begun_s
+        return 0.0 if begun_s is None else self._clock_s() - begun_s
+
+    def end(self, limit_s: float) -> bool:
+        """Take no further calls, wait for the present one, and return whether it has returned."""
+        self._calls.put(None)
+        self._thread.join(limit_s)
+        return not self._thread.is_alive()
+
+    def _await(self, call: _Call, until_s: float) -> bool:
+        """Wait for a call, which is ordinary work from a while on; return whether it was done."""
+        if call.done.wait(min(SPIN_S, max(until_s - self._clock_s(), 0.0))):
+            return True
+        step_down(self._thread.native_id or 0)
+        return call.done.wait(max(until_s - self._clock_s(), 0.0))
+
+    def _run(self) -> None:
+        while (call := self._calls.get()) is not None:
+            if call.abandoned:
+                continue
+            step_back()
+            self._begun_s = self._clock_s()
+            try:
+                call.result = call.command()
+            except Exception as error:  # a native client raises what it likes
+                call.error = error
+            self._begun_s = None
+            call.done.set()
+            if call.abandoned:
+                call.late()
+
 
 RECEIVED = [
     "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_status_bits",

@@ -20,6 +20,7 @@ from .scene.timeline import Timeline as Timeline
 from .states import TruthChunk as TruthChunk
 from .states import image_radius_px as image_radius_px
 from .scene.scene import VariationConfig as VariationConfig
+from .twin_arm import RealTimeArm as RealTimeArm
 from .twin_camera import TwinCamera as TwinCamera
 
 # Gel: contact, friction, elastic layer and creep

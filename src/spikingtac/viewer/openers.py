@@ -15,7 +15,7 @@ import numpy as np
 from spikingtac.batch.inputs import recordings_below
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.contact.self_calibrating import SelfCalibratingDetector
+from spikingtac.contact.event_count import SelfCalibratingDetector
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events.address import is_address
 from spikingtac.events.clocks.second import is_same_folder, open_second
@@ -93,9 +93,7 @@ def _guided(view: ViewSource, desk: CalibrationDesk, options: dict[str, Any]) ->
         calibrated_by="",
         config=NothingToTune(),
         make_tracker=desk.make_tracker,
-        make_detector=partial(
-            SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
-        ),
+        make_detector=partial(SelfCalibratingDetector, contact.false_alarms_per_hour),
         desk=desk,
         calibrated=partial(calibrated_view, preset=preset, rate_hz=rate_hz),
     )

@@ -11,7 +11,7 @@ from typing import Any
 from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.contact.self_calibrating import SelfCalibratingDetector
+from spikingtac.contact.event_count import SelfCalibratingDetector
 from spikingtac.errors import CalibrationError, ConfigError, RecordingError
 from spikingtac.events.address import Address
 from spikingtac.events.evt.raw_stream import is_stream
@@ -102,9 +102,7 @@ def calibrated_view(
         own_calibration=view.own_calibration and calibration is view.calibration,
         config=config,
         make_tracker=partial(_tracker, calibration),
-        make_detector=partial(
-            SelfCalibratingDetector, contact.self_calibrating, contact.false_alarms_per_hour
-        ),
+        make_detector=partial(SelfCalibratingDetector, contact.false_alarms_per_hour),
         rate_hz=config.rate_hz,
     )
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.geometry.alignment import align
 from spikingtac.geometry.hole import Circle
 from spikingtac.geometry.touch_fit import TouchFitConfig
 from spikingtac.geometry.travel import TravelModel

@@ -55,12 +55,6 @@ def test_bursts_raise_the_threshold_and_keep_the_budget() -> None:
     assert bursty > calm.threshold(budget)
 
 
-def test_silence_has_a_threshold_too() -> None:
-    quiet = QuietStatistics.of(windows([0] * 1000))
-    assert 1 <= quiet.threshold(1.0) <= 4
-    assert EventCountConfig.from_quiet(quiet).threshold == quiet.threshold(1.0)
-
-
 def test_misuse_is_refused() -> None:
     with pytest.raises(CalibrationError, match="3 quiet windows are too few"):
         QuietStatistics.of(windows([1, 2, 3]))

@@ -13,7 +13,7 @@ from spikingtac.contact.detector import DetectorSummary
 from spikingtac.contact.live import live_windows
 from spikingtac.contact.recording import find_contacts, paired_windows
 from spikingtac.contact.window import WINDOW_US, Window, packets_of
-from spikingtac.errors import CameraLostError, RecordingError
+from spikingtac.errors import RecordingError
 from spikingtac.events.source import PacketSource
 from spikingtac.types import Contact, EventPacket, LossCounters
 
@@ -98,18 +98,6 @@ def test_any_packets_of_two_cameras_give_the_windows_of_two_recordings(
     assert len(recorded) == 10
 
 
-@pytest.mark.parametrize("silent", [0, 1])
-def test_windows_go_on_while_a_camera_is_silent_from_the_beginning(silent: int) -> None:
-    cameras = [Camera([packet(1_000, 1_500, 3_500)], []), Camera([], [packet(900_000)])]
-    pair = cameras[::-1] if silent == 0 else cameras
-    windows = live_windows(pair, silent_s=0.0, starting_s=0.01)
-    first, second = next(windows), next(windows)
-    assert [len(one) for one in first] == ([0, 2] if silent == 0 else [2, 0])
-    assert {(one.t_start_us, one.t_end_us) for one in second} == {(2_000, 3_000)}
-    for camera in cameras:
-        camera.speak.set()
-
-
 def test_the_first_fingers_contact_is_told_while_the_second_one_is_silent() -> None:
     busy = Camera([packet(1_000), packet(1_500, 5_500)], [])
     silent = Camera([packet(1_000)], [])
@@ -143,26 +131,6 @@ def test_a_camera_whose_time_leaps_does_not_silence_the_other_one() -> None:
     sound.speak.set()
     wrong.speak.set()
     assert list(windows) == []
-
-
-def test_a_leap_beyond_the_limit_of_silence_is_not_filled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("spikingtac.contact.live.SILENCE_LIMIT_US", 20_000)
-    hours_us = 7_200_001_000
-    pair = [PacketSource([packet(1_000, 1_500), packet(hours_us, hours_us + 5_000)], SIZE)] * 2
-    starts = [window[0].t_start_us for window in live_windows(pair, silent_s=LONG_S)]
-    assert starts[-5:] == [hours_us + 1_000 * n for n in range(5)]
-    assert 20 <= len(starts) - 5 <= 22
-
-
-def test_an_error_of_a_camera_reaches_the_reader() -> None:
-    class Lost(PacketSource):
-        def __iter__(self) -> Iterator[EventPacket]:
-            yield packet(1_000, 2_500)
-            raise CameraLostError("gone")
-
-    windows = live_windows([Lost([], SIZE), PacketSource([packet(1_000, 9_000)], SIZE)])
-    with pytest.raises(CameraLostError, match="gone"):
-        list(windows)
 
 
 def test_cameras_that_end_without_events_are_refused() -> None:

@@ -29,10 +29,6 @@ def test_the_least_count_is_that_of_the_distribution(alarms_per_hour: float) -> 
             assert found == int(stats.nbinom.isf(chance, size, size / (size + mean)))
 
 
-def test_a_budget_of_every_window_admits_every_count() -> None:
-    assert quiet(3.0, 3.0).threshold(2.0 * SECONDS_PER_HOUR / PERIOD_S) == -1
-
-
 def test_a_budget_beyond_the_precision_of_a_float_has_a_count() -> None:
     """The chance that a count is not exceeded rounds to 1 there."""
     rare = 1e-18 * SECONDS_PER_HOUR / PERIOD_S

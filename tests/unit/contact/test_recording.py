@@ -37,10 +37,6 @@ def test_a_sensor_whose_silence_was_not_filled_stays_paired() -> None:
     assert rows(windows(0, 1, 2, 3, 4), windows(0, 3, 4)) == expected
 
 
-def test_a_leap_of_all_sensors_is_not_filled() -> None:
-    assert rows(windows(0, 9), windows(0, 9)) == [(0, (1, 1)), (9, (1, 1))]
-
-
 def test_pairs_end_with_the_shorter_sensor() -> None:
     assert rows(windows(0, 1, 2), windows(0, 1)) == [(0, (1, 1)), (1, (1, 1))]
     assert rows(windows(0, 5)) == [(0, (1,)), (5, (1,))]

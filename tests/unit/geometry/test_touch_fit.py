@@ -97,24 +97,6 @@ def test_one_false_contact_among_twelve_moves_the_hole_little() -> None:
     assert off[1] == pytest.approx(2.0 / 12.0 * 0.3, rel=0.1)
 
 
-def test_clustered_contacts_do_not_diverge() -> None:
-    rng = np.random.default_rng(7)
-    for _ in range(100):
-        radius = rng.uniform(0.7, 5.0)
-        prober = IdealProber(radius, heading_rad=HEADING_RAD, noise_mm=_errors(rng, 5).tolist())
-        angle = rng.uniform(0, 2 * np.pi) + rng.uniform(0, 0.2, rng.integers(1, 6))
-        reading, direction = touched(prober, np.zeros(2), angle)
-        hole = estimate_hole(reading, direction, np.zeros(2), known_travel(), TouchFitConfig())
-        away = np.append(hole.center_mm, hole.radius_mm - radius)
-        assert np.abs(away).max() < 6.0
-        assert (np.abs(away) < 4.0 * hole.sigma_mm).all()
-
-
-def test_shapes_must_fit() -> None:
-    with pytest.raises(ValueError, match="need equal"):
-        estimate_hole(np.zeros((3, 2)), np.zeros((2, 2)), np.zeros(2), known_travel(), OPEN)
-
-
 def _errors(rng: np.random.Generator, count: int) -> np.ndarray:
     measured = rng.choice(np.array(MEASURED_UM) / 1000.0, count)
     return measured + rng.normal(0.0, REPEATABILITY_MM, count)

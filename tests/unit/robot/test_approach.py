@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import DeviceError
-from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher
+from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher, approach
 from spikingtac.robot.arm import ArmState
 from spikingtac.robot.watchdog import Watchdog, WatchdogConfig
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
@@ -41,7 +41,7 @@ class Bench:
     def approach(
         self, watchdog: Watchdog | None = None, target: np.ndarray = TARGET_MM
     ) -> Approach:
-        return Approacher(self.arm, self.windows(), self, QUICK, watchdog).approach(target)
+        return approach(self.arm, self.windows(), self, target, QUICK, watchdog)
 
 
 def test_it_stops_at_contact_and_reports_both_poses() -> None:
@@ -65,16 +65,6 @@ def test_the_detector_does_not_hear_the_acceleration() -> None:
     arm.move_linear(TARGET_MM, 180.0)
     arm.advance_to(first_us - 20_000)
     assert np.linalg.norm(arm.speed_mm_s()) > 0.98 * 180.0
-
-
-def test_no_contact_ends_at_the_target() -> None:
-    target = np.array([40.0, 0.0, 0.0])
-    found = Bench().approach(target=target)
-    assert found.contact is None
-    assert found.true_stop_mm is not None
-    np.testing.assert_allclose(found.true_stop_mm, target, atol=1e-6)
-    with pytest.raises(ValueError, match="no contact"):
-        found.deviation_mm(target)
 
 
 def test_the_end_of_the_stream_stops_the_arm() -> None:
@@ -110,10 +100,3 @@ def test_an_arm_that_stops_by_itself_is_reported() -> None:
 
     with pytest.raises(DeviceError, match="stopped by itself: protective stop"):
         Approacher(bench.arm, stopping(), bench, QUICK).approach(TARGET_MM)
-
-
-def test_patience_ends() -> None:
-    bench = Bench()
-    config = ApproachConfig(speed_mm_s=1.0, patience_windows=100)
-    with pytest.raises(DeviceError, match="within 100 windows"):
-        Approacher(bench.arm, bench.windows(), bench, config).approach(TARGET_MM)

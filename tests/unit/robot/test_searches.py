@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError, SearchError
+from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.adaptive_search import SECTOR_RAD, AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
-from spikingtac.robot.prober import ProbingConfig
 from spikingtac_paper.holes.scoring import REGION
 from stand_ins.touching import IdealProber
 
@@ -67,32 +66,6 @@ def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
     assert found.circle.radius_mm == pytest.approx(radius_mm, abs=3e-3)
 
 
-def test_it_stays_in_the_sector_and_goes_all_around_it() -> None:
-    config = AdaptiveSearchConfig()
-    direction = np.array([t.direction for t in search(config).run(np.array(CENTER_MM)).touches])
-    assert np.abs(direction[:, 0]).min() >= math.cos(SECTOR_RAD) - 1e-9
-    quarters = {(x > 0, y > 0) for x, y in direction}
-    assert len(quarters) == 4
-
-
-def test_it_ends_when_it_knows_enough() -> None:
-    loose = AdaptiveSearchConfig(center_sigma_mm=0.04)
-    found = search(loose).run(np.array(CENTER_MM))
-    assert len(found.touches) < 12
-    assert (found.circle.sigma_mm[:2] <= 0.04).all()
-
-
-def test_a_start_too_near_the_wall_is_touched_again() -> None:
-    prober = IdealProber(0.7)
-    toward = np.array([1.0, 1.0]) / math.sqrt(2.0)
-    near = 0.9 * 0.26 * toward
-    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=4)).run(near)
-    assert len(found.touches) == 4
-    assert len(prober.starts) == 5
-    for touch in found.touches:
-        assert touch.run_mm - 0.12 >= 0.1
-
-
 def test_no_room_is_refused() -> None:
     jammed = IdealProber(0.434, travel_mm=0.0, heading_rad=0.0)
     for run in (
@@ -120,27 +93,6 @@ def test_a_false_contact_among_the_first_is_searched_again() -> None:
     prober = IdealProber(2.0, noise_mm=[0.0, 0.0, -0.8])
     found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=6)).run(np.zeros(2))
     np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
-
-
-def test_an_oblique_chord_only_finds_the_hole() -> None:
-    """Beyond the friction's cone the bit slides; the estimate rests on touches that did not."""
-    prober = IdealProber(2.0)
-    start = 0.7 * np.array([1.0, -1.0])
-    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=4)).run(start)
-    assert (len(found.touches), len(prober.starts)) == (4, 6)
-    for touch in found.touches:
-        outward = touch.reading_mm / np.linalg.norm(touch.reading_mm)
-        assert float(outward @ touch.direction) > math.cos(math.radians(10.0))
-    # Contacts all around tell the radius, wherever the search began.
-    assert found.circle.sigma_mm.max() < 2.0 * travel().sigma_mm
-
-
-def test_unfit_settings_are_refused() -> None:
-    with pytest.raises(ConfigError, match="at least 3"):
-        AdaptiveSearchConfig(contacts=2)
-    with pytest.raises(ConfigError, match="must be > 0"):
-        ProbingConfig(speed_mm_s=0.0)
-    assert ProbingConfig(force_limit_n=0.1).reach_mm == pytest.approx(2.5)
 
 
 def test_the_calibrated_cross_states_an_honest_region() -> None:

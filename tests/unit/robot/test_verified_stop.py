@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from spikingtac.errors import ConfigError, DeviceError
-from spikingtac.robot.bounded_calls import BoundedCalls
+from spikingtac.errors import DeviceError
+from spikingtac.robot.ur_client import BoundedCalls
 from spikingtac.robot.verified_stop import Means, Report, StopConfig, VerifiedStop
 
 SPEED_MM_S = 40.0
@@ -97,7 +97,7 @@ SPINNING_CALL = """
 import os, sys, threading, time
 from hashlib import pbkdf2_hmac
 from spikingtac.stream.real_time import keep_to_one_core, take_precedence
-from spikingtac.robot.bounded_calls import BoundedCalls
+from spikingtac.robot.ur_client import BoundedCalls
 calls = BoundedCalls("client")
 
 def spin():  # it lets go of the interpreter, and not of the core
@@ -148,30 +148,6 @@ def test_a_means_that_hangs_or_fails_keeps_nothing_up() -> None:
     broken.begin()
     with pytest.raises(DeviceError, match="a: the port is closed; b: the port is closed"):
         broken.confirm()
-
-
-def test_reports_that_cannot_be_read_are_told() -> None:
-    def broken() -> Report:
-        raise RuntimeError("not connected")
-
-    stop = VerifiedStop((Means("a", list), Means("b", list)), broken, CONFIG)
-    stop.begin()
-    with pytest.raises(DeviceError, match="cannot be read: not connected"):
-        stop.confirm()
-
-
-def test_a_fast_arm_has_the_time_that_braking_takes() -> None:
-    config = StopConfig()
-    assert config.allowed_mm_s(1000.0, 0.05, 0.055) > 1000.0
-    assert config.allowed_mm_s(1000.0, 0.155, 0.055) == pytest.approx(602.0)
-    assert config.allowed_mm_s(40.0, 0.1, 0.055) == config.rest_mm_s
-
-
-def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(ConfigError, match="positive"):
-        StopConfig(rest_mm_s=0.0)
-    with pytest.raises(ConfigError, match="react_s"):
-        VerifiedStop((Means("a", list),), Arm().report, CONFIG)
 
 
 def test_calls_are_waited_for_within_their_limit_and_never_run_late() -> None:

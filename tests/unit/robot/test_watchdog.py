@@ -53,30 +53,12 @@ def test_silence_of_the_transport_trips_once_and_latches(bench: Bench) -> None:
     assert not watchdog.armed
 
 
-def test_a_heartbeat_without_events_keeps_it_quiet(bench: Bench) -> None:
-    watchdog = bench.armed()
-    for _ in range(1000):
-        bench.now_s += 0.005
-        watchdog.beat()
-        assert watchdog.check() is Health.OK
-    assert bench.stops == 0
-
-
 def test_lag_behind_the_newest_data_is_an_overload(bench: Bench) -> None:
     watchdog = bench.armed()
     watchdog.beat(backlog_s=0.004)
     assert watchdog.check() is Health.OK
     watchdog.beat(backlog_s=0.006)
     assert watchdog.check() is Health.OVERLOAD
-    assert bench.stops == 1
-
-
-def test_a_reported_disconnection_stops_at_once_and_keeps_its_first_reason(bench: Bench) -> None:
-    watchdog = bench.armed()
-    watchdog.disconnected("cable out")
-    bench.now_s += 1.0
-    assert watchdog.check() is Health.DISCONNECTED
-    assert watchdog.reason == "cable out"
     assert bench.stops == 1
 
 
@@ -121,15 +103,6 @@ def test_a_failed_stop_is_tried_again(bench: Bench) -> None:
     assert watchdog.stop_failure is None
 
 
-def test_disarmed_it_watches_nothing(bench: Bench) -> None:
-    watchdog = bench.armed()
-    watchdog.disarm()
-    bench.now_s += 10.0
-    assert watchdog.check() is Health.OK
-    watchdog.arm()
-    assert watchdog.check() is Health.OK
-
-
 def test_its_thread_catches_a_loop_that_hangs() -> None:
     stopped = threading.Event()
     watchdog = Watchdog(WatchdogConfig(stale_s=0.05), stopped.set, time.monotonic)
@@ -139,12 +112,6 @@ def test_its_thread_catches_a_loop_that_hangs() -> None:
     with WatchdogThread(watchdog):
         assert stopped.wait(5.0)
     assert watchdog.health is Health.STALE
-
-
-@pytest.mark.parametrize("changes", [{"stale_s": 0.0}, {"backlog_s": -1.0}])
-def test_impossible_limits_are_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="positive"):
-        WatchdogConfig(**changes)
 
 
 def test_a_stop_that_is_not_confirmed_is_a_failure_and_is_told_again(bench: Bench) -> None:

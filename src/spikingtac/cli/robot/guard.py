@@ -49,7 +49,7 @@ class Args:
     """
 
     arm: str
-    """Address of the UR arm."""
+    """Address of the UR arm, or twin: for a simulated one."""
     events: Path
     """The finger's camera: its address, or a named pipe with RAW events."""
     calibration: Path
@@ -125,7 +125,7 @@ def _require_readable(args: Args) -> None:
 
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
-    from spikingtac.robot.ur import URArm
+    from spikingtac.robot.arm import open_arm
     from spikingtac.stream.arrivals import stream_arrivals
     from spikingtac.stream.guard import ContactProcess
     from spikingtac.stream.host import Factory
@@ -137,7 +137,7 @@ def start(args: Args) -> ContactProcess:
         "quiet": str(args.quiet),
         "budget": args.budget,
     }
-    arm: Factory[Arm] = Factory(function=URArm, arguments={"host": args.arm})
+    arm: Factory[Arm] = Factory(function=open_arm, arguments={"address": args.arm})
     return ContactProcess(
         Factory(function=stream_arrivals, arguments={"path": str(args.events)}),
         Factory(function=learnt_detector, arguments=learning),

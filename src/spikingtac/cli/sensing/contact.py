@@ -172,8 +172,8 @@ def _learn(
                 f"--quiet is from a sensor of {quiet.size[0]}x{quiet.size[1]} px, RECORDING from "
                 f"one of {source.size[0]}x{source.size[1]} px; record both with the same sensor"
             )
-    length = leading_quiet(sources) if args.quiet is None else None
-    quiet = islice(paired_windows(given), length)
+    begin, end = leading_quiet(sources) if args.quiet is None else (0, None)
+    quiet = islice(paired_windows(given), begin, end)
     return make_detector(config.detector or "default", config, calibrations, quiet)
 
 

@@ -1,21 +1,70 @@
-"""Learn from the moving arm how the evidence is distributed without contact."""
+"""Learn from the moving arm how the evidence is distributed without contact.
+
+Extrapolate the value that is exceeded once in a stated time from a much shorter recording.
+
+Learn from the moving arm how the evidence is distributed without contact.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.motion.evidence_sums import POLARITIES, EvidenceSums
-from spikingtac.contact.motion.rim_evidence import AFFINE_MODES, OFF_RIM, RimTable
-from spikingtac.contact.motion.scales import ScaleSums, ScaleTest, Vector
-from spikingtac.contact.motion.tail import tail_threshold
 from spikingtac.contact.quiet import SECONDS_PER_HOUR
+from spikingtac.contact.rims import AFFINE_MODES, OFF_RIM, POLARITIES, EvidenceSums, RimTable
+from spikingtac.contact.scales import ScaleSums, ScaleTest, Vector
 from spikingtac.contact.window import Window, packets_of
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError
 from spikingtac.types import EventPacket
+
+TAIL_SHARES = (0.05, 0.02, 0.01)
+"""Shares of the highest blocks that make the tail. Rare swings of an arm stand out from the noise
+of the pixels only in the outermost blocks. Each share gives a threshold; the highest is taken."""
+WHOLE_TAIL, LEAST_TAIL = 10, 6
+"""Fewest blocks of the first share, which a short recording uses too, and of the other shares.
+Their mean excess is known to a third and to two fifths."""
+STANDARD_ERRORS = 2.0
+"""The mean excess is raised by this many of its standard errors (ours)."""
+
+
+def tail_threshold(values: NDArray[np.float64], block: int, per_block: float) -> float:
+    """Return the value that a block's highest value exceeds with a small probability.
+
+    The excess of the blocks' maxima over a high quantile is taken as exponential (Pickands, Ann.
+    Statist. 3, 1975, with shape 0). For an amplitude of Gaussian origin, such as that of a
+    vibration, this overstates the tail; where noise makes most of the maxima and something else the
+    highest, one quantile would understate it, so that several are tried. The mean excess is raised
+    by two standard errors: a short recording gives a high threshold, not a wrong one.
+
+    Args:
+        values: An amplitude at consecutive times.
+        block: Length of a block; values further apart are taken as independent.
+        per_block: The probability.
+
+    Returns:
+        The threshold; infinity where there are fewer than two blocks.
+    """
+    blocks = len(values) // block
+    peaks = np.sort(values[: blocks * block].reshape(blocks, block).max(axis=1))
+    whole = min(max(round(TAIL_SHARES[0] * blocks), WHOLE_TAIL), blocks - 1)
+    if whole < 1:
+        return math.inf
+    further = [round(share * blocks) for share in TAIL_SHARES[1:]]
+    tails = [whole, *(tail for tail in further if tail >= LEAST_TAIL)]
+    return max(_extrapolated(peaks, tail, per_block) for tail in tails)
+
+
+def _extrapolated(peaks: NDArray[np.float64], tail: int, per_block: float) -> float:
+    """Return the threshold that the highest ``tail`` of the sorted peaks give."""
+    level = float(peaks[-tail - 1])
+    excess = float(peaks[-tail:].mean()) - level
+    excess *= 1.0 + STANDARD_ERRORS / math.sqrt(tail)
+    return level + excess * math.log(max(tail / len(peaks) / per_block, 1.0))
+
 
 LEAST_WINDOWS = 200
 """The covariance of the evidence of one window needs ten windows per element (12 elements per
@@ -27,27 +76,15 @@ MEMORY_S = 0.1
 """Time constant of the arm's vibration, s: Q / (pi f) at 15 Hz and Q = 5."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LearningConfig:
-    """How the test is made from quiet windows.
-
-    Attributes:
-        scales: Largest number of time scales, of 1, 2, 4, ... windows (9: up to 256 ms, in which
-            the tip travels 0.2 mm at 0.8 mm/s). A short quiet recording allows for fewer.
-        hot_hz: Pixels with more events per second are ignored (the twin's hot pixels fire at 10 to
-            500 Hz, its background at 1 Hz).
-        leak_bias: Largest imbalance of the leak between opposite directions, as a share of all leak
-            events. After a contact one side of each rim is closer to its threshold than the other.
-            Measured on the twin one second after a release: 0.5.
-    """
-
-    scales: int = 9
-    hot_hz: float = 8.0
-    leak_bias: float = 0.5
-
-    def __post_init__(self) -> None:
-        if self.scales < 1 or not self.hot_hz > 0.0 or not self.leak_bias >= 0.0:
-            raise ConfigError("scales and hot_hz must be positive, leak_bias not negative")
+SCALES = 9
+"""Largest number of time scales, of 1, 2, 4, ... windows: up to 256 ms, in which the tip travels
+0.2 mm at 0.8 mm/s. A short quiet recording allows for fewer."""
+HOT_HZ = 8.0
+"""Pixels with more events per second are ignored, Hz (the twin's hot pixels fire at 10 to 500, its
+background at 1)."""
+LEAK_BIAS = 0.5
+"""Largest imbalance of the leak between opposite directions, as a share of all leak events: after a
+contact one side of each rim is closer to its threshold (measured on the twin, 1 s after one)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +114,7 @@ class QuietEvidence:
         return float(both.sum(axis=1).var(axis=0).sum()) / markers
 
 
-def quiet_evidence(
-    tables: Sequence[RimTable], quiet: Iterable[Window], config: LearningConfig
-) -> QuietEvidence:
+def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> QuietEvidence:
     """Find the hot pixels of a quiet recording and sum its evidence without them.
 
     Raises:
@@ -97,7 +132,7 @@ def quiet_evidence(
             f"{len(kept)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
-    limit = max(config.hot_hz * len(kept) * period_s, 1.0)
+    limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [
         (count > limit) & (table.row != OFF_RIM)
         for count, table in zip(counts, tables, strict=True)
@@ -120,7 +155,7 @@ def _require_both_polarities(kept: Sequence[Window]) -> None:
             )
 
 
-def scale_test(quiet: QuietEvidence, config: LearningConfig, alarms_per_hour: float) -> ScaleTest:
+def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     """Return the test of every scale; the scales share the false-alarm budget evenly.
 
     Raises:
@@ -130,12 +165,12 @@ def scale_test(quiet: QuietEvidence, config: LearningConfig, alarms_per_hour: fl
     # Loaded when needed, since configurations import this module; scipy.stats would take 0.6 s.
     from scipy.special import chdtri
 
-    windows = 2 ** np.arange(config.scales)
+    windows = 2 ** np.arange(SCALES)
     windows = windows[windows * LEAST_SUMS <= len(quiet.evidence)]
     mean = quiet.evidence.mean(axis=0)
     sums = np.concatenate([np.zeros((1, len(mean))), np.cumsum(quiet.evidence - mean, axis=0)])
     try:
-        whiten = np.stack([_whitening(sums, quiet, int(n), config.leak_bias) for n in windows])
+        whiten = np.stack([_whitening(sums, quiet, int(n)) for n in windows])
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             "the quiet windows do not tell motions apart: too few events lie on the markers' rims, "
@@ -178,14 +213,14 @@ def _replay(test: ScaleTest, evidence: Vector) -> Vector:
     return np.array([sums.add(window).copy() for window in evidence])
 
 
-def _whitening(sums: Vector, quiet: QuietEvidence, windows: int, leak_bias: float) -> Vector:
+def _whitening(sums: Vector, quiet: QuietEvidence, windows: int) -> Vector:
     """Return ``(d, length)``: join the polarities, then scale to unit variance at most.
 
     Motion fires ON and OFF events alike, the leak only ON events. The ON evidence is therefore
     weighted by what the leak may have added over this time.
     """
     covariance = np.cov(quiet.evidence.T)
-    bias = _leak_bias(quiet, leak_bias)
+    bias = _leak_bias(quiet)
     on, off = _columns(len(covariance), 1), _columns(len(covariance), 0)
     variance = np.diag(covariance) + np.finfo(float).tiny
     joined = np.zeros((len(on), len(covariance)))
@@ -207,7 +242,7 @@ def _inflated(whiten: Vector, sums: Vector, windows: int) -> Vector:
     return (axes / np.sqrt(np.maximum(value, 1.0))).T @ whiten
 
 
-def _leak_bias(quiet: QuietEvidence, share: float) -> Vector:
+def _leak_bias(quiet: QuietEvidence) -> Vector:
     """Return evidence per window and mode ``(d,)`` that the leak may add in one direction."""
     out = []
     for sensor, table in enumerate(quiet.tables):
@@ -218,7 +253,7 @@ def _leak_bias(quiet: QuietEvidence, share: float) -> Vector:
         ]
         variance = block.var(axis=0).reshape(POLARITIES, AFFINE_MODES)
         events = variance.mean(axis=1) / power.mean()
-        out.append(share * max(events[1] - events[0], 0.0) * np.sqrt(power))
+        out.append(LEAK_BIAS * max(events[1] - events[0], 0.0) * np.sqrt(power))
     return np.concatenate(out)
 
 

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from spikingtac.contact.motion.release import ReleaseConfig
-from spikingtac.contact.motion.sequential_detector import SequentialMotionDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
+from spikingtac.contact.sequential_detector import ReleaseConfig, SequentialMotionDetector
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import calibration, windows
 
@@ -85,28 +84,6 @@ def test_details_tell_onset_place_and_direction(detector: SequentialMotionDetect
     assert touch.place_px == pytest.approx((65.0, 65.0), abs=6.0)
     assert touch.push == pytest.approx((0.7, 0.7), abs=0.1)
     assert touch.turn == pytest.approx(0.0, abs=0.15)
-
-
-def test_a_local_touch_is_found_where_it_is(detector: SequentialMotionDetector) -> None:
-    def one_marker(stream: Iterator[EventPacket]) -> Iterator[EventPacket]:
-        for number, window in enumerate(stream):
-            near = (window.x < 47) & (window.y < 47)
-            yield window.select(near) if number >= 200 else window
-
-    for window in one_marker(windows(230, seed=7, speed=lambda k: (0.06 * (k >= 200), 0.0))):
-        detector.update(window)
-    details = detector.details()
-    assert details is not None
-    (touch,) = details.touches
-    assert touch is not None
-    assert touch.place_px == pytest.approx((28.0, 28.0), abs=8.0)
-    assert touch.push[0] > 0.8
-    assert abs(touch.push[1]) < 0.3
-
-
-def test_there_is_nothing_to_describe_without_contact(detector: SequentialMotionDetector) -> None:
-    detector.update(next(windows(1, seed=8)))
-    assert detector.details() is None
 
 
 def test_release_settings_are_checked() -> None:

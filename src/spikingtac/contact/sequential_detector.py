@@ -1,4 +1,10 @@
-"""A sequential test of the markers' signed evidence for a common motion: the project's detector.
+"""The project's detector: a sequential test of the markers' signed evidence for a common motion.
+
+Decide when a contact ends: when the markers have come back.
+
+Silence is no sign of an end: a finger that holds still is as silent as one that let go.
+
+A sequential test of the markers' signed evidence for a common motion: the project's detector.
 
 Arm vibration moves the markers to and fro, so its evidence cancels within a period. Noise of the
 pixels cancels around each rim. A contact moves the field one way, so its evidence adds up.
@@ -12,23 +18,95 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.contact.details import ContactDetails
-from spikingtac.contact.detector import DetectorSummary
-from spikingtac.contact.motion.description import gel_touch, likeliest_onset
-from spikingtac.contact.motion.evidence_sums import EvidenceSums
-from spikingtac.contact.motion.quiet_evidence import (
-    LearningConfig,
+from spikingtac.contact.detector import ContactDetails, DetectorSummary
+from spikingtac.contact.quiet import WindowCounter, check_budget
+from spikingtac.contact.quiet_evidence import (
     QuietEvidence,
     quiet_evidence,
     scale_test,
 )
-from spikingtac.contact.motion.release import ReleaseConfig, ReleaseMonitor
-from spikingtac.contact.motion.rim_evidence import RimConfig, rim_table
-from spikingtac.contact.motion.scales import ScaleSums, ScaleTest, Vector, exceeded_kernel
-from spikingtac.contact.quiet import WindowCounter, check_budget
+from spikingtac.contact.rims import AFFINE_MODES, POLARITIES, EvidenceSums, rim_table
+from spikingtac.contact.scales import (
+    ScaleSums,
+    ScaleTest,
+    Vector,
+    exceeded_kernel,
+    gel_touch,
+    likeliest_onset,
+)
 from spikingtac.contact.window import Window, packets_of
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.types import Contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleaseConfig:
+    """When a contact counts as ended.
+
+    Attributes:
+        back_share: The contact ends once the markers have come back by this share of their largest
+            displacement, less the dead travel (ours: light presses of the twin come back by no
+            more).
+        dead_evidence: OFF evidence per marker that is lost at a reversal, since each pixel has to
+            come back by up to two thresholds before it fires (measured on the twin: light presses).
+        rest_windows: The contact ends after this many windows in a row without motion, once the
+            markers are back.
+    """
+
+    back_share: float = 0.4
+    dead_evidence: float = field(default=4.0, metadata={"former_names": ("dead_votes",)})
+    rest_windows: int = 50
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.back_share <= 1.0 or self.dead_evidence < 0.0 or self.rest_windows < 0:
+            raise ConfigError(
+                "back_share must be in (0, 1], dead_evidence and rest_windows not negative"
+            )
+
+
+class ReleaseMonitor:
+    """Follows the markers' common motion since a contact began, until they are back.
+
+    It uses OFF evidence only: the leak adds to the ON evidence for as long as a contact lasts.
+
+    Args:
+        config: When a contact has ended.
+        mean: ``(length,)`` evidence per window without contact.
+        total: ``(length,)`` evidence of the contact up to the decision.
+        markers: How many markers there are, over all sensors.
+    """
+
+    def __init__(self, config: ReleaseConfig, mean: Vector, total: Vector, markers: int) -> None:
+        self._mean = _off(mean)
+        self._moved = _off(total)
+        self._farthest = self._moved.copy()
+        self._length = float(np.linalg.norm(self._farthest))
+        self._share = config.back_share
+        self._dead = config.dead_evidence * markers
+        self._returning = False
+
+    def add(self, evidence: Vector) -> None:
+        """Take the evidence of the next window."""
+        self._moved += _off(evidence) - self._mean
+        length = float(np.linalg.norm(self._moved))
+        if length > self._length:
+            self._farthest, self._length = self._moved.copy(), length
+
+    def motion(self, total: Vector) -> bool:
+        """Take the evidence of a scale that found a new motion; return True for a motion back."""
+        self._returning = float(_off(total) @ self._farthest) < 0.0
+        return self._returning
+
+    def left(self) -> bool:
+        """Return True once a motion back was found and has led far enough."""
+        if not self._returning:
+            return False
+        back = float((self._farthest - self._moved) @ self._farthest) / self._length
+        return back >= self._share * (self._length - self._dead)
+
+
+def _off(evidence: Vector) -> Vector:
+    return evidence.reshape(-1, POLARITIES, AFFINE_MODES)[:, 0].ravel().copy()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,13 +114,9 @@ class SequentialMotionConfig:
     """Settings of the sequential motion detector.
 
     Attributes:
-        rim: Which pixels count as a marker's rim.
-        learning: How the thresholds are made from quiet windows.
         release: When a contact has ended.
     """
 
-    rim: RimConfig = field(default_factory=RimConfig)
-    learning: LearningConfig = field(default_factory=LearningConfig)
     release: ReleaseConfig = field(default_factory=ReleaseConfig)
 
 
@@ -113,10 +187,10 @@ class SequentialMotionDetector:
                 "the sequential motion detector uses the markers' rims and needs a calibration "
                 "of each sensor; make one with: spikingtac calibrate RECORDING -o calibration.json"
             )
-        tables = [rim_table(calibration, config.rim) for calibration in calibrations]
+        tables = [rim_table(calibration) for calibration in calibrations]
         counter = WindowCounter()
-        learned = quiet_evidence(tables, counter.counted(quiet), config.learning)
-        detector = cls(config, learned, scale_test(learned, config.learning, alarms_per_hour))
+        learned = quiet_evidence(tables, counter.counted(quiet))
+        detector = cls(config, learned, scale_test(learned, alarms_per_hour))
         detector._summary = replace(detector._summary, quiet=counter.statistics())
         return detector
 

@@ -1,1 +1,0 @@
-"""The sequential test of the markers' signed evidence for a common motion."""
