@@ -8,7 +8,7 @@ import pytest
 from spikingtac.errors import SearchError
 from spikingtac.geometry.hole import Compensation
 from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
+from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig, probe_hole
 from spikingtac.robot.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac_paper.holes.scoring import REGION
 from stand_ins.touching import IdealProber
@@ -58,9 +58,8 @@ def test_published_and_calibrated_formulas() -> None:
 def test_the_adaptive_search_is_exact_without_noise(radius_mm: float) -> None:
     prober = IdealProber(radius_mm, center_mm=CENTER_MM)
     far = 0.8 * (radius_mm - 0.433) * np.array([math.cos(0.5), math.sin(0.5)])
-    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=8)).run(
-        np.array(CENTER_MM) + far
-    )
+    start = np.array(CENTER_MM) + far
+    found = probe_hole(prober, travel(), start, AdaptiveSearchConfig(contacts=8))
     assert len(found.touches) == 8
     np.testing.assert_allclose(found.circle.center_mm, CENTER_MM, atol=3e-3)
     assert found.circle.radius_mm == pytest.approx(radius_mm, abs=3e-3)
