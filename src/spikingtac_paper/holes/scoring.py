@@ -18,6 +18,7 @@ from spikingtac.robot.prober import Touched
 from spikingtac.sim.rig.wall_calibration import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Row, interval
+from spikingtac_paper.holes.alignment import align
 from spikingtac_paper.holes.jobs import MOST_CONTACTS, trial_of
 
 CROSS_CONTACTS = 4
