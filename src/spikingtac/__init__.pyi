@@ -16,6 +16,7 @@ from .markers.calibration.calibrate import CalibrationConfig as CalibrationConfi
 from .markers.calibration.calibrate import calibrate as calibrate
 
 # Tracking: events in, marker displacements out
+from .pipeline.track import track as track
 from .config import Config as Config
 from .config import load_config as load_config
 from .markers.registry import make_tracker as make_tracker

@@ -11,7 +11,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.events.create import create_events
 from spikingtac.events.open import open_events
-from spikingtac.pipeline.recording_tracks import track_to_file
+from spikingtac.pipeline.track import track_to_file
 from spikingtac.tracks import Tracks
 from spikingtac.viewer import session as module
 from spikingtac.viewer.opening import open_view_source

@@ -20,7 +20,7 @@ from spikingtac.events.windows import windows
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.checked_source import CheckedSource, refuse
 from spikingtac.pipeline.follow import follow
-from spikingtac.pipeline.recording_tracks import require_same_size
+from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
 from spikingtac.touch.force.files.model_file import load_force

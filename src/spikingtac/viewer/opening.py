@@ -77,7 +77,7 @@ def open_view_source(
         given = Calibration.load(calibration)
         view = replace(view, calibration=given, calibrated_by=calibration, own_calibration=False)
     if tuple(view.calibration.size) != tuple(view.source.size):
-        from spikingtac.pipeline.recording_tracks import require_same_size
+        from spikingtac.pipeline.track import require_same_size
 
         require_same_size(view.source.size, view.calibration.size)
     return calibrated_view(view, view.calibration, preset=preset, rate_hz=rate_hz)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.pipeline.estimate_times import EstimateTimes
-from spikingtac.pipeline.follow import follow
+from spikingtac.pipeline.follow import EstimateTimes, follow
 from spikingtac.types import EventPacket, LossCounters, MarkerFrame, SourceHealth
 
 SIZE = (8, 8)

@@ -117,7 +117,7 @@ def _require_readable(args: Args) -> None:
     """Refuse files that the guarding process could not learn from, before an arm is connected."""
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.open import open_events
-    from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.pipeline.track import require_same_size
 
     calibration = Calibration.load(args.calibration)
     require_same_size(open_events(args.quiet).size, calibration.size)

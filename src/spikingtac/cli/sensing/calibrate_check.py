@@ -72,7 +72,7 @@ def _checked(settings: Mapping[str, Any], recording: Path) -> dict[str, Any]:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.open import open_events
     from spikingtac.markers.calibration_check import CalibrationCheck
-    from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.pipeline.track import require_same_size
 
     calibration = Calibration.load(Path(settings["calibration"]))
     source = open_events(recording, strict=settings["strict"], sensor=settings["sensor"])

@@ -118,7 +118,7 @@ def track(
     from spikingtac.markers.registry import make_tracker
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
-    from spikingtac.pipeline.recording_tracks import require_same_size
+    from spikingtac.pipeline.track import require_same_size
     from spikingtac.touch.ageing.swing_runs import SwingRuns
 
     calibration = Calibration.load(calibration_path)

@@ -130,7 +130,7 @@ def _track_source(
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
-    from spikingtac.pipeline.recording_tracks import track_to_file
+    from spikingtac.pipeline.track import track_to_file
 
     tracking, calibration = _configured(args, calibration_path)
     force = _force_of(args)

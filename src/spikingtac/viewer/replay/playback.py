@@ -19,7 +19,7 @@ from spikingtac.contact.window import WINDOW_US
 from spikingtac.events.source_health import SLOT_US, slot_rate_ev_s, source_health
 from spikingtac.events.windows import SILENCE_LIMIT_US
 from spikingtac.markers.tracker import MarkerTracker
-from spikingtac.pipeline.estimate_times import EstimateTimes, check_rate
+from spikingtac.pipeline.follow import EstimateTimes, check_rate
 from spikingtac.types import Contact, MarkerFrame, SourceHealth
 from spikingtac.viewer.replay.event_store import EventStore
 from spikingtac.viewer.replay.tracker_history import TrackerHistory

@@ -1,9 +1,10 @@
-"""From a recording on disk to tracks on disk: the work behind ``spikingtac track``."""
+"""From a recording to tracks: in memory, or to a file of any length."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.config import Config, load_config
 from spikingtac.errors import CalibrationError
 from spikingtac.events.formats.file_source import FileSource
+from spikingtac.events.open import open_events
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
@@ -21,13 +24,57 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
 from spikingtac.touch.force.model import ForceModel
-from spikingtac.tracks import create_tracks
-from spikingtac.types import MarkerFrame
+from spikingtac.tracks import Tracks, create_tracks
+from spikingtac.types import EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64
 """Estimates between two reports of progress."""
 HALF_WIDTH_SIGMAS = 1.6449
 """Half of the 90 % interval of a normal distribution over its standard deviation."""
+
+
+def track(
+    source: str | Path | Iterable[EventPacket],
+    calibration: str | Path | Calibration,
+    preset: str | Path | Config = "default",
+    *,
+    rate_hz: float | None = None,
+    hysteresis: str | None = None,
+) -> Tracks:
+    """Track a whole recording and return every marker's displacement over time.
+
+    Args:
+        source: An event file, a recording folder, or packets such as :func:`spikingtac.open_events`
+            and :class:`spikingtac.SceneSource` give.
+        calibration: The sensor's calibration, or its file.
+        preset: ``default``, ``fast`` or ``paper``, the path of a TOML file, or a configuration.
+        rate_hz: Estimates per second of data time; the preset's unless given.
+        hysteresis: Law of the output position: ``none``, ``paper`` or ``anchored``; the preset's
+            unless given.
+
+    Returns:
+        Estimates ``t_us (n,)`` with positions, displacements and confidence ``(n, m, ...)``.
+
+    Raises:
+        RecordingError: The recording cannot be read.
+        CalibrationError: The calibration cannot be read, or is of a sensor of another size.
+        ConfigError: The preset, the rate or the law is unknown.
+
+    Example:
+        >>> tracks = track("press.raw", "calibration.json")  # doctest: +SKIP
+        >>> tracks.displacement_px.shape  # doctest: +SKIP
+        (4201, 64, 2)
+    """
+    if isinstance(calibration, str | Path):
+        calibration = Calibration.load(calibration)
+    config = preset if isinstance(preset, Config) else load_config(preset)
+    tracking = config.with_tracking(rate_hz=rate_hz, hysteresis=hysteresis).tracking
+    packets = open_events(source) if isinstance(source, str | Path) else source
+    tracker = make_tracker(tracking, calibration)
+    tracks = Tracks.of(follow(packets, tracker, tracking.rate_hz), calibration)
+    losses = {k: int(n) for k, n in getattr(packets, "losses", {}).items()}
+    about = {"config": {"tracking": to_mapping(tracking)}, "losses": losses}
+    return replace(tracks, meta={**tracks.meta, **about, "package_version": package_version()})
 
 
 def track_to_file(
