@@ -112,6 +112,7 @@ def calibration_of(finger: Finger) -> Calibration:
 def follow_sensor(asker: Asker, finger: Finger, ring: tuple[str, int, int]) -> None:
     """Follow a sensor until its source ends; the whole work of its process."""
     calibration = calibration_of(finger)
+    _warm_up(finger.tracking, calibration)  # before time passes
     source = open_events(str(finger.source))
     if source.size != calibration.size:
         raise CalibrationError(
@@ -128,6 +129,15 @@ def follow_sensor(asker: Asker, finger: Finger, ring: tuple[str, int, int]) -> N
         out.publish(pack(frame, time.monotonic_ns(), (behind_ms, clock.most_ms)))
     out.close()
     asker.tell(("ended", ""))
+
+
+def _warm_up(tracking: TrackingConfig, calibration: Calibration) -> None:
+    """Compile, or load, the kernels of a tracker by two events of each polarity."""
+    tracker = make_tracker(tracking, calibration)
+    x, y = (np.full(4, side // 2, np.uint16) for side in calibration.size)
+    polarity, t_us = np.array([True, False, True, False]), np.arange(4, dtype=np.int64)
+    tracker.absorb(EventPacket(x, y, polarity, t_us, 0, PLAY_US, calibration.size))
+    tracker.estimate(PLAY_US)
 
 
 class _Clock:
