@@ -1,1 +1,10 @@
-"""Live operation: sensors in processes of their own, an arm's guard, one host and ring for all."""
+"""Live operation: sensors in processes of their own, and the guard of an arm.
+
+Public names are listed in ``__init__.pyi`` and imported when they are first used.
+"""
+
+from __future__ import annotations
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

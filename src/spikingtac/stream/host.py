@@ -7,6 +7,7 @@ plain script without a guard around its main part may start one.
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import select
@@ -28,6 +29,10 @@ T = TypeVar("T")
 
 TERMINATE_S = 2.0
 """Wait between the request to end and the kill of a process that hangs, s (ours)."""
+LOOK_S = 0.005
+"""Time between two looks whether a copy of this process has ended, s."""
+ASKER = "spikingtac-asker"
+"""Name of the thread that hears the asker; it waits in a read, and holds no lock."""
 LONGEST_GRACE_S = 30.0
 """Longest time that a process may take to complete its files once its asker is gone, s (ours)."""
 
@@ -59,18 +64,17 @@ class Host:
 
     Args:
         work: Called there as ``function(asker, **arguments)`` with an :class:`Asker`.
+        inherit: Take over what this process has imported (1 s of a display's start), by a fork,
+            where that is safe: on Linux, and with no other thread whose locks it would keep.
     """
 
-    def __init__(self, work: Factory[None]) -> None:
+    def __init__(self, work: Factory[None], *, inherit: bool = False) -> None:
         self._channel, theirs = multiprocessing.Pipe()
-        number = theirs.fileno()
-        paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
-            stdin=None,  # a source may be standard input
-            pass_fds=(number,),
-            env={**os.environ, "PYTHONPATH": paths},
-        )
+        alone = {thread.name for thread in threading.enumerate()} <= {"MainThread", ASKER}
+        if inherit and alone and sys.platform == "linux":
+            self._process: _Copy | subprocess.Popen[bytes] = _Copy(self._channel, theirs.fileno())
+        else:
+            self._process = _started(theirs.fileno())
         theirs.close()
         self._failed: Exception | None = None
         try:
@@ -149,6 +153,63 @@ class Host:
         self._channel.close()
 
 
+def _started(number: int) -> subprocess.Popen[bytes]:
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "spikingtac.stream.host", str(number)],
+        stdin=None,  # a source may be standard input
+        pass_fds=(number,),
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+
+
+class _Copy:
+    """A fork of this process that works at a channel, with the manners of a started program."""
+
+    def __init__(self, ours: Connection, number: int) -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        self.pid, self._code = os.fork(), None
+        if self.pid:
+            return
+        code: Any = 1
+        try:
+            ours.close()  # the asker's end: its death shall close the channel
+            serve(number)
+            code = 0
+        except SystemExit as end:
+            code = end.code
+        finally:
+            os._exit(code if isinstance(code, int) else 1)
+
+    def poll(self) -> int | None:
+        """Return the exit code, negative for a signal; None while it runs."""
+        if self._code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self._code = os.waitstatus_to_exitcode(status) if pid else None
+        return self._code
+
+    def wait(self, timeout: float = math.inf) -> None:
+        """Wait for its end."""
+        until_s = time.monotonic() + timeout
+        while self.poll() is None:
+            if time.monotonic() > until_s:
+                raise subprocess.TimeoutExpired("a copy of this process", timeout)
+            time.sleep(LOOK_S)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self._signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._signal(signal.SIGKILL)
+
+    def _signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+
 class Asker:
     """The process that asked for this one's work, as the work sees it.
 
@@ -165,7 +226,7 @@ class Asker:
         self._channel, self._lock = channel, threading.Lock()
         self._said: deque[Any] = deque()
         # It waits in a read, and costs the work nothing.
-        threading.Thread(target=self._listen, daemon=True, name="spikingtac-asker").start()
+        threading.Thread(target=self._listen, daemon=True, name=ASKER).start()
 
     def said(self) -> list[Any]:
         """Return what the asker has told since the last call."""
@@ -208,6 +269,7 @@ def portable(error: Exception) -> Exception:
 def serve(number: int) -> None:
     """Do the work that arrives at an inherited channel; the whole life of a hosted process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the asker's matter
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # also in a copy of one that handles it
     channel: Connection = Connection(number)
     try:
         work: Factory[None] = channel.recv()

@@ -33,6 +33,7 @@ class RemoteSource:
         size: Size of the packets, ``(width, height)``, px; where it is None, the stream begins with
             a packet that tells it, and is not passed on.
         take_side_data: Called with each packet's side data before the packet is yielded.
+        inherit: As of :class:`~spikingtac.stream.host.Host`.
 
     Attributes:
         size: ``(width, height)`` of the sensor, px.
@@ -48,10 +49,13 @@ class RemoteSource:
         open_stream: Factory[Stream],
         size: tuple[int, int] | None,
         take_side_data: Callable[[Any], None] = lambda _: None,
+        *,
+        inherit: bool = False,
     ) -> None:
         self.losses = LossCounters()
         self._take_side_data = take_side_data
-        self._host = Host(Factory(function=_pour, arguments={"open_stream": open_stream}))
+        pour = Factory(function=_pour, arguments={"open_stream": open_stream})
+        self._host = Host(pour, inherit=inherit)
         self.size = size or self._told_size()
 
     @classmethod

@@ -196,6 +196,7 @@ def _open_scene(name: str, seed: int, camera: str | None) -> ViewSource:
             Factory(function=truthful_packets, arguments=arguments),
             scene.size,
             lambda rows: truth.append(rows[0], rows[1]),
+            inherit=True,
         ),
         calibration=Calibration(
             reference_px=at_rest.reference_px,

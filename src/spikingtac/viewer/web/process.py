@@ -59,7 +59,7 @@ class SessionProcess:
             "options": options,
             "rings": (self._frames.name, self._greetings.name),
         }
-        self._host = Host(Factory(function=_run, arguments=given))
+        self._host = Host(Factory(function=_run, arguments=given), inherit=True)
 
     def frame(self, after: int) -> tuple[int, bytes] | None:
         """Return the latest frame message with its number, or None if there is none newer."""

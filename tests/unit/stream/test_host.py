@@ -1,0 +1,88 @@
+"""A function in a process of its own: what it tells, what it raises, and that it ends."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from spikingtac.errors import DeviceError
+from spikingtac.stream.host import Asker, Factory, Host
+
+PATIENCE_S = 60.0
+
+
+def echo(asker: Asker, word: str) -> None:
+    asker.tell(word)
+    while not (said := asker.said()):
+        time.sleep(0.001)
+    asker.tell(said[0])
+
+
+def fail(asker: Asker) -> None:
+    raise DeviceError("there is no such camera")
+
+
+def endless(asker: Asker) -> None:
+    asker.tell(os.getpid())
+    time.sleep(600.0)
+
+
+@pytest.mark.parametrize("inherit", [False, True])
+def test_what_is_told_goes_both_ways(inherit: bool) -> None:
+    host = Host(Factory(function=echo, arguments={"word": "here"}), inherit=inherit)
+    assert host.receive(PATIENCE_S) == "here"
+    assert host.tell("there")
+    assert host.receive(PATIENCE_S) == "there"
+    with pytest.raises(EOFError):
+        host.receive(PATIENCE_S)
+    assert host.wait(PATIENCE_S)
+    assert host.ended_well
+    assert not host.tell("nobody")
+    host.close()
+
+
+@pytest.mark.parametrize("inherit", [False, True])
+def test_an_error_is_raised_here_and_a_kill_is_known(inherit: bool) -> None:
+    failing = Host(Factory(function=fail), inherit=inherit)
+    with pytest.raises(DeviceError, match="no such camera"):
+        failing.receive(PATIENCE_S)
+    failing.close()
+    host = Host(Factory(function=endless), inherit=inherit)
+    assert host.receive(PATIENCE_S) == host.pid
+    host.kill()
+    assert host.killed
+    assert not host.alive()
+    host.close()
+
+
+SCRIPT = """
+import sys, time
+sys.path.insert(0, {tests!r})
+from test_host import Factory, Host, endless
+host = Host(Factory(function=endless), inherit={inherit})
+print(host.receive(60.0), flush=True)
+time.sleep(600.0)
+"""
+
+
+@pytest.mark.parametrize("inherit", [False, True])
+def test_a_flat_script_that_is_killed_leaves_no_process(inherit: bool) -> None:
+    """Nothing guards the script's main part: it is never imported a second time."""
+    script = SCRIPT.format(tests=str(Path(__file__).parent), inherit=inherit)
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    pid = int(process.stdout.readline())
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+    until_s = time.monotonic() + PATIENCE_S
+    while Path(f"/proc/{pid}/cmdline").exists() and time.monotonic() < until_s:
+        if not Path(f"/proc/{pid}/cmdline").read_bytes():  # ended, not reaped
+            break
+        time.sleep(0.02)
+    else:
+        assert time.monotonic() < until_s
