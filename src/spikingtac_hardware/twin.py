@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from spikingtac.schema import merged
-from spikingtac.sim.optics import OpticsConfig
-from spikingtac.sim.scene.scene import Scene
+from spikingtac.sim import OpticsConfig, Scene
 from spikingtac_hardware.checks import require_sound
 from spikingtac_hardware.design import Design, load_design
 from spikingtac_hardware.layout import Layout
@@ -41,8 +40,8 @@ def scene_with_design(scene: Scene, design: Design) -> Scene:
 
     Example:
         >>> from spikingtac_hardware.design import load_design
-        >>> from spikingtac.sim.scene import catalog
-        >>> scene_with_design(catalog.load("quiet"), load_design()).skin.pitch_mm
+        >>> from spikingtac.sim import load_scene
+        >>> scene_with_design(load_scene("quiet"), load_design()).skin.pitch_mm
         2.4
     """
     layout = Layout(design)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli import emit_json, emit_table, progress, remark
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli import emit_json, progress, remark
 from spikingtac.errors import named
 from spikingtac_paper.harness.run import RunOptions
 

@@ -99,3 +99,13 @@ from .rig.wall_calibration import prober_for as prober_for
 from .rig.wall_calibration import quiet_windows as quiet_windows
 from .rig.wall_calibration import touch_flat_walls as touch_flat_walls
 from .rig.wall_calibration import travel_of as travel_of
+
+# What the experiments use besides
+from .camera.coverage import discs_of as discs_of
+from .camera.coverage import edge_coverage_kernel as edge_coverage_kernel
+from .camera.pixel_records import intensity_kernel as intensity_kernel
+from .camera.pixel_records import log_intensity_kernel as log_intensity_kernel
+from .camera.pixels import change_below_threshold_kernel as change_below_threshold_kernel
+from .camera.pixels import emit_crossings_kernel as emit_crossings_kernel
+from .camera.readout import background_events_kernel as background_events_kernel
+from .rig.fingers import transition as transition

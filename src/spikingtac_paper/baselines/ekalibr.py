@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.events.hot_pixels import HotPixelFilter
-from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.markers.published.associate import UNMATCHED, associate
+from spikingtac.events import HotPixelFilter
+from spikingtac.markers import UNMATCHED, associate, smallest_spacing_px
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.baselines.ekalibr_kernels import (
     NEVER,

@@ -28,11 +28,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
+from spikingtac.calibration import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.events.hot_pixels import HotPixelFilter
+from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3

@@ -23,11 +23,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.denoise.denoiser import Denoiser
+from spikingtac import Calibration
+from spikingtac.denoise import Denoiser
 from spikingtac.errors import ConfigError
-from spikingtac.markers.published.blob_tracker import BlobTracker, BlobTrackerConfig
-from spikingtac.state_map.paint import paint_binary_discs
+from spikingtac.markers import BlobTracker, BlobTrackerConfig
+from spikingtac.state_map import paint_binary_discs
 from spikingtac.types import EventPacket
 
 

@@ -15,11 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.robot.approacher import ApproachConfig
-from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.rig import WAIT_S, FirstContact, PriorContact, Rig, RigConfig
-from spikingtac.sim.rig.ur3 import UR3Twin
+from spikingtac.contact import ContactDetector
+from spikingtac.robot import ApproachConfig, ArmState
+from spikingtac.sim import WAIT_S, FirstContact, PriorContact, Rig, RigConfig, UR3Twin
 from spikingtac_paper.collision.frames import FrameSampler
 from spikingtac_paper.collision.scene import (
     DIRECTION,

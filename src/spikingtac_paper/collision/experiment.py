@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.contact.registry import DETECTORS
+from spikingtac.batch import begin_run
+from spikingtac.contact import DETECTORS
 from spikingtac_paper.collision.jobs import METHODS, QUIET_STEPS, CollisionJob, run_job
 from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.collision.scoring import ALL, FASTEST, PRESETS, SLOW, SPEEDS, collision_rows

@@ -15,10 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac import windows
 from spikingtac.config import digest
-from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.registry import DETECTORS, DetectionConfig, make_detector
-from spikingtac.events.windows import windows
+from spikingtac.contact import DETECTORS, ContactDetector, DetectionConfig, make_detector
 from spikingtac.types import EventPacket
 from spikingtac_paper.collision.approach import (
     FRAMES,

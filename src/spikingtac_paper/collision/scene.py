@@ -9,18 +9,21 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
-from spikingtac.sim.rig.fingers import (
+from spikingtac.sim import (
     VIBRATION_MM,
+    CameraChoice,
     FingerConfig,
+    PlaneWall,
+    PriorContact,
+    ProbeConfig,
+    Rig,
+    RigConfig,
+    RoundBit,
     SensingFinger,
 )
-from spikingtac.sim.rig.probe import ProbeConfig
-from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
-from spikingtac.sim.rig.walls import PlaneWall, RoundBit
-from spikingtac.sim.scene.scene import CameraChoice
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
 Vector = NDArray[np.float64]

@@ -16,12 +16,10 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.denoise.denoiser import Denoiser
-from spikingtac.denoise.infer import NetworkDenoiser
-from spikingtac.denoise.registry import make_denoiser
+from spikingtac.batch import begin_run
+from spikingtac.denoise import Denoiser, NetworkDenoiser, make_denoiser
 from spikingtac.schema import to_mapping
-from spikingtac.sim.scene.catalog import TRAJECTORIES
+from spikingtac.sim import TRAJECTORIES
 from spikingtac_paper.denoise.scoring import (
     ACTIVITY,
     Centroids,

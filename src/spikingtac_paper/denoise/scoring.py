@@ -15,19 +15,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.denoiser import Denoiser
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.events.open import open_events
-from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.markers.published.blob_tracker import BlobTrackerConfig
-from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.scene import CameraChoice, Scene
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.state_map.paint import paint_binary_discs, paint_discs
-from spikingtac.state_map.state_map import StateMap
+from spikingtac.denoise import Denoiser
+from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, open_events
+from spikingtac.markers import BlobConfig, BlobDetector, BlobTrackerConfig, smallest_spacing_px
+from spikingtac.sim import CameraChoice, Scene, SceneSource, load_scene
+from spikingtac.state_map import (
+    BinaryStateMap,
+    GradedStateMap,
+    StateMap,
+    paint_binary_discs,
+    paint_discs,
+)
 from spikingtac.types import EventPacket
 from spikingtac_paper.training.dataset import with_background, with_drops
 
@@ -92,7 +90,7 @@ def noise_free(scene: Scene) -> Scene:
 
 def render(scene_name: str, seed: int, duration_s: float) -> TrueRecording:
     """Render one recording of the twin without noise, with its truth."""
-    source = SceneSource(noise_free(catalog.load(scene_name)), seed, duration_s)
+    source = SceneSource(noise_free(load_scene(scene_name)), seed, duration_s)
     steps = list(source.steps())
     events = EventPacket.concatenate([step.packet for step in steps])
     clean = CleanRecording(scene_name, events, source.reference_px, source.radius_px, "twin")

@@ -18,15 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
+from spikingtac import windows
 from spikingtac.arrays import FloatArray
-from spikingtac.events.windows import windows
-from spikingtac.sim.rig.fingers import FingerConfig, SensingFinger, Vibration, transition
-from spikingtac.sim.rig.pad import Pad
-from spikingtac.sim.rig.probe import Probe, ProbeConfig
-from spikingtac.sim.rig.rig import RigConfig
-from spikingtac.sim.rig.walls import NoWall
-from spikingtac.sim.scene.scene import CameraChoice
-from spikingtac.sim.states import MarkerImage, SkinState
+from spikingtac.sim import (
+    CameraChoice,
+    FingerConfig,
+    MarkerImage,
+    NoWall,
+    Pad,
+    Probe,
+    ProbeConfig,
+    RigConfig,
+    SensingFinger,
+    SkinState,
+    Vibration,
+    transition,
+)
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.small_motion_camera import (
     DEGREES_OF_FREEDOM,

@@ -15,9 +15,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.coverage import edge_coverage_kernel
-from spikingtac.sim.camera.pixel_records import intensity_kernel, log_intensity_kernel
-from spikingtac.sim.camera.pixels import change_below_threshold_kernel, emit_crossings_kernel
+from spikingtac.sim import (
+    change_below_threshold_kernel,
+    edge_coverage_kernel,
+    emit_crossings_kernel,
+    intensity_kernel,
+    log_intensity_kernel,
+)
 from spikingtac_paper.free_motion.timing_wheel import TimingWheel, pop_due_kernel, schedule_kernel
 
 EDGE_DTYPE = np.dtype(

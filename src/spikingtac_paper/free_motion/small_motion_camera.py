@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.coverage import discs_of
-from spikingtac.sim.camera.readout import background_events_kernel
-from spikingtac.sim.states import MarkerImage
+from spikingtac.sim import (
+    CameraConfig,
+    EventCamera,
+    MarkerImage,
+    background_events_kernel,
+    discs_of,
+)
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,

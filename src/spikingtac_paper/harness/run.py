@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from spikingtac.atomic_files import write_json
-from spikingtac.batch.worker_pool import worker_pool
+from spikingtac.batch import worker_pool
 from spikingtac.errors import named
 
 Advance = Callable[[float], None]
@@ -82,7 +82,7 @@ class RunOptions:
         Args:
             tasks: Number of tasks: more processes would be idle.
         """
-        return worker_pool(self.workers, tasks, self.scheduler)
+        return worker_pool.worker_pool(self.workers, tasks, self.scheduler)
 
     def report_progress(self, done: int, total: int) -> None:
         """Call :attr:`advance`, if it is given, after ``done`` of ``total`` tasks."""

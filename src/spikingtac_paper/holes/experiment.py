@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.sim.rig.wall_calibration import SIGMAS_MM
+from spikingtac.batch import begin_run
+from spikingtac.sim import SIGMAS_MM
 from spikingtac_paper.harness.figures import dot_figure
 from spikingtac_paper.harness.report import Report, lines_of, write_report
 from spikingtac_paper.harness.run import (

@@ -15,23 +15,31 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector
+from spikingtac.contact import ContactDetector
 from spikingtac.errors import SearchError
-from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.adaptive_search import AdaptiveSearch, AdaptiveSearchConfig
-from spikingtac.robot.arm import ArmState
-from spikingtac.robot.cross_search import cross_search
-from spikingtac.robot.prober import Prober, Touched
-from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, flat_wall, hole_trial
-from spikingtac.sim.rig.wall_calibration import (
+from spikingtac.geometry import TravelModel
+from spikingtac.robot import (
+    AdaptiveSearch,
+    AdaptiveSearchConfig,
+    ArmState,
+    Prober,
+    Touched,
+    cross_search,
+)
+from spikingtac.sim import (
     CORNER_MM,
     CROSS,
     DEFAULT,
     PLANNING_MM,
     STYLES,
     WALL_MM,
+    Grasp,
+    HoleSite,
+    HoleTrial,
     RecordingProber,
     detector_for,
+    flat_wall,
+    hole_trial,
     prober_for,
     quiet_windows,
     touch_flat_walls,

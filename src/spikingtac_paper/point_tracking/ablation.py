@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration, MarkerTracker, make_tracker
 from spikingtac.config import Config, load_config
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.markers.registry import make_tracker
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter
 from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.point_tracking.cases import CAMERAS, LOOPS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from spikingtac.sim.scene.catalog import TRAJECTORIES
+from spikingtac.sim import TRAJECTORIES
 from spikingtac_paper.trials.trial import V2E, Trial
 
 ALL = "all"

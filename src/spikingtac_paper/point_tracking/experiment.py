@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.sim.scene.catalog import TRAJECTORIES
+from spikingtac.batch import begin_run
+from spikingtac.sim import TRAJECTORIES
 from spikingtac_paper.harness.figures import dot_figure
 from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, provenance, select_methods

@@ -7,14 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from spikingtac import Calibration, calibrate, follow
 from spikingtac.atomic_files import replacing
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.batch import begin_run
 from spikingtac.config import digest, load_config
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.events.open import open_events
-from spikingtac.markers.calibration.calibrate import calibrate
-from spikingtac.pipeline.follow import follow
+from spikingtac.events import open_events
 from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import (
     Progress,

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
 from spikingtac.errors import RecordingError
-from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.markers import smallest_spacing_px
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
+from spikingtac.batch import begin_run
 from spikingtac.config import digest
 from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
 from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept, provenance

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spikingtac.events.create import create_events
-from spikingtac.events.open import open_events
-from spikingtac.state_map.binary import BinaryStateMap
+from spikingtac.events import create_events, open_events
+from spikingtac.state_map import BinaryStateMap
 from spikingtac.types import EventPacket
 
 ENCODINGS = ("evt2", "evt21", "evt3")

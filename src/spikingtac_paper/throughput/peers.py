@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.markers.published.associate import UNMATCHED, associate_tree
-from spikingtac.markers.published.blob_tracker import BlobTrackerConfig, painted_binary_map
+from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.markers import (
+    UNMATCHED,
+    BlobTrackerConfig,
+    associate_tree,
+    painted_binary_map,
+    smallest_spacing_px,
+)
 from spikingtac.types import EventPacket, MarkerFrame
 
 WHITE = 255

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.batch.run_folder import begin_run
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.sim.camera.camera import EventCamera
-from spikingtac.sim.optics import Optics
-from spikingtac.sim.scene import catalog
+from spikingtac import Calibration
+from spikingtac.batch import begin_run
+from spikingtac.sim import EventCamera, Optics, load_scene
 from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
 from spikingtac_paper.harness.run import RunOptions, provenance
 from spikingtac_paper.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
@@ -108,7 +106,7 @@ def _at_rest(skin: Skin, stream: BenchStream) -> Calibration:
 
 
 def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStream:
-    scene = catalog.load("quiet")
+    scene = load_scene("quiet")
     discs = replace(scene.optics.discs, radius_mm=skin.radius_mm)
     lens = replace(
         scene.optics,

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration, MarkerTracker
 from spikingtac.errors import DeviceError
-from spikingtac.markers.tracker import MarkerTracker
 from spikingtac.types import EventPacket
 from spikingtac_paper.throughput.stream import BenchStream
 

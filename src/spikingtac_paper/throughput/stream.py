@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.camera.camera import EventCamera, ReferenceHistory
-from spikingtac.sim.optics import Optics
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.states import SkinState, image_radius_px
+from spikingtac.sim import (
+    EventCamera,
+    Optics,
+    ReferenceHistory,
+    SkinState,
+    image_radius_px,
+    load_scene,
+)
 from spikingtac.types import EventPacket
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.trial import Trial
@@ -72,7 +76,7 @@ def _trial(camera: str, seed: int) -> Trial:
 
 
 def _shaken(trial: Trial, turns_hz: float, duration_us: int) -> BenchStream:
-    scene = catalog.load(trial.scene).with_camera(trial.camera).with_serial(trial.serial)
+    scene = load_scene(trial.scene).with_camera(trial.camera).with_serial(trial.serial)
     optics = Optics(scene.optics, seed=scene.skin.serial)
     camera = EventCamera(scene.camera.resolve(scene.size), trial.seed, serial=scene.skin.serial)
     whole, truth = circling(

@@ -10,9 +10,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.pitch import marker_pitch_px
-from spikingtac.touch.contact_patch.patch import SQUARE, Patch, patch_of_cells
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.calibration import marker_pitch_px
+from spikingtac.touch import SQUARE, Patch, WrenchSeries, patch_of_cells
 
 Field = NDArray[np.float64]
 

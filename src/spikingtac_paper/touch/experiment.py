@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-from spikingtac.batch.run_folder import begin_run
+from spikingtac.batch import begin_run
 from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
 from spikingtac_paper.touch import (

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch.force.files.series_file import load_series
-from spikingtac.touch.force.fit import fit_force
-from spikingtac.touch.force.score import r_squared
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.touch import WrenchSeries, fit_force, load_series, r_squared
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import MeanDisplacement
 

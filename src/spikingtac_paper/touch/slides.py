@@ -8,11 +8,15 @@ from functools import partial
 
 import numpy as np
 
-from spikingtac.sim.gel.contact import FrictionConfig
-from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import ContactConfig, Scene
+from spikingtac.sim import (
+    ContactConfig,
+    FrictionConfig,
+    GelConfig,
+    IndenterConfig,
+    MotionConfig,
+    Scene,
+    SegmentConfig,
+)
 from spikingtac_paper.touch.bodies import TAUGHT, Body
 
 SPEEDS_MM_S = (2.0, 80.0)

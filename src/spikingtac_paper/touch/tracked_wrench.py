@@ -7,13 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac import follow, make_tracker
 from spikingtac.config import load_config
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.follow import follow
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.sim import SceneSource, load_scene
+from spikingtac.touch import CreepConfig, CreepMemory, WrenchSeries
 from spikingtac.types import EventPacket
 from spikingtac_paper.touch.true_calibration import true_calibration
 
@@ -47,7 +44,7 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
         seed: Of its variations and of the camera's noise.
         camera: Preset of the camera.
     """
-    scene = catalog.load(name).with_camera(camera)
+    scene = load_scene(name).with_camera(camera)
     source = SceneSource(scene, seed)
     spectrum = scene.gel.spectrum
     memory = CreepMemory(CreepConfig(fractions=spectrum.fractions, times_s=spectrum.times_s))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.sim.scene.source import SceneSource
+from spikingtac import Calibration
+from spikingtac.sim import SceneSource
 
 
 def true_calibration(source: SceneSource) -> Calibration:

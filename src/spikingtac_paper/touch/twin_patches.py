@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac import follow, make_tracker
 from spikingtac.config import load_config
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.follow import follow
-from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import ContactConfig, Scene
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.touch.contact_patch.patch import Patch
-from spikingtac.touch.field.local_gradient import GradientOperator
-from spikingtac.touch.touches.detector import TouchDetector
-from spikingtac.touch.touches.touch import Touch
+from spikingtac.sim import (
+    ContactConfig,
+    IndenterConfig,
+    MotionConfig,
+    Scene,
+    SceneSource,
+    SegmentConfig,
+)
+from spikingtac.touch import GradientOperator, Patch, Touch, TouchDetector
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import region_above

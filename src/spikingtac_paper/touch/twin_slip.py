@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.slip.monitor import SlipMonitor
+from spikingtac.touch import SlipMonitor
 from spikingtac_paper.touch.bodies import TESTED
 from spikingtac_paper.touch.slides import CARRY, HOLD, LIFT_S, Slide, draw_slide
 from spikingtac_paper.touch.slip_scores import METRICS as METRICS

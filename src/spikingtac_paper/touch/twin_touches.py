@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac import follow, make_tracker
 from spikingtac.config import load_config
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.follow import follow
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.sim import SceneSource, load_scene
+from spikingtac.touch import TouchDetector
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import event_touches
@@ -43,7 +41,7 @@ class _Watched:
     """A scene's events, with what is needed of its truth kept on the way."""
 
     def __init__(self, name: str, seed: int) -> None:
-        self.source = SceneSource(catalog.load(name), seed)
+        self.source = SceneSource(load_scene(name), seed)
         self.size = self.source.size
         self.contact: list[tuple[int, bool]] = []
         self.counts: list[NDArray[np.int64]] = []

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.touch.elastic.surface_response import SkinConfig
-from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
-from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
-from spikingtac.touch.force.fit import fit_force
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.sim import SceneSource, load_scene
+from spikingtac.touch import (
+    CreepConfig,
+    CreepMemory,
+    SkinConfig,
+    WrenchSeries,
+    fit_force,
+    synthetic_series,
+)
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import MeanDisplacement
 from spikingtac_paper.touch.tracked_wrench import N_MM_PER_NM, tracked_series
@@ -68,7 +70,7 @@ def wrench_records(methods: list[str], seed: int, quick: bool) -> list[dict[str,
 
 def gel_series(name: str, seed: int) -> WrenchSeries:
     """Return a scene's markers, as a tracker would see them without creep, and its wrench."""
-    scene = catalog.load(name)
+    scene = load_scene(name)
     source = SceneSource(scene, seed)
     spectrum = scene.gel.spectrum
     memory = CreepMemory(CreepConfig(fractions=spectrum.fractions, times_s=spectrum.times_s))
@@ -104,7 +106,7 @@ def _estimator(
 
 
 def _drawn(reference: Field) -> list[WrenchSeries]:
-    scene = catalog.load(TESTED[0])
+    scene = load_scene(TESTED[0])
     skin = SkinConfig(
         shear_modulus_kpa=scene.gel.shear_modulus_kpa,
         thickness_mm=scene.gel.thickness_mm,
@@ -114,7 +116,7 @@ def _drawn(reference: Field) -> list[WrenchSeries]:
 
 
 def _px_per_mm(reference: Field) -> float:
-    rest_mm = catalog.load(TESTED[0]).skin.rest_mm()
+    rest_mm = load_scene(TESTED[0]).skin.rest_mm()
     return float(np.ptp(reference, axis=0).mean() / np.ptp(rest_mm, axis=0).mean())
 
 

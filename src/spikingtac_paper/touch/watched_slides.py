@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac import follow, make_tracker
 from spikingtac.config import load_config
-from spikingtac.markers.registry import make_tracker
-from spikingtac.pipeline.follow import follow
-from spikingtac.sim.scene.source import SceneSource
-from spikingtac.sim.scene.timeline import Timeline
-from spikingtac.touch.touches.detector import TouchDetector
+from spikingtac.sim import SceneSource, Timeline
+from spikingtac.touch import TouchDetector
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.touch.slides import Slide
 from spikingtac_paper.touch.true_calibration import true_calibration

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.blocks import LEVELS
-from spikingtac.denoise.infer import ANSWER, BLOCKS, FORMAT, LOGIT_STEP, LOGIT_ZERO
+from spikingtac.denoise import ANSWER, BLOCKS, FORMAT, LEVELS, LOGIT_STEP, LOGIT_ZERO
 from spikingtac_paper.training.onnx_graph import IR_VERSION, OPSET, Weights, middle_layers
 
 DOMAIN = "com.microsoft"

@@ -16,13 +16,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from spikingtac.denoise.classical import Median3
+from spikingtac.denoise import Median3
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.events.open import open_events
-from spikingtac.state_map.binary import BinaryStateMap
-from spikingtac.state_map.graded import GradedStateMap
-from spikingtac.state_map.state_map import StateMap
+from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, open_events
+from spikingtac.state_map import BinaryStateMap, GradedStateMap, StateMap
 from spikingtac.types import EventPacket
 
 US_PER_S = 1e6

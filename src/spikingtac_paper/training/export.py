@@ -15,9 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.blocks import SMOOTH_REACH
-from spikingtac.denoise.fold import evidence_kernel, fold_kernel, folded_shape
-from spikingtac.denoise.infer import EVIDENCE, FORMAT, INPUT, MANIFEST
+from spikingtac.denoise import (
+    EVIDENCE,
+    FORMAT,
+    INPUT,
+    MANIFEST,
+    SMOOTH_REACH,
+    evidence_kernel,
+    fold_kernel,
+    folded_shape,
+)
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac_paper.training.block_graph import build_block_model
 from spikingtac_paper.training.onnx_graph import build_model, lean_layers

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.denoise.infer import EVIDENCE, FORMAT, INPUT, OUTPUT
+from spikingtac.denoise import EVIDENCE, FORMAT, INPUT, OUTPUT
 from spikingtac.errors import ConfigError
 
 OPSET = 17

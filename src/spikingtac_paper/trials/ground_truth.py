@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
-from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events import load_arrays
 
 REST_US = 1_000_000
 """Where the truth names no contacts, the last second counts as after the release, us."""

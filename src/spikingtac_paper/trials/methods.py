@@ -8,14 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac import plugins
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration, MarkerTracker, make_tracker, plugins
 from spikingtac.config import Config, digest, load_config
-from spikingtac.denoise.registry import make_denoiser
-from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig, ReZero, ReZeroConfig
-from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw, PaperLawConfig
-from spikingtac.markers.registry import TRACKERS, make_tracker, trackers
-from spikingtac.markers.tracker import MarkerTracker
+from spikingtac.denoise import make_denoiser
+from spikingtac.markers import (
+    TRACKERS,
+    AnchoredLaw,
+    AnchoredLawConfig,
+    NoLaw,
+    OutputLaw,
+    PaperLaw,
+    PaperLawConfig,
+    ReZero,
+    ReZeroConfig,
+    trackers,
+)
 from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
-from spikingtac.markers.anchored_law import AnchoredLaw, AnchoredLawConfig
-from spikingtac.markers.neighbours import smallest_spacing_px
+from spikingtac.markers import AnchoredLaw, AnchoredLawConfig, smallest_spacing_px
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction

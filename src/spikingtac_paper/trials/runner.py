@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac import Calibration, follow
 from spikingtac.config import digest
-from spikingtac.pipeline.follow import follow
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import Progress, Record, RunOptions, code_digest, kept
 from spikingtac_paper.trials.ground_truth import GroundTruth

@@ -11,17 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac import Calibration, calibrate
 from spikingtac.atomic_files import replacing
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import digest, load_config
-from spikingtac.events.filters import RandomDrop
-from spikingtac.events.manifest import MANIFEST, TRUTH
-from spikingtac.events.open import open_events
-from spikingtac.markers.calibration.calibrate import calibrate
+from spikingtac.events import MANIFEST, TRUTH, RandomDrop, open_events
 from spikingtac.schema import to_mapping
-from spikingtac.sim.scene import catalog
-from spikingtac.sim.scene.motions import IndenterMotion
-from spikingtac.sim.scene.scene import ContactConfig, Scene
+from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
@@ -69,7 +64,7 @@ class Trial:
     @property
     def damaged_markers(self) -> tuple[int, ...]:
         """Indices of the damaged markers; the seed draws them."""
-        rows, columns = catalog.load(self.scene).skin.grid if self.damaged else (0, 0)
+        rows, columns = load_scene(self.scene).skin.grid if self.damaged else (0, 0)
         drawn = np.random.default_rng([self.seed, self.damaged]).permutation(rows * columns)
         return tuple(int(marker) for marker in drawn[: self.damaged])
 
@@ -109,7 +104,7 @@ class Trial:
 
     def record(self, folder: Path) -> Path:
         """Return the folder of the recording; simulate it first if it does not exist."""
-        from spikingtac.sim.scene.render import simulate
+        from spikingtac.sim import simulate
 
         target = folder / "recordings" / self.recording_key()
         if not (target / MANIFEST).is_file():
@@ -138,7 +133,7 @@ class Trial:
         return events, GroundTruth.load(target / TRUTH)
 
     def _scene(self) -> Any:
-        scene = catalog.load(self.scene).with_camera(self.camera).with_serial(self.serial)
+        scene = load_scene(self.scene).with_camera(self.camera).with_serial(self.serial)
         if self.motion_s is not None:
             scene = shortened(scene, self.motion_s)
         if self.settings:

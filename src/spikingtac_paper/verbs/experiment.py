@@ -8,8 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from spikingtac.batch.worker_pool import worker_pool
-from spikingtac.cli.many import check_workers
+from spikingtac.batch import worker_pool
+from spikingtac.cli import check_workers
 from spikingtac.errors import ConfigError
 from spikingtac_paper.registry import EXPERIMENTS, choices_text, run_study, runner_of
 
@@ -55,7 +55,9 @@ def run(args: Args) -> int:
             raise ConfigError(
                 f"{args.name!r} is done one by one in this process; leave --scheduler out"
             )
-        with worker_pool(None, 0, args.scheduler):  # one that does not answer is refused first
+        with worker_pool.worker_pool(
+            None, 0, args.scheduler
+        ):  # one that does not answer is refused first
             pass
         # The workers have folders of their own in which they run.
         args = replace(args, output=args.output.absolute())

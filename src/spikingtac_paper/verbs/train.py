@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli import emit_json, progress, remark
 from spikingtac.errors import MissingExtraError
 
 RECORDINGS = "recordings"
@@ -69,14 +69,13 @@ def run(args: Args) -> int:
 
 def _recorder(folder: Path) -> Any:
     """Return a function that renders a scene into the run's folder, if it is not there yet."""
-    from spikingtac.events.manifest import MANIFEST
-    from spikingtac.sim.scene import catalog
-    from spikingtac.sim.scene.render import simulate
+    from spikingtac.events import MANIFEST
+    from spikingtac.sim import load_scene, simulate
 
     def record(name: str, seed: int) -> Path:
         target = folder / RECORDINGS / f"{name}-{seed}"
         if not (target / MANIFEST).is_file():
-            simulate(catalog.load(name), target, seed=seed, overwrite=True)
+            simulate(load_scene(name), target, seed=seed, overwrite=True)
         return target
 
     return record

@@ -1,0 +1,3 @@
+"""Public names of the room ``batch``."""
+
+from .run_folder import begin_run as begin_run

@@ -1,0 +1,15 @@
+"""Public names of the room ``events``."""
+
+from .create import create_events as create_events
+from .filters import BackgroundActivityConfig as BackgroundActivityConfig
+from .filters import BackgroundActivityFilter as BackgroundActivityFilter
+from .filters import RandomDrop as RandomDrop
+from .formats.array_file import load_arrays as load_arrays
+from .hot_pixels import HotPixelFilter as HotPixelFilter
+from .manifest import MANIFEST as MANIFEST
+from .manifest import TRUTH as TRUTH
+from .open import open_events as open_events
+from .recording import Recording as Recording
+from .recording import RecordingWriter as RecordingWriter
+from .source import EventSource as EventSource
+from .source import PacketSource as PacketSource

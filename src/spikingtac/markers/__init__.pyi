@@ -1,0 +1,21 @@
+"""Public names of the room ``markers``."""
+
+from .anchored_law import AnchoredLaw as AnchoredLaw
+from .anchored_law import AnchoredLawConfig as AnchoredLawConfig
+from .anchored_law import ReZero as ReZero
+from .anchored_law import ReZeroConfig as ReZeroConfig
+from .hysteresis import NoLaw as NoLaw
+from .hysteresis import OutputLaw as OutputLaw
+from .hysteresis import PaperLaw as PaperLaw
+from .hysteresis import PaperLawConfig as PaperLawConfig
+from .neighbours import smallest_spacing_px as smallest_spacing_px
+from .published.associate import UNMATCHED as UNMATCHED
+from .published.associate import associate as associate
+from .published.associate import associate_tree as associate_tree
+from .published.blob_tracker import BlobTracker as BlobTracker
+from .published.blob_tracker import BlobTrackerConfig as BlobTrackerConfig
+from .published.blob_tracker import painted_binary_map as painted_binary_map
+from .published.blobs import BlobConfig as BlobConfig
+from .published.blobs import BlobDetector as BlobDetector
+from .registry import TRACKERS as TRACKERS
+from .registry import trackers as trackers
