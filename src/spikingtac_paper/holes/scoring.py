@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac.geometry.hole import Circle
-from spikingtac.geometry.touch_fit import TouchFitConfig
-from spikingtac.geometry.travel import TravelModel
-from spikingtac.robot.adaptive_search import hole_around
-from spikingtac.robot.cross_search import calibrated_circle, published_circle
-from spikingtac.robot.prober import Touched
-from spikingtac.sim.rig.wall_calibration import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
+from spikingtac.geometry import Circle, TouchFitConfig, TravelModel
+from spikingtac.robot import Touched, calibrated_circle, hole_around, published_circle
+from spikingtac.sim import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
 from spikingtac.types import FloatArray
 from spikingtac_paper.harness.report import Row, interval
 from spikingtac_paper.holes.alignment import align
