@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.options import ReadArgs, WriteArgs
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ SHOWN = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class ManyArgs:
+class ManyArgs(WriteArgs, ReadArgs):
     """Options of verbs that take many recordings."""
 
     workers: int | None = None
@@ -27,10 +28,6 @@ class ManyArgs:
     """Many recordings: a Dask scheduler, tcp://127.0.0.1:8786 or tls://HOST:8786."""
     resume: bool = False
     """Many recordings: go on with the run in the folder."""
-    overwrite: bool = False
-    """Replace a file that is already there; of many recordings, the run in the folder."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:

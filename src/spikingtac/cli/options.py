@@ -8,12 +8,40 @@ import textwrap
 import types
 import typing
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from typing import Annotated, Any
 
 import tyro
 
 from spikingtac.errors import ConfigError, nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonArgs:
+    """The option of every verb."""
+
+    json: bool = False
+    """Print one JSON object on stdout."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WriteArgs(JsonArgs):
+    """Options of verbs that write."""
+
+    overwrite: bool = False
+    """Replace what is already there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadArgs(JsonArgs):
+    """Options of verbs that read events."""
+
+    sensor: int | None = None
+    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
+    strict: bool = False
+    """Refuse damage instead of repairing and counting it, and the calibration of another sensor
+    instead of a warning."""
+
 
 COMMON = ("--help",)
 """Options of every verb that its dataclass does not list."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.clocks.alignment import By, PoseClock
 
@@ -20,7 +21,7 @@ POSES = "poses.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Put two fingers, and a robot's poses, on one clock; say how well it is known.
 
     Two recordings go into a folder that every verb reads as two sensors: events.raw, events_1.raw,
@@ -41,10 +42,6 @@ class Args:
     poses_clock: PoseClock = "auto"
     """Clock of their times: unix (time of day), monotonic (of the host), sensor, or motion: not
     known, found by how the first three columns move."""
-    overwrite: bool = False
-    """Replace what is there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

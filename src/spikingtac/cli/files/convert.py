@@ -65,10 +65,6 @@ class Args(ManyArgs):
     """Keep or leave out the events of pixels that send all the time."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a .raw file; EVT3 unless given."""
-    sensor: int | None = None
-    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
-    strict: bool = False
-    """Refuse a damaged file instead of repairing it."""
 
 
 def run(args: Args) -> int:

@@ -9,10 +9,11 @@ from typing import Annotated, Literal
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, progress
+from spikingtac.cli.options import WriteArgs
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Write tracks as a data set: LeRobot (v3.0), or Zarr.
 
     A LeRobot data set has one episode for each recording, with the last values before each frame,
@@ -32,10 +33,6 @@ class Args:
     log: tuple[Path, ...] = ()
     """LeRobot: a robot's log for each recording: .npz with t_us on the clock of the tracks, and
     state (n, k), action (n, k) or both."""
-    overwrite: bool = False
-    """Replace a data set that is there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

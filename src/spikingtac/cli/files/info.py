@@ -11,6 +11,7 @@ import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.options import ReadArgs
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
@@ -28,20 +29,14 @@ SHARES = ("_fraction", "_share")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(ReadArgs):
     """Print the content of an event file, of a recording folder, or of any file of this package."""
 
     file: tyro.conf.Positional[Path]
     """Event file, recording folder, or a camera: its address, a named pipe, or -. Also tracks.npz,
     truth.npz, calibration.json, a force model, report.json, or arrays of displacements."""
-    sensor: int | None = None
-    """Sensor to read of a folder (1 reads events_1.raw), or of a file with several cameras."""
     encoding: Annotated[str | None, tyro.conf.arg(metavar="evt2|evt21|evt3")] = None
     """Encoding of a RAW file; it overrides the header."""
-    strict: bool = False
-    """Refuse a damaged file instead of counting the anomalies."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
 
 def run(args: Args) -> int:

@@ -14,6 +14,7 @@ import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ MB = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Record a camera into a folder until Ctrl-C; what was received stays, whatever happens.
 
     Every event is on disk or counted as lost. The folder can be read like any recording, also
@@ -45,10 +46,6 @@ class Args:
     copy: Annotated[Path | None, tyro.conf.arg(metavar="PIPE")] = None
     """Named pipe for a live copy (of the first camera), to watch meanwhile: spikingtac view PIPE. A
     reader that stalls delays nothing; what it does not take is counted."""
-    overwrite: bool = False
-    """Replace a recording that is there."""
-    json: bool = False
-    """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac.cli.options import WriteArgs
 from spikingtac.contact.registry import detectors
 
 SEARCHES = ("default", "cross4")
@@ -15,7 +16,7 @@ SEARCHES = ("default", "cross4")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProbeArgs:
+class ProbeArgs(WriteArgs):
     """Find centre and radius of one hole by touch; on the twin unless an arm is given.
 
     The probe must stand in the hole. This is not a safety function: it does not replace the robot's
@@ -25,8 +26,6 @@ class ProbeArgs:
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FOLDER|FILE")] = None
     """Folder for hole.json and hole.png; or a .json, .png, .svg or .pdf file, the other one is
     written beside it. Nothing is written unless given."""
-    overwrite: bool = False
-    """Replace files that are already there."""
     arm: str | None = None
     """Address of a UR arm in remote control; the twin is used unless given."""
     events: Path | None = None
@@ -65,5 +64,3 @@ class ProbeArgs:
     """Largest force of the tip, N, even if no wall is detected; it limits the travel."""
     detector: Annotated[str, tyro.conf.arg(metavar="|".join(detectors()))] = "default"
     """Contact detector: default (signed, sequential) or event_count (as published)."""
-    json: bool = False
-    """Print one JSON object on stdout."""

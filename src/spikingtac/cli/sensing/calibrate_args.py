@@ -56,11 +56,7 @@ class Args(ManyArgs):
     may be missing unless given."""
     plot: Path | None = None
     """Picture to write: the markers as circles, good and doubtful ones in different colours."""
-    sensor: int | None = None
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
     guide: bool = False
     """Say every two seconds which markers still have to move, as is always done for a camera."""
     until_ready: bool = False
     """End a camera by itself once every marker has moved enough and the skin rests."""
-    strict: bool = False
-    """Refuse a damaged recording instead of mending it."""

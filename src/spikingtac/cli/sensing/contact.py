@@ -13,6 +13,7 @@ import tyro
 from spikingtac.cli.deadlines import ask_for_real_time, require_live
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
+from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ CALIBRATION_NAMES = "calibration.json", "calibration_1.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(JsonArgs):
     """Find the contacts in a recording: not a safety function, see the how-to.
 
     The thresholds are learned from the beginning of the recording, which must be free of contact,
@@ -61,8 +62,6 @@ class Args:
     realtime: bool = False
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

@@ -35,14 +35,10 @@ class WatchArgs(ManyArgs):
     """Tracker: default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
-    sensor: int | None = None
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
     vibration: bool = False
     """Report the strongest line of vibration in every second, measured from the events."""
     camera_distance_mm: float | None = None
     """From the lens's centre of projection to the skin at rest, mm; needed for the indentation."""
-    strict: bool = False
-    """Refuse a damaged recording instead of repairing it."""
 
 
 @dataclass(frozen=True, slots=True)

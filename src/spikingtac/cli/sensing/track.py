@@ -53,13 +53,8 @@ class Args(ManyArgs):
     """White markers on dark ground, or dark on light; the calibration's unless given."""
     hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
-    sensor: int | None = None
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
     force: Path | None = None
     """force.json: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
-    strict: bool = False
-    """Refuse a damaged recording instead of mending it, and the calibration of another sensor
-    instead of a warning."""
     realtime: bool = False
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core."""

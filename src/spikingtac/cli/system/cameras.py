@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.options import JsonArgs
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(JsonArgs):
     """List the cameras that are plugged in, and the ways to reach one; nothing is opened.
 
     An address is accepted wherever a recording is: view, track, calibrate, contact, touch, probe,
     convert, info, and record.
     """
-
-    json: bool = False
-    """Print one JSON object instead of tables."""
 
 
 def run(args: Args) -> int:

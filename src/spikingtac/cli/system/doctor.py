@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table
+from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.system.camera_checks import delivery
 from spikingtac.cli.system.machine import inspect_machine
 from spikingtac.errors import ConfigError
@@ -16,7 +17,7 @@ EXIT_MACHINE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(JsonArgs):
     """Check this machine: Python, kernel cache, extras, CPU governor, USB, cameras, clock, ports.
 
     With the address of a camera, also measure how it delivers.
@@ -26,8 +27,6 @@ class Args:
     """Address of a camera to listen to, as openmv:/dev/ttyACM0."""
     seconds: float = 3.0
     """How long to listen to it, s."""
-    json: bool = False
-    """Print one JSON object instead of a table."""
 
 
 def run(args: Args) -> int:

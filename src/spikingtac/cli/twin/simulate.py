@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
 from spikingtac.sim.camera.config import CAMERA_NAMES
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Render a scene of the digital twin into a recording folder with ground truth.
 
     The scene is one of --list, or a TOML file of your own.
@@ -39,12 +40,8 @@ class Args:
     given."""
     design: Annotated[str | None, tyro.conf.arg(metavar="DESIGN")] = None
     """Put the scene on the sensor of a design: a name (see design --list), or a TOML file."""
-    overwrite: bool = False
-    """Replace an existing recording."""
     list: bool = False
     """Print the scenes, one per line: name, two spaces, description."""
-    json: bool = False
-    """Print one JSON object."""
 
 
 def run(args: Args) -> int:

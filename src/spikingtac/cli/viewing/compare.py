@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.file_kinds import TOLD, kind_of
 from spikingtac.plots.theme import ThemeName, WidthName
@@ -17,7 +18,7 @@ from spikingtac.tracks.comparison import Comparison, compare_tracks, compare_wit
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Compare two tracks of a recording, or tracks with the truth of a simulated one."""
 
     one: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS")]
@@ -32,10 +33,6 @@ class Args:
     """Colours of the figure: light for paper, dark for screens."""
     width: WidthName = "single"
     """Width of the figure: one column of a paper, or two."""
-    overwrite: bool = False
-    """Replace files that are already there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

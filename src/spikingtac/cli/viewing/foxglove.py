@@ -6,13 +6,15 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from spikingtac.cli.messages import remark, warn
-from spikingtac.cli.viewing.publishing import publish_until, tell, wait_for_reader
+from spikingtac.cli.messages import remark
+from spikingtac.cli.viewing.publishing import (
+    PublishArgs,
+    feed_of,
+    publish_until,
+    tell,
+    wait_for_reader,
+)
 
 FIELD = "/tactile/field"
 FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
@@ -20,56 +22,30 @@ FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(PublishArgs):
     """Serve displacement field, arrows, wrench, contact, events, diagnostics to Foxglove.
 
     Cameras are shown as they send, recordings and tracks at the speed of their recording. The
     server listens on this machine alone unless --host says otherwise.
     """
 
-    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
-    """A camera's address, event file or recording folder, with --calibration; or tracks.npz."""
-    calibration: Path | None = None
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
-    preset: str = "default"
-    """Tracker: default, fast or paper, or a TOML file."""
-    rate_hz: float | None = None
-    """Frames per second; the preset's unless given."""
     field_hz: float = 100.0
     """Fields and wrenches that are shown per second, at most every frame."""
-    force: Path | None = None
-    """force.json: show the wrench, too; make one with: spikingtac force fit."""
     host: str = "127.0.0.1"
     """Address to serve on. Beyond this machine a random token is needed, which is printed."""
     port: int = 8766
     """Port, or 0 for any free one."""
     allow_origin: tuple[str, ...] = FOXGLOVE_ORIGINS
     """Web pages that may connect, by their Origin; those of the Foxglove app unless given."""
-    without_events: bool = False
-    """Do not serve the events."""
-    wait_s: float = 0.0
-    """Longest wait for a first subscriber of the field before the first frame, s."""
-    seconds: float | None = None
-    """Duration, s; without end unless given."""
-    sensor: int = 0
-    """In a folder, the sensor to read: 1 reads events_1.raw."""
-    strict: bool = False
-    """Refuse a damaged recording instead of repairing it, and the calibration of another sensor
-    instead of a warning."""
-    json: bool = False
-    """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
     """Serve until the source ends, or until Ctrl-C."""
-    from spikingtac.ros2.feed import FeedConfig, open_feed
     from spikingtac.ros2.foxglove import FoxglovePublisher
     from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
     from spikingtac.viewer.web.access import Gate
 
-    names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
-    given = {name: getattr(args, name) for name in names}
-    feed = open_feed(FeedConfig(**given, tell=warn))
+    feed = feed_of(args)
     shown = StreamConfig(
         hardware=args.source.name,
         events=feed.source is not None and not args.without_events,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.file_kinds import kind_of
 from spikingtac.plots.events import EventKind
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Draw tracks, or the events of any recording; a recording needs no calibration.
 
     Lengths are in mm where the calibration knew the pitch (calibrate --pitch-mm), otherwise in px.
@@ -50,10 +51,6 @@ class Args:
     """Colours: light for paper, dark for screens."""
     width: WidthName = "single"
     """Width of one column of a paper (3.5 inches) or of two (7.16 inches)."""
-    overwrite: bool = False
-    """Replace a file that is already there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, remark
+from spikingtac.cli.messages import emit_json, remark, warn
+from spikingtac.cli.options import ReadArgs
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed, Pace
@@ -17,6 +22,36 @@ LOOK_S = 0.01
 """Time between two looks for a reader, s."""
 ENDING_S = 0.1
 """Time for the last messages to leave before the topics end, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishArgs(ReadArgs):
+    """Options of verbs that publish a sensor."""
+
+    source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
+    """A camera's address, event file or recording folder, with --calibration; or tracks.npz."""
+    calibration: Path | None = None
+    """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    preset: str = "default"
+    """Tracker: default, fast or paper, or a TOML file."""
+    rate_hz: float | None = None
+    """Frames per second; the preset's unless given."""
+    force: Path | None = None
+    """Force model: publish the wrench, too; make one with: spikingtac force fit."""
+    without_events: bool = False
+    """Do not publish the events."""
+    wait_s: float = 0.0
+    """Longest wait for a first reader of the field before the first frame, s."""
+    seconds: float | None = None
+    """Duration, s; without end unless given."""
+
+
+def feed_of(args: PublishArgs) -> Feed:
+    """Return the frames that are published."""
+    from spikingtac.ros2.feed import FeedConfig, open_feed
+
+    names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
+    return open_feed(FeedConfig(**{name: getattr(args, name) for name in names}, tell=warn))
 
 
 def publish_until(
