@@ -44,9 +44,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     ("words", "told"),
     [
         (("track", "tracks.npz", "--calibration", "finger.json"), "it holds tracks"),
-        (("info", "truth.npz"), "spikingtac compare reads"),
         (("view", "finger.json"), "it is a calibration"),
-        (("plot", "circling"), "it is a recording, which spikingtac info, view and track read"),
         (("plot", "truth.npz"), "holds no tracks: it holds the truth"),
         (("track", "circling", "--calibration", "tracks.npz"), "no calibration: it holds tracks"),
         (("track", "circling", "--calibration", "circling/events.raw"), "make one with"),

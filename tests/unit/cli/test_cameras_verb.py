@@ -12,7 +12,7 @@ import pytest
 
 from spikingtac.cameras import found
 from spikingtac.cli.main import main
-from spikingtac.cli.system import camera_checks
+from spikingtac.cli.system import machine
 from spikingtac.events.cameras.kinds import KINDS
 from stand_ins.camera_counterparts import with_module
 
@@ -86,9 +86,9 @@ def test_doctor_names_a_small_socket_buffer_and_a_slow_clock(
 ) -> None:
     (tmp_path / "rmem").write_text("212992\n")
     (tmp_path / "clock").write_text("hpet\n")
-    monkeypatch.setattr(camera_checks, "_SOCKET_LIMIT", tmp_path / "rmem")
-    monkeypatch.setattr(camera_checks, "_CLOCK", tmp_path / "clock")
-    notes = {item.name: item for item in camera_checks.camera_checks() if item.status == "note"}
+    monkeypatch.setattr(machine, "_SOCKET_LIMIT", tmp_path / "rmem")
+    monkeypatch.setattr(machine, "_CLOCK", tmp_path / "clock")
+    notes = {item.name: item for item in machine.inspect_machine() if item.status == "note"}
     assert "net.core.rmem_max=8388608" in notes["socket buffer"].remedy
     assert "hpet" in notes["clock"].found
 

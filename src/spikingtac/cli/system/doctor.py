@@ -9,8 +9,7 @@ import tyro
 
 from spikingtac.cli.messages import emit_json, emit_table
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.system.camera_checks import delivery
-from spikingtac.cli.system.machine import inspect_machine
+from spikingtac.cli.system.machine import delivery, inspect_machine
 from spikingtac.errors import ConfigError
 
 EXIT_MACHINE = 3
