@@ -31,10 +31,6 @@ def test_help_lists_every_verb() -> None:
     assert all(f"\n  {verb} " in done.stdout for verb in verbs())
 
 
-def test_no_verb_is_a_wrong_argument() -> None:
-    assert spikingtac().returncode == 2
-
-
 def test_python_m_is_the_same_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "spikingtac", "--version"], capture_output=True, text=True
@@ -48,12 +44,6 @@ def test_a_mistyped_verb_gets_a_suggestion() -> None:
     assert done.returncode == 2
     assert "did you mean 'calibrate'" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_a_mistyped_flag_gets_a_suggestion() -> None:
-    done = spikingtac("doctor", "--jsn")
-    assert done.returncode == 2
-    assert "--json" in done.stderr
 
 
 def test_no_color_is_respected() -> None:

@@ -186,16 +186,6 @@ def test_mistakes_are_told(
     assert not (tmp_path / "set").exists()
 
 
-def test_a_log_of_another_time_is_refused(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (day / "1.npz").unlink()
-    np.savez(tmp_path / "log.npz", t_us=np.array([10**9]), state=np.zeros((1, 2)))
-    given = ["--log", str(tmp_path / "log.npz")]
-    assert main(export(day, "lerobot", tmp_path / "set", *given)) == 2
-    assert "same clock" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("form", "module"), [("lerobot", "pyarrow"), ("zarr", "zarr")])
 def test_the_extra_is_named_where_it_is_missing(
     day: Path,

@@ -1,7 +1,6 @@
 """Bad starts and faults through ``spikingtac probe``: exit code, message, arm, force, no output."""
 
 import json
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,13 +9,10 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.cli.robot import probe_arm, probe_twin
+from spikingtac.cli.robot import probe_arm
 from spikingtac.cli.robot.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.registry import DetectionConfig, make_detector
-from spikingtac.geometry.hole import Compensation
-from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite
 from spikingtac.sim.rig.walls import HoleWall, Wall
@@ -70,51 +66,6 @@ def failed(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
     assert told["exit_code"] == code
     assert list((folder / "out").iterdir()) == []
     return code, told["kind"], told["error"]
-
-
-@pytest.fixture
-def twin(monkeypatch: pytest.MonkeyPatch) -> Watched:
-    """The verb's twin, watched; a short calibration stands in for the flat walls."""
-    watched = Watched()
-
-    def calibrated(args: Args, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
-        quiet = [next(watched.windows()) for _ in range(QUIET)]
-        detector = make_detector("event_count", DetectionConfig(), [], quiet)
-        return detector, TravelModel.of(Compensation(travel_mm=0.12))
-
-    monkeypatch.setattr("spikingtac.cli.robot.probe_twin.HoleSite", lambda *given: watched.site)
-    monkeypatch.setattr(watched.site, "windows", watched.windows)
-    monkeypatch.setattr(probe_twin, "calibrate", calibrated)
-    return watched
-
-
-@pytest.mark.parametrize(
-    ("search", "arguments", "message"),
-    [
-        ("default", ["--start-mm", "2.0", "0"], r"no wall within 1\.25 mm of \(2\.00, 0\.00\)"),
-        ("cross4", ["--start-mm", "0.75", "0"], "on the rim|make no circle|no wall"),
-        (
-            "default",
-            ["--start-mm", "0", "0", "--travel-limit-mm", "0.3"],
-            r"no wall within 0\.3 mm.*raise travel_limit_mm",
-        ),
-    ],
-    ids=["outside", "on the rim", "beyond the travel limit"],
-)
-def test_a_bad_start(
-    search: str,
-    arguments: list[str],
-    message: str,
-    twin: Watched,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-) -> None:
-    """Both searches meet the same bad starts in test_hole_faults; here they come by flags."""
-    given = ["--radius-mm", "1.0", "--search", search, *arguments]
-    code, kind, error = failed(given, capsys, tmp_path)
-    assert (code, kind) == (1, "SearchError")
-    assert re.search(message, error), error
-    twin.require_rest()
 
 
 Fault = Callable[[Iterator[Window], HoleSite], Iterator[Window]]

@@ -259,11 +259,3 @@ def test_an_export_of_nothing_or_with_a_picture_is_refused(
     assert done.returncode == 2
     assert wrong[0] in done.stderr
     assert not (tmp_path / "x.gif").exists()
-
-
-def test_an_unknown_export_is_refused_at_once(
-    recording: Path, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    done = called("view", str(recording), "--export", str(tmp_path / "x.mp5"))
-    assert done.returncode == 2
-    assert ".mcap, .rrd, .mp4, .gif" in done.stderr

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -76,14 +74,6 @@ def test_a_folder_of_recordings_names_them(made: Path, capsys: pytest.CaptureFix
     assert f"it holds {made / 'circling'}" in text
     (made / "bare").mkdir()
     assert "it holds" not in said(capsys, "info", made / "bare")[1]
-
-
-def test_a_picture_is_not_taken_for_a_mistyped_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name, meant in (("figure.pdf", False), ("events.hdf", True)):
-        (tmp_path / name).write_bytes(b"%PDF-1.4 and more of it")
-        assert ("did you mean" in said(capsys, "info", tmp_path / name)[1]) == meant
 
 
 def test_info_tells_a_calibration(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -189,21 +179,6 @@ def test_kernels_are_kept_somewhere_where_nothing_else_can_be_written(
     assert Path(os.environ["NUMBA_CACHE_DIR"]) != chosen
 
 
-@pytest.mark.parametrize("error", [PermissionError(errno.EACCES, "home"), RuntimeError("none")])
-def test_a_home_that_may_not_be_looked_into_is_none(
-    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.setattr(kernel_cache, "_may_hold", refused)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    kernel_cache.provide_kernel_cache()
-    assert Path(os.environ["NUMBA_CACHE_DIR"]).parent == tmp_path
-
-
 def test_a_chosen_cache_or_one_that_can_be_written_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,12 +188,3 @@ def test_a_chosen_cache_or_one_that_can_be_written_is_left_alone(
     monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
     kernel_cache.provide_kernel_cache(tmp_path / "nowhere")
     assert os.environ["NUMBA_CACHE_DIR"] == "mine"
-
-
-def test_the_demo_refuses_its_options_before_it_says_that_it_begins() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "spikingtac", "demo", "--seconds", "-3"],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr.startswith("spikingtac: error: --seconds is -3")

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.deadlines import ask_for_real_time, require_live
+from spikingtac.cli.deadlines import require_live
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events.create import create_events
-from spikingtac.stream.real_time import Granted
 from spikingtac.types import EventPacket
 
 SIZE = (40, 30)
@@ -55,15 +54,6 @@ def test_cameras_have_deadlines(recording: Path) -> None:
 def test_the_page_takes_one_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", "udp:7777", "--second", "udp:7778", "--realtime"]) == 2
     assert "--realtime takes one camera" in capsys.readouterr().err
-
-
-def test_what_was_granted_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    granted = Granted(memory=True, priority=False, core=1)
-    monkeypatch.setattr("spikingtac.stream.real_time.meet_deadlines", lambda: granted)
-    ask_for_real_time()
-    assert granted.text() in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("asked", [True, False])

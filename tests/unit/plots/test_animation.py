@@ -35,11 +35,6 @@ def test_a_picture_for_every_fiftieth_of_a_second(theme: str, bright: bool, tmp_
     assert changed[:, : shown.shape[2] // 20].mean() == 0.0  # no label of an axis moves
 
 
-def test_the_stretch_is_around_the_largest_displacement_unless_given(tmp_path: Path) -> None:
-    tracks = circling_tracks(estimates=400)
-    assert save_animation(tracks, tmp_path / "field.gif") == 1 + 399 // FRAME_MS
-
-
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     tracks = circling_tracks(estimates=400)
     with pytest.raises(ConfigError, match=r"from 0\.3 to 0\.2 s: the tracks go from 0 to 0\.399 s"):
