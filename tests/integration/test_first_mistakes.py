@@ -109,7 +109,7 @@ def test_the_help_of_experiment_names_all_of_them(capsys: pytest.CaptureFixture[
 def test_an_address_that_is_none_is_refused_at_once(
     options: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, text = said(capsys, "view", "finger-torsion", "--headless", *options)
+    code, text = said(capsys, "view", "finger-torsion", "--no-browser", *options)
     assert code == 2
     assert options[0] in text
     assert named in text
