@@ -124,11 +124,15 @@ def _track_source(
     output: Path,
     advance: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
+    from spikingtac.events.evt.raw_stream import is_stream
+    from spikingtac.markers.calibration.calibrate import completed
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.track import track_to_file
 
     tracking, calibration = _configured(args, calibration_path)
     force = _force_of(args)
+    if tracking.method != "blobs" and not is_stream(source.path):
+        calibration = completed(source, calibration)
     if args.strict:
         source = CheckedSource(source, calibration, refuse)
     with ending_on_interrupt(source):

@@ -113,12 +113,15 @@ class BufferedSource:
             )
 
 
-def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:
-    """Read a source once, to its end.
+def buffer_events(
+    source: EventSource, most_events: int, most_us: int | None = None
+) -> BufferedEvents:
+    """Read a source once, to its end or for so long.
 
     Args:
         source: A recording, or a sensor that ends.
         most_events: Bound of the memory used: 8 bytes for each event.
+        most_us: Time after which no more is read, us; None reads all.
 
     Raises:
         CalibrationError: The source holds no events, more than ``most_events``, or more than 71
@@ -139,6 +142,8 @@ def buffer_events(source: EventSource, most_events: int) -> BufferedEvents:
             )
         codes.append(_coded(packet))
         times.append((packet.t - start_us).astype(np.uint32))
+        if most_us is not None and end_us - start_us >= most_us:
+            break
     if not events:
         raise CalibrationError(
             "the recording holds no events, so no marker can be found; record the sensor while "

@@ -16,7 +16,7 @@ import numpy as np
 
 from spikingtac.calibration.lens import with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
+from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.assembled import assembled, cells, within_sight
 from spikingtac.markers.calibration.buffered_events import (
@@ -27,6 +27,7 @@ from spikingtac.markers.calibration.buffered_events import (
 from spikingtac.markers.calibration.disc_levels import REACH_EDGES, Discs
 from spikingtac.markers.calibration.first_course import choose_samples, first_course
 from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.quality import (
     judge,
     level_changes,
@@ -41,6 +42,7 @@ from spikingtac.markers.calibration.refine import Refined, choose_states, refine
 from spikingtac.markers.calibration.sighting import (
     FindingConfig,
     Look,
+    Sighting,
     look_at,
 )
 from spikingtac.markers.calibration.swings import LearnedSteps
@@ -64,6 +66,9 @@ THRESHOLD = 0.25
 """Contrast threshold of a camera at usual settings, log intensity. Only the product of steps and
 contrast can be learnt from events, so it sets the scale of ``contrast``; a wrong one shifts radii
 by some 0.1 px (ours)."""
+
+FIRST_US = 15_000_000
+"""Beginning of a recording from which a calibration by hand is completed, us: a few contacts."""
 
 MOST_EVENTS = 100_000_000
 """Bound of the memory: 8 bytes each."""
@@ -129,6 +134,49 @@ def calibrate(
     config = config or CalibrationConfig()
     events, hot_px = without_hot_pixels(buffer_events(source, MOST_EVENTS))
     look = look_at(events, config.finding)
+    calibration = within_sight(_learned(look, config))
+    if config.pitch_mm is not None and len(calibration.radius_px) > 1:
+        calibration = calibration.with_pitch(config.pitch_mm)
+        if config.lens:
+            staggered = look.sighting.layout.staggered
+            calibration = with_lens(calibration, config.pitch_mm, staggered=staggered)
+    return _with_lag(replace(calibration, hot_px=hot_px), look, estimate_lag)
+
+
+def completed(source: EventSource, known: Calibration) -> Calibration:
+    """Return a calibration that was written by hand with what the sensor's events teach.
+
+    Steps, radii, edges, contrasts and lag are learned from the first seconds; places, grid and
+    polarity stay. One that holds steps, or of which the recording teaches nothing, stays as it is.
+
+    Args:
+        source: The recording; it is read from its beginning.
+        known: The calibration.
+    """
+    if known.step_on is not None or known.marker_step_on is not None:
+        return known
+    place_px = known.reference_px
+    layout = Layout(known.grid, np.arange(len(place_px)), place_px)
+    given = Sighting(layout, place_px, place_px[:0], float(np.median(known.radius_px)))
+    config = CalibrationConfig(polarity="dark" if known.polarity == "dark" else "white")
+    try:
+        events, hot_px = without_hot_pixels(buffer_events(source, MOST_EVENTS, FIRST_US))
+        look = look_at(events, config.finding, given)
+        learned = _with_lag(_learned(look, config), look, slide_lag_us)
+    except CalibrationError:
+        return known
+    return replace(
+        learned,
+        reference_px=place_px,
+        hot_px=hot_px if known.hot_px is None else known.hot_px,
+        px_per_mm=known.px_per_mm,
+        lens=known.lens,
+        hysteresis=known.hysteresis,
+        provenance=known.provenance,
+    )
+
+
+def _learned(look: Look, config: CalibrationConfig) -> Calibration:
     refined, learned = _explained(look)
     noise = look.noise(_reach_px(refined.discs))
     quality = judge(level_changes(look.events, refined), refined.events, noise)
@@ -137,18 +185,17 @@ def calibrate(
     if layout.shape is not None:
         missing = np.flatnonzero(~quality.measured)
         refuse_gaps(layout, look.events.size, missing, config.allow_missing)
-    calibration = replace(
-        assembled(look, (refined, learned), quality, config.method), hot_px=hot_px
-    )
+    calibration = assembled(look, (refined, learned), quality, config.method)
     calibration, own_rests = with_step_scale(look.events, refined, calibration)
     if config.method == "rest-mean" and own_rests:
         rests_us = look.rests_us[look.unloaded]
-        calibration = with_tracked_reference(look.events, calibration, rests_us)
-    calibration = within_sight(calibration)
-    if config.pitch_mm is not None and len(calibration.radius_px) > 1:
-        calibration = calibration.with_pitch(config.pitch_mm)
-        if config.lens:
-            calibration = with_lens(calibration, config.pitch_mm, staggered=layout.staggered)
+        return with_tracked_reference(look.events, calibration, rests_us)
+    return calibration
+
+
+def _with_lag(
+    calibration: Calibration, look: Look, estimate_lag: LagEstimator | None
+) -> Calibration:
     seen = look.events if look.polarity == "white" else look.events.inverted()
     lag_us = estimate_lag(BufferedSource(seen), calibration) if estimate_lag else None
     return calibration if lag_us is None else replace(calibration, lag_us=lag_us)

@@ -129,32 +129,34 @@ class Look:
         return counts * share * self.events.duration_us / max(silence_us, 1.0)
 
 
-def look_at(events: BufferedEvents, config: FindingConfig) -> Look:
+def look_at(events: BufferedEvents, config: FindingConfig, known: Sighting | None = None) -> Look:
     """Find out polarity, rests and grid of a recording.
 
     Args:
         events: The recording.
         config: What is known beforehand.
+        known: Where the markers are, where they need not be found.
 
     Raises:
-        CalibrationError: There is no grid of markers.
+        CalibrationError: There are no markers.
     """
     rests_us = find_rests(events)
     try:
-        return _look(events, events, rests_us, config)
+        return _look((events, events), rests_us, config, known)
     except CalibrationError:
         if _noise_events(events, rests_us) < HAZE_EVENTS:
             raise
-    return _look(events, with_support(events), rests_us, config)
+    return _look((events, with_support(events)), rests_us, config, known)
 
 
 def _look(
-    events: BufferedEvents,
-    shown: BufferedEvents,
+    read: tuple[BufferedEvents, BufferedEvents],
     rests_us: NDArray[np.int64],
     config: FindingConfig,
+    known: Sighting | None,
 ) -> Look:
-    """Look at some of the events, ``shown``; see :func:`look_at`."""
+    """Look at some of the events, the second ones of ``read``; see :func:`look_at`."""
+    events, shown = read
     steps = mean_steps(shown, moving_events(shown, rests_us))
     looks_us = rests_us
     if not len(rests_us):
@@ -174,7 +176,7 @@ def _look(
     length_us = np.diff(looks_us, axis=1)[:, 0]
     unloaded = unloaded_rests(maps, length_us)
     level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded])
-    sighting = sight_markers(level.astype(np.float32), events.size, config)
+    sighting = known or sight_markers(level.astype(np.float32), events.size, config)
     return Look(seen, polarity, mean, looks_us, unloaded, maps, sighting)
 
 
