@@ -63,6 +63,16 @@ def test_a_flipped_bit_in_an_mcap_costs_one_chunk(tmp_path: Path, kind: str) -> 
     assert dict(source.losses) == {"bad_record": 1, "gap": 1}
 
 
+def test_a_cut_mcap_gives_what_comes_before_the_cut(tmp_path: Path) -> None:
+    data = mcap_file(chunked(), "zstd")
+    (tmp_path / "a.mcap").write_bytes(data[: len(data) // 2])
+    source = open_events(tmp_path / "a.mcap")
+    found = rows(source)
+    assert found == expected()[: len(found)]
+    assert 10 < len(found) < len(expected())
+    assert source.losses["truncated"] == 1
+
+
 def test_a_wrong_length_in_an_mcap_is_overcome(tmp_path: Path) -> None:
     data = bytearray(mcap_file(chunked(), "zstd"))
     place = bytes(data).index(mcap_chunk(chunked()[4], "zstd", first=4 * PER_CHUNK))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 from pathlib import Path
 
@@ -11,38 +10,10 @@ import pytest
 
 from spikingtac.errors import FormatError
 from spikingtac.events import open_events
-from spikingtac.events.formats.file_source import FileSource
 from spikingtac.types import EventPacket
+from stand_ins.bags import cdr, rows, write_db3
 
 ROWS = [(10, 1, 2, 1), (20, 3, 4, 0), (20, 319, 100, 1)]
-
-
-def rows(source: FileSource) -> list[tuple[int, int, int, int]]:
-    return [
-        (t, x, y, int(p))
-        for packet in source
-        for t, x, y, p in zip(
-            packet.t.tolist(), packet.x.tolist(), packet.y.tolist(), packet.p.tolist(), strict=True
-        )
-    ]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "t,x,y,p\n10,1,2,1\n20,3,4,0\n20,319,100,1",
-        "# a remark\n# size 320 320\ntimestamp;x;y;polarity\n10;1;2;1\n20;3;4;-1\n20;319;100;1\n",
-        "x\ty\tpolarity\tt\n1\t2\t1\t10\n3\t4\t0\t20\n319\t100\t1\t20\n",
-        "0.00001 1 2 1\n0.00002 3 4 0\n0.00002 319 100 1\n",
-        "x,y,p,t\n1,2,True,10\n3,4,False,20\n319,100,True,20\n",
-        "\r\nt, x, y, p\r\n10, 1, 2, 1\r\n20, 3, 4, 0\r\n20, 319, 100, 1\r\n",
-    ],
-)
-def test_tables(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a.csv").write_text(text, encoding="utf-8", newline="")
-    source = open_events(tmp_path / "a.csv")
-    assert (rows(source), source.size) == (ROWS, (320, 320))
-    assert dict(source.losses) == {}
 
 
 def test_a_table_with_bad_lines(tmp_path: Path) -> None:
@@ -53,25 +24,6 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
     assert dict(source.losses) == {"bad_record": 3, "out_of_range": 1}
 
 
-def test_a_table_without_a_column_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("t,x,p\n1,2,1\n")
-    with pytest.raises(FormatError, match="lacks y"):
-        open_events(tmp_path / "a.csv")
-
-
-def test_archives_with_foreign_types(tmp_path: Path) -> None:
-    t, x, y, p = (np.array(column) for column in zip(*ROWS, strict=True))
-    np.savez_compressed(tmp_path / "a.npz", t=t.astype("u8"), x=x.astype("i2"), y=y, p=p * 2 - 1)
-    source = open_events(tmp_path / "a.npz")
-    assert (rows(source), source.size) == (ROWS, (320, 320))
-    np.savez(tmp_path / "b.npz", t=t, x=x)
-    with pytest.raises(FormatError, match="no columns of time"):
-        rows(open_events(tmp_path / "b.npz", size=(320, 320)))
-    np.savez(tmp_path / "c.npz", t=np.array([{}], object), x=x, y=y, p=p)
-    with pytest.raises(FormatError, match="Python objects"):
-        rows(open_events(tmp_path / "c.npz", size=(320, 320)))
-
-
 def test_times_in_archives_stay_monotonic(tmp_path: Path) -> None:
     t = np.array([0, 10, 5, 20, 9_000_000, 30, 40, 1_000_000, 1_000_010, 3, 4])
     zeros = np.zeros(len(t), np.uint16)
@@ -80,40 +32,6 @@ def test_times_in_archives_stay_monotonic(tmp_path: Path) -> None:
     found = [row[0] for row in rows(source)]
     assert found == [0, 10, 10, 20, 20, 30, 40, 1_000_000, 1_000_010, 1_000_010, 1_000_011]
     assert dict(source.losses) == {"time_backwards": 1, "time_glitch": 1, "time_reset": 1}
-
-
-@pytest.mark.parametrize("layout", ["metavision", "dsec", "plain", "seconds"])
-def test_hdf5_layouts(tmp_path: Path, layout: str) -> None:
-    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
-    columns = dict(zip("txyp", np.array(ROWS).T, strict=True))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        if layout == "metavision":
-            table = np.zeros(3, [("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
-            for name, column in columns.items():
-                table[name] = column
-            file["CD/events"] = table
-            file.attrs["geometry"] = "640x480"
-        elif layout == "dsec":
-            for name, column in columns.items():
-                file[f"events/{name}"] = column - 10 * (name == "t")
-            file["t_offset"] = 10
-        elif layout == "plain":
-            for name, column in columns.items():
-                file[name] = column
-        else:
-            for name, column in columns.items():
-                file[f"events/{name}s"] = column / 1e6 if name == "t" else column
-    source = open_events(tmp_path / "a.h5")
-    assert rows(source) == ROWS
-    assert source.size == ((640, 480) if layout == "metavision" else (320, 320))
-
-
-def test_hdf5_without_events(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["frames"] = np.zeros(3)
-    with pytest.raises(FormatError, match="holds no events"):
-        open_events(tmp_path / "a.h5")
 
 
 def test_hdf5_that_claims_too_much_does_not_hang(tmp_path: Path) -> None:
@@ -140,32 +58,6 @@ def test_dat_files(tmp_path: Path) -> None:
     assert [row[0] for row in rows(source)] == times
     assert [row[1:] for row in rows(source)] == [row[1:] for row in ROWS]
     assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1})
-
-
-PACKET = "event_camera_msgs/msg/EventPacket"
-
-
-def cdr(sequence: int, encoding: bytes, events: bytes, base_ns: int = 0) -> bytes:
-    """Return an event_camera_msgs/EventPacket in ROS 2's serialisation."""
-    data = struct.pack("<IiII3sx", 0x100, 1, 2, 3, b"ab\0")
-    data += struct.pack("<IIQQ", 240, 320, sequence, base_ns)
-    data += struct.pack("<I", len(encoding) + 1) + encoding + b"\0\0"
-    data += bytes(-(len(data) - 4) % 4)
-    return data + struct.pack("<I", len(events)) + events
-
-
-def write_db3(
-    path: Path, messages: list[bytes], kind: str = "event_camera_msgs/msg/EventPacket"
-) -> None:
-    with sqlite3.connect(path) as base:
-        base.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
-        base.execute(
-            "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-        )
-        base.execute("INSERT INTO topics VALUES(1, '/events', ?)", (kind,))
-        rows = [(index, 1, index, data) for index, data in enumerate(messages)]
-        base.executemany("INSERT INTO messages VALUES(?, ?, ?, ?)", rows)
-    base.close()
 
 
 def words(*values: int) -> bytes:
@@ -204,44 +96,6 @@ def test_other_encodings_and_topics_are_refused_by_name(tmp_path: Path) -> None:
     write_db3(tmp_path / "b.db3", [b"1234"], kind="sensor_msgs/msg/Image")
     with pytest.raises(FormatError, match="no readable messages of events"):
         open_events(tmp_path / "b.db3")
-
-
-def write_mcap(path: Path) -> None:
-    writer_module = pytest.importorskip("mcap.writer", reason="MCAP needs the extra [formats]")
-    with path.open("wb") as file:
-        writer = writer_module.Writer(file, chunk_size=256)
-        writer.start("ros2")
-        schema = writer.register_schema("event_camera_msgs/msg/EventPacket", "ros2idl", b"")
-        channel = writer.register_channel("/events", "cdr", schema)
-        for index in range(60):
-            data = cdr(index, b"evt3", words(0x8000, 0x6000 | index, 3, 0x2801))
-            writer.add_message(channel, index, data, index)
-        writer.finish()
-
-
-def test_mcap_without_definitions_and_truncated(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    write_mcap(path)
-    source = open_events(path)
-    assert [row[0] for row in rows(source)] == list(range(60))
-    assert dict(source.losses) == {}
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    found = rows(source)
-    assert 10 < len(found) < 60
-    assert [row[0] for row in found] == list(range(len(found)))
-    assert source.losses["truncated"] == 1
-
-
-def test_mcap_checks_its_checksums(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    write_mcap(path)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 3] ^= 0x10
-    path.write_bytes(data)
-    source = open_events(path)
-    assert len(rows(source)) < 60
-    assert sum(source.losses.values()) > 0
 
 
 def test_a_bag_folder_opens_its_storage(tmp_path: Path) -> None:

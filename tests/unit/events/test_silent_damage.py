@@ -60,21 +60,6 @@ def test_one_wrong_last_time_does_not_run_without_end(tmp_path: Path) -> None:
     assert dict(source.losses) == {"time_jump": 1}
 
 
-def test_0xff_in_a_dat_time_moves_nothing(tmp_path: Path) -> None:
-    events = sample()
-    body = np.empty(N, [("t", "<u4"), ("address", "<u4")])
-    body["t"] = events.t
-    body["address"] = events.x.astype("u4") | events.y.astype("u4") << 14
-    data = bytearray(body.tobytes())
-    data[8 * 5_000 + 3] = 0xFF
-    head = b"% Version 2\n% Height 320\n% Width 320\n\x0c\x08"
-    (tmp_path / "a.dat").write_bytes(head + bytes(data))
-    found, losses = whole(tmp_path / "a.dat")
-    same = np.arange(N) != 5_000
-    np.testing.assert_array_equal(found.t[same], events.t[same])
-    assert losses == {"time_glitch": 1}
-
-
 def test_a_short_and_a_long_line_shift_no_row(tmp_path: Path) -> None:
     events = sample()
     lines = [f"{t},{x},{y},1" for t, x, y in zip(events.t, events.x, events.y, strict=True)]
@@ -93,20 +78,6 @@ def test_tables_with_more_columns_are_read_by_most_lines(tmp_path: Path) -> None
     source = open_events(tmp_path / "a.csv")
     assert rows(source) == [(10, 1, 2, 1), (20, 3, 4, 0), (30, 319, 9, 1)]
     assert dict(source.losses) == {"bad_record": 1}
-
-
-def test_seconds_are_no_microseconds(tmp_path: Path) -> None:
-    seconds = sample().t / 1e6
-    save(tmp_path / "a.npz", t=seconds)
-    source = open_events(tmp_path / "a.npz")
-    np.testing.assert_array_equal(EventPacket.concatenate(list(source)).t, sample().t)
-    assert any("seconds" in note for note in source.notes)
-    lines = ["0 1 2 1", *(f"{t:.6f} 3 4 0" for t in seconds[:50])]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    found, _ = whole(tmp_path / "a.csv")
-    np.testing.assert_array_equal(found.t[1:], sample().t[:50])
-    save(tmp_path / "b.npz", t=sample().t.astype(np.float64))
-    np.testing.assert_array_equal(whole(tmp_path / "b.npz")[0].t, sample().t)
 
 
 @pytest.mark.parametrize(
@@ -129,18 +100,6 @@ def test_microseconds_stay_so_however_they_are_written(
     read = EventPacket.concatenate(list(source))
     np.testing.assert_array_equal(read.t, times)
     assert not dict(source.losses.kinds())
-
-
-def test_microseconds_of_hdf5_stay_so_as_floats(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    times = np.arange(26, 400_000, 997)
-    for name, t in (("us.h5", times.astype(float)), ("s.h5", times * 1e-6)):
-        with h5py.File(tmp_path / name, "w") as file:
-            group = file.create_group("events")
-            group["t"] = t
-            group["x"], group["y"], group["p"] = times % 320, times % 240, times % 2
-        read = EventPacket.concatenate(list(open_events(tmp_path / name)))
-        np.testing.assert_array_equal(read.t, times)
 
 
 @pytest.mark.parametrize("size", [(70_000, 4), (320, 65_537), (0, 4), (-3, 4), (65_536, 65_536)])
