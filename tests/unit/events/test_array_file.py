@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.events.formats.array_file import ColumnFile, load_arrays
+from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.recording import Recording
 from spikingtac.tracks import Tracks, create_tracks
 
@@ -51,41 +51,6 @@ def test_only_what_is_asked_for_is_read(tmp_path: Path) -> None:
     assert list(found) == ["d", "a"]
     with pytest.raises(RecordingError, match=r"'none\.npy'"):
         load_arrays(tmp_path / "a.npz", "arrays", only=["a", "none"])
-
-
-def test_lent_columns_give_the_same_bytes_as_appended_ones(tmp_path: Path) -> None:
-    values = np.random.default_rng(1).random((700, 3, 2)).astype(np.float32)
-    held = values[:, :, 0] > 0.5
-    for name in ("appended", "lent"):
-        file = ColumnFile(tmp_path / f"{name}.npz")
-        file.append({"t": np.arange(0), "values": values[:0], "held": held[:0]})
-        file.append({"t": np.arange(700)})
-        if name == "lent":
-            file.lend("values", 700, iter([values[:500], values[:0], values[500:]]))
-            file.lend("held", 700, iter([held[:1], held[1:]]))
-        else:
-            file.append({"values": values, "held": held})
-        file.close()
-    assert (tmp_path / "lent.npz").read_bytes() == (tmp_path / "appended.npz").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("count", "dtype", "message"),
-    [
-        (5, np.float32, "1 rows are missing"),
-        (3, np.float32, "too many"),
-        (4, np.float64, "float64"),
-    ],
-)
-def test_lent_rows_that_do_not_fit_leave_no_file(
-    tmp_path: Path, count: int, dtype: type, message: str
-) -> None:
-    file = ColumnFile(tmp_path / "a.npz")
-    file.append({"values": np.zeros((0, 2), np.float32)})
-    file.lend("values", count, iter([np.zeros((4, 2), dtype)]))
-    with pytest.raises(ValueError, match=message):
-        file.close()
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_bomb_is_refused(tmp_path: Path) -> None:

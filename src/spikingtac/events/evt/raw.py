@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from spikingtac.errors import ConfigError, FormatError, nearest
 from spikingtac.events.evt.header import (
     ENCODINGS,
@@ -19,13 +16,11 @@ from spikingtac.events.evt.header import (
     implausible_share,
     read_header,
 )
-from spikingtac.events.formats.codec import Place
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 if TYPE_CHECKING:
     from spikingtac.events.evt.decoder import WordDecoder
     from spikingtac.events.evt.words import WordStream
-from dataclasses import replace
 
 CHUNK_BYTES = 1 << 18
 """Bytes that are decoded at once."""
@@ -73,22 +68,13 @@ class RawSource(FileSource):
         stream = self._words()
         total = max(self.path.stat().st_size, 1)
         with self.path.open("rb") as file:
-            file.seek(self.header.length if self.begin is None else self.begin.byte)
-            if self.begin is not None:
-                stream.resume(self.begin.state)
+            file.seek(self.header.length)
             data = file.read(CHUNK_BYTES)
             while data:
                 following = file.read(CHUNK_BYTES)
-                rows = stream.feed(data, final=not following)
                 self.progress = file.tell() / total
-                self._mark(stream, file.tell() - len(following), rows[3])
-                yield rows
+                yield stream.feed(data, final=not following)
                 data = following
-
-    def _mark(self, stream: WordStream, byte: int, t: NDArray[np.int64]) -> None:
-        """Remember the place after a chunk; none where some of it waits for the next one."""
-        state = stream.state() if len(t) else None
-        self.place = None if state is None else Place(0, byte, state, int(t[-1]))
 
     def _words(self) -> WordStream:
         """Return a fresh decoder with its salvage."""
@@ -222,13 +208,10 @@ class RawParts(FileSource):
         return self._sources[0].size
 
     def _columns(self) -> Iterator[Rows]:
-        first = 0 if self.begin is None else self.begin.part
-        for number, source in enumerate(self._sources[first:], start=first):
+        for number, source in enumerate(self._sources):
             source.losses, source.triggers = self.losses, self.triggers
-            source.begin = self.begin if number == first else None
             for rows in source.columns():
                 self.progress = (number + source.progress) / len(self._sources)
-                self.place = source.place and replace(source.place, part=number)
                 yield rows
 
 

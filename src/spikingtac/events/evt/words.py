@@ -64,14 +64,6 @@ class WordStream:
         self._out = Columns.empty(0, 0)
         self._in_fill = False
 
-    def state(self) -> tuple[int, ...] | None:
-        """Return the decoder's state; None where bytes wait, or fill is being left out."""
-        return None if len(self._carry) or self._in_fill else tuple(self._decoder.state.tolist())
-
-    def resume(self, state: tuple[int, ...]) -> None:
-        """Go on from a state of :meth:`state`."""
-        self._decoder.state[:] = state
-
     def feed(self, data: bytes | memoryview, final: bool = False) -> Rows:
         """Return the columns x, y, p and t of the events in the next bytes.
 

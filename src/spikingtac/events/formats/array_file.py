@@ -7,7 +7,7 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any
@@ -100,7 +100,6 @@ class ColumnFile:
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
         self._spools: dict[str, tuple[IO[bytes], np.dtype[Any], list[int]]] = {}
-        self._lent: dict[str, tuple[int, Iterable[NDArray[Any]]]] = {}
         self._fixed: dict[str, NDArray[Any]] = {}
         self._closed = False
 
@@ -113,16 +112,6 @@ class ColumnFile:
             spool, dtype, shape = self._spools[name]
             spool.write(np.ascontiguousarray(values, dtype).tobytes())
             shape[0] += len(values)
-
-    def lend(self, name: str, count: int, rows: Iterable[NDArray[Any]]) -> None:
-        """Take a column's rows from where they lie, when the archive is written: once, not twice.
-
-        Args:
-            name: A column without rows, whose type and row shape :meth:`append` has set.
-            count: How many rows there are.
-            rows: Some rows at a time.
-        """
-        self._lent[name] = count, rows
 
     def set(self, name: str, values: NDArray[Any]) -> None:
         """Set a member that does not grow."""
@@ -152,9 +141,6 @@ class ColumnFile:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
             for name, (spool, dtype, shape) in self._spools.items():
                 with archive.open(_member(name), "w", force_zip64=True) as member:
-                    if name in self._lent:
-                        _write_lent(member, dtype, tuple(shape), *self._lent[name])
-                        continue
                     spool.seek(0)
                     _write_header(member, dtype, tuple(shape))
                     while data := spool.read(_COPY_BYTES):
@@ -163,23 +149,6 @@ class ColumnFile:
                 with archive.open(_member(name), "w", force_zip64=True) as member:
                     _write_header(member, values.dtype, values.shape)
                     member.write(values.tobytes())
-
-
-def _write_lent(
-    member: IO[bytes],
-    dtype: np.dtype[Any],
-    shape: tuple[int, ...],
-    count: int,
-    pieces: Iterable[NDArray[Any]],
-) -> None:
-    _write_header(member, dtype, (count, *shape[1:]))
-    for rows in pieces:
-        if rows.dtype != dtype or rows.shape[1:] != shape[1:]:
-            raise ValueError(f"rows are {rows.dtype} of shape {rows.shape[1:]}, not {dtype}")
-        member.write(np.ascontiguousarray(rows).data)
-        count -= len(rows)
-    if count:
-        raise ValueError(f"{abs(count)} rows are {'missing' if count > 0 else 'too many'}")
 
 
 def _member(name: str) -> zipfile.ZipInfo:

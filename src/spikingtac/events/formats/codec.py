@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -172,23 +171,3 @@ class EventWriter(ABC):
             self.close()
         else:
             self.abandon()
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a decoder of RAW words stands between two chunks, to be read on from there.
-
-    Words of time carry but the lower part of it, addresses are told once for several events: words
-    alone do not say what they mean. The decoder's state does.
-
-    Attributes:
-        part: Number of the file, for a recording in parts.
-        byte: First byte that was not read.
-        state: State of the decoder (:mod:`spikingtac.events.evt.decoder`).
-        t_us: Time of the last event before it, us.
-    """
-
-    part: int
-    byte: int
-    state: tuple[int, ...]
-    t_us: int

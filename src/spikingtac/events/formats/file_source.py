@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError, DamageError
-from spikingtac.events.formats.codec import HARMLESS, KINDS, Place, Triggers
+from spikingtac.events.formats.codec import HARMLESS, KINDS, Triggers
 from spikingtac.events.formats.limits import require_size
 from spikingtac.events.formats.packing import ColumnCheck, Packer
 from spikingtac.events.source_health import HealthMeter
@@ -82,9 +82,7 @@ class FileSource:
         triggers: Trigger edges met in the latest iteration; complete when it has ended.
         notes: What had to be assumed, in plain words.
         progress: Share of the file that the latest iteration has read, 0 to 1.
-        place: Where the latest columns ended, if the format can be read on from there.
         lost_before: What was lost before the file was opened, as in a damaged archive around it.
-        begin: Such a place, where iterations begin instead of the start of the file.
     """
 
     format = "events"
@@ -97,8 +95,6 @@ class FileSource:
         self.triggers = Triggers()
         self.notes: list[str] = []
         self.progress = 0.0
-        self.place: Place | None = None
-        self.begin: Place | None = None
         self.lost_before: dict[str, int] = {}
         self._counters = HealthMeter(self.losses)
         self._options = options

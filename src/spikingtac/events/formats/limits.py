@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import io
 import os
+from typing import Any
 
 from spikingtac.errors import ConfigError, FormatError, MissingExtraError
 
@@ -94,12 +95,13 @@ def decompressed(data: bytes, kind: str, where: str) -> bytes:
     limit = piece_limit_bytes()
     if kind in ("", "none"):
         content = data
-    elif kind == "lz4":
-        content = _lz4(data, limit + 1)
-    elif kind == "zstd":
-        content = _zstd(data, limit + 1)
-    elif kind == "bz2":
-        content = _bz2(data, limit + 1)
+    elif kind in _DECOMPRESSORS:
+        try:
+            content = _DECOMPRESSORS[kind](data, limit + 1)
+        except ImportError as error:
+            raise MissingExtraError(f"{kind} needs: pip install 'spikingtac[formats]'") from error
+        except (RuntimeError, ValueError, EOFError, MemoryError, OverflowError, OSError) as error:
+            raise DamagedPieceError(str(error)) from error
     else:
         raise DamagedPieceError(f"unknown compression {kind!r}")
     if len(content) > limit:
@@ -107,44 +109,36 @@ def decompressed(data: bytes, kind: str, where: str) -> bytes:
     return content
 
 
-def _lz4(data: bytes, limit: int) -> bytes:
-    try:
-        from lz4.frame import LZ4FrameDecompressor
-    except ImportError as error:
-        raise MissingExtraError("LZ4 needs: pip install 'spikingtac[formats]'") from error
-    decoder = LZ4FrameDecompressor()
-    try:
-        content = decoder.decompress(data, limit)
-    except (RuntimeError, ValueError, EOFError, MemoryError, OverflowError) as error:
-        raise DamagedPieceError(str(error)) from error
+def _streamed(decoder: Any, data: bytes, limit: int) -> bytes:
+    content = decoder.decompress(data, limit)
     if not decoder.eof and len(content) < limit:
         raise DamagedPieceError("it ends early")
     return content
 
 
+def _lz4(data: bytes, limit: int) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    return _streamed(LZ4FrameDecompressor(), data, limit)
+
+
 def _zstd(data: bytes, limit: int) -> bytes:
-    try:
-        import zstandard
-    except ImportError as error:
-        raise MissingExtraError("Zstandard needs: pip install 'spikingtac[formats]'") from error
+    import zstandard
+
     content, left = [], limit
+    decoder = zstandard.ZstdDecompressor(max_window_size=1 << 27)
     try:
-        decoder = zstandard.ZstdDecompressor(max_window_size=1 << 27)
         with decoder.stream_reader(io.BytesIO(data), read_across_frames=True) as reader:
             while left and (piece := reader.read(min(left, 1 << 20))):
                 content.append(piece)
                 left -= len(piece)
-    except (zstandard.ZstdError, ValueError, MemoryError) as error:
+    except zstandard.ZstdError as error:
         raise DamagedPieceError(str(error)) from error
     return b"".join(content)
 
 
 def _bz2(data: bytes, limit: int) -> bytes:
-    decoder = bz2.BZ2Decompressor()
-    try:
-        content = decoder.decompress(data, limit)
-    except (OSError, ValueError, EOFError) as error:
-        raise DamagedPieceError(str(error)) from error
-    if not decoder.eof and len(content) < limit:
-        raise DamagedPieceError("it ends early")
-    return content
+    return _streamed(bz2.BZ2Decompressor(), data, limit)
+
+
+_DECOMPRESSORS = {"lz4": _lz4, "zstd": _zstd, "bz2": _bz2}

@@ -63,38 +63,46 @@ class NpzWriter(EventWriter):
         self._file.abandon()
 
 
-class TextWriter(EventWriter):
-    """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
+class _OneFile(EventWriter):
+    """A writer of one file that appears when it is closed."""
 
-    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+    def __init__(self, path: str | Path, size: tuple[int, int], head: bytes) -> None:
         self.size = size
         self._target = WholeFile(path)
-        self._file = self._target.begin(f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
-
-    def write(self, packet: EventPacket) -> None:
-        """Append a packet."""
-        table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
-        np.savetxt(self._file, table, "%d", ",")
+        self._file = self._target.begin(head)
 
     def close(self) -> None:
         """Complete the file; further calls do nothing."""
         if not self._file.closed:
+            self._finish()
             self._target.commit(self._file)
 
     def abandon(self) -> None:
         """Give up: leave what was there before."""
         self._target.abandon(self._file)
 
+    def _finish(self) -> None:
+        """Write what was kept back."""
 
-class Aedat4Writer(EventWriter):
+
+class TextWriter(_OneFile):
+    """Writes event tables: ``# size W H``, the header ``t,x,y,p``, times in us."""
+
+    def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
+        super().__init__(path, size, f"# size {size[0]} {size[1]}\nt,x,y,p\n".encode())
+
+    def write(self, packet: EventPacket) -> None:
+        """Append a packet."""
+        table = np.column_stack((packet.t, packet.x, packet.y, packet.p.astype(np.int64)))
+        np.savetxt(self._file, table, "%d", ",")
+
+
+class Aedat4Writer(_OneFile):
     """Writes AEDAT4 files packet by packet, uncompressed."""
 
     def __init__(self, path: str | Path, size: tuple[int, int]) -> None:
-        self.size = size
         self._pending = np.zeros(0, EVENT)
-        self._target = WholeFile(path)
-        head = SIGNATURE + _io_header(_NODE.format(*size).encode("ascii"))
-        self._file = self._target.begin(head)
+        super().__init__(path, size, SIGNATURE + _io_header(_NODE.format(*size).encode("ascii")))
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet."""
@@ -107,15 +115,8 @@ class Aedat4Writer(EventWriter):
         self._put(events[:whole])
         self._pending = events[whole:]
 
-    def close(self) -> None:
-        """Complete the file; further calls do nothing."""
-        if not self._file.closed:
-            self._put(self._pending)
-            self._target.commit(self._file)
-
-    def abandon(self) -> None:
-        """Give up: leave what was there before."""
-        self._target.abandon(self._file)
+    def _finish(self) -> None:
+        self._put(self._pending)
 
     def _put(self, events: np.ndarray[Any, np.dtype[Any]]) -> None:
         for first in range(0, len(events), PACKET_EVENTS):
