@@ -511,3 +511,34 @@ def test_the_collection_is_read_as_its_index_says(data_dir: Path) -> None:
         assert abs(found.t[0] - case["t_first_us"]) <= tolerance
         assert abs(found.t[-1] - case["t_last_us"]) <= tolerance
         assert len(source.triggers) == case.get("triggers", 0)
+
+
+@pytest.mark.parametrize("name", ["b.raw", "b.npz", "b.h5", "b.csv"])
+def test_convert_keeps_triggers_where_they_lie(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from spikingtac.cli.main import main
+    from spikingtac.events.formats.codec import Triggers
+
+    triggers = Triggers()
+    triggers.append(T[5:500:7], 2, True)
+    with create_events(tmp_path / "a.npz", SIZE) as writer:
+        writer.write(PACKET)
+        writer.add_triggers(triggers)
+    assert main(["convert", str(tmp_path / "a.npz"), str(tmp_path / name), "--shift-us", "9"]) == 0
+    source = assert_read(tmp_path / name, 9)
+    kept = [] if name == "b.csv" else [(t + 9, 2, True) for t, _, _ in triggers]
+    assert list(source.triggers) == kept
+    assert ("71 left out" in capsys.readouterr().err) == (name == "b.csv")
+
+
+def test_a_recorder_keeps_triggers(tmp_path: Path) -> None:
+    from spikingtac.cameras.recording.recorder import Recorder
+    from spikingtac.events.formats.codec import Triggers
+
+    recorder, triggers = Recorder(tmp_path, SIZE), Triggers()
+    triggers.append([T[9], T[-1] + 3], 0, [True, False])
+    recorder.offer_triggers(triggers)
+    recorder.offer(PACKET)
+    recorder.close()
+    assert list(assert_read(tmp_path).triggers) == list(triggers)

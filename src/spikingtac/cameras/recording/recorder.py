@@ -18,6 +18,7 @@ from typing import Any
 from spikingtac.cameras.recording.manifest import ManifestFile
 from spikingtac.cameras.recording.segments import FIRST_NAME, Segments, Split
 from spikingtac.errors import RecordingError, SpikingTacError
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.manifest import name_of
 from spikingtac.types import EventPacket
 
@@ -81,6 +82,7 @@ class Recorder:
         self._segments = Segments(folder, size, split or Split(), describe, name)
         self._room_events = room_bytes // EVENT_BYTES
         self._waiting: deque[EventPacket] = deque()
+        self._edges = Triggers()
         self._waiting_events = self._lost_events = self._offered_events = 0
         self._gaps: list[tuple[int, int, int]] = []
         self._failure: Exception | None = None
@@ -118,6 +120,11 @@ class Recorder:
             self._waiting_events += count
             self._changed.notify()
         return True
+
+    def offer_triggers(self, triggers: Triggers) -> None:
+        """Take trigger edges; they are written with the packet that is offered next."""
+        with self._changed:
+            self._edges.extend(triggers)
 
     def close(self) -> RecorderState:
         """Write what waits, complete files and manifest, and return the final state."""
@@ -164,7 +171,9 @@ class Recorder:
                 joined = packets[0] if len(packets) == 1 else EventPacket.concatenate(packets)
                 with self._changed:
                     self._waiting_events -= len(joined)
+                    edges, self._edges = self._edges, Triggers()
                 try:
+                    self._segments.add_triggers(edges)
                     self._segments.write(joined)
                 except BaseException:
                     self._lose(joined)

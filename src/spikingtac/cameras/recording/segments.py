@@ -13,6 +13,7 @@ from typing import Any
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.events.evt.raw import RawSource, part_name
 from spikingtac.events.evt.raw_writer import RawWriter
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.types import EventPacket
 
@@ -106,6 +107,7 @@ class Segments:
         self.parts: list[Part] = []
         self._folder, self._size, self._split, self._on_part = folder, size, split, on_part
         self._open: _Open | None = None
+        self._edges = Triggers()
 
     @property
     def written_bytes(self) -> int:
@@ -116,6 +118,10 @@ class Segments:
     def written_events(self) -> int:
         """Events of all files."""
         return sum(part.events for part in self.parts)
+
+    def add_triggers(self, triggers: Triggers) -> None:
+        """Take trigger edges, to be written with the packet that follows."""
+        self._edges.extend(triggers)
 
     def write(self, packet: EventPacket) -> None:
         """Append a packet that follows the ones before it in time.
@@ -132,6 +138,8 @@ class Segments:
             self._begin(first_us)
         opened = self._open
         assert opened is not None
+        opened.writer.add_triggers(self._edges)
+        self._edges.clear()
         opened.writer.write(packet)
         opened.writer.flush()  # what is with the operating system survives this process
         part = opened.part

@@ -176,9 +176,14 @@ class _Session:
 
     def run(self) -> dict[str, Any]:
         self._source.on_poll = self._tick
+        passed = 0
         try:
             for packet in self._packets():
                 self._received += len(packet)
+                edges = self._source.triggers
+                if len(edges) > passed:
+                    self._recorder.offer_triggers(edges.select(slice(passed, None)))
+                    passed = len(edges)
                 self._recorder.offer(packet)
                 if self._copy is not None:
                     self._copy.offer(packet)

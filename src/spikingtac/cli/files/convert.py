@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from spikingtac.events.formats.codec import EventWriter
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.transform import Transform
@@ -121,17 +122,18 @@ def _convert(
 
     change = _transform(args)
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
-    size, written = change.size(source.size), 0
+    size, written, edges = change.size(source.size), 0, 0
     hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
     with (
         ending_on_interrupt(source),
         create_events(target, size, encoding=args.encoding) as writer,
     ):
         for packet in _changed(source, change, HotPixelFilter(hot_px, source.size)):
+            edges = _pass_triggers(source, writer, change, edges)
             writer.write(packet)
             written += len(packet)
             advance(source.progress)
-        writer.add_triggers(change.triggers(source.triggers))
+        _pass_triggers(source, writer, change, edges)
     notes = list(source.notes)
     if writer.triggers_left_out:
         notes.append(f"{target.suffix} holds no triggers: {writer.triggers_left_out} left out")
@@ -147,6 +149,13 @@ def _convert(
         "health": source.counters().summary(),
     }
     return _Converted(document, notes)
+
+
+def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
+    """Give the writer the trigger edges that were met since; return how many there are by now."""
+    if len(source.triggers) > passed:
+        writer.add_triggers(change.triggers(source.triggers.select(slice(passed, None))))
+    return len(source.triggers)
 
 
 def _transform(args: Args) -> Transform:

@@ -95,7 +95,10 @@ class RawWriter(EventWriter):
         self._last_us = int(packet.t[-1])
 
     def add_triggers(self, triggers: Triggers) -> None:
-        """Take trigger edges; they are written among the events that come after this call."""
+        """Take trigger edges, to be written among the events that come after this call.
+
+        Edges from before the events that were written are left out, and counted.
+        """
         self._waiting += list(triggers)
 
     def _due(self, until_us: int) -> list[tuple[int, int, bool]]:
@@ -114,8 +117,11 @@ class RawWriter(EventWriter):
     def _append_trigger(self, t_us: int, channel: int, rising: bool) -> None:
         if self._base_us is None:
             self._begin(t_us)
-        self._last_us = max(t_us, self._last_us)
-        words = self._encoder.trigger(self._last_us - (self._base_us or 0), channel, rising)
+        if t_us < max(self._last_us, self._base_us or 0):
+            self.triggers_left_out += 1
+            return
+        self._last_us = t_us
+        words = self._encoder.trigger(t_us - (self._base_us or 0), channel, rising)
         self._append(words.tobytes())
 
     def flush(self, durable: bool = False) -> None:

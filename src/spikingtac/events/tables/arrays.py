@@ -58,6 +58,7 @@ class ArraySource(TableSource):
 
     def _rows(self) -> Iterator[Rows]:
         with _Arrays(self.path) as arrays:
+            self._take_triggers(arrays)
             members = [arrays.open(name) for name in self._members]
             lengths = [member.length for member in members]
             self.losses.add("truncated", int(min(lengths) < max(lengths)))
@@ -75,7 +76,6 @@ class ArraySource(TableSource):
                     yield clock.events(read[0], self)
                 elif self._order is not None:
                     yield _columns_of(read, self._order)
-            self._take_triggers(arrays)
 
     def _take_triggers(self, arrays: _Arrays) -> None:
         if not set(TRIGGERS) <= set(arrays.names):

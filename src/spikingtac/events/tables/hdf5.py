@@ -86,6 +86,7 @@ class Hdf5Source(TableSource):
             except DAMAGE:
                 self.losses.add("bad_record")
                 return
+            self._take_triggers(file)
             total = min(lengths)
             self.losses.add("truncated", int(total < max(lengths)))
             self.losses.add("bad_record", int(offset is None))
@@ -99,7 +100,6 @@ class Hdf5Source(TableSource):
                     if isinstance(error, MissingExtraError):
                         raise
                     self.losses.add("bad_record")
-            self._take_triggers(file)
 
     def _read(self, file: Any, rows: slice) -> Rows:
         places = self._stream.places
