@@ -150,8 +150,8 @@ MUTATIONS = (
     ),
     Mutation(
         name="capture-radius",
-        old="capture_share: float = 0.3",
-        new="capture_share: float = 3.0",
+        old="CAPTURE_SHARE = 0.3",
+        new="CAPTURE_SHARE = 3.0",
         tests=("tests/unit/markers/graded/test_track_management.py",),
     ),
     Mutation(

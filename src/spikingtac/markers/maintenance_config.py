@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from spikingtac.errors import ConfigError
-from spikingtac.markers.graded.track_management import TrackManagementConfig
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,7 +43,6 @@ class MaintenanceConfig:
             alike; with ``shrink_crossings`` their errors shrink by 8 and 15 %).
         shrink_crossings: How much more it is, in the ways in which an edge crosses one step.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion asks for.
-        track_management: When a marker counts as lost, and how it is found again.
     """
 
     longest_period_us: int = 2_000
@@ -67,9 +65,6 @@ class MaintenanceConfig:
     shrink_px: float = field(default=0.1, metadata={"range": (0.0, 1.0), "unit": "px"})
     shrink_crossings: float = field(default=0.3, metadata={"range": (0.0, 1.0)})
     adapt_to_loss: bool = field(default=True, metadata={"range": (0, 1)})
-    track_management: TrackManagementConfig = field(
-        default_factory=TrackManagementConfig, metadata={"former_names": ("custody",)}
-    )
 
     def __post_init__(self) -> None:
         rates = ("leak_per_s", "outline_return_per_s", "ground_return_per_s")

@@ -3,7 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
+from spikingtac.markers.neighbours import (
+    FARTHEST_PITCHES,
+    Neighbourhood,
+    smallest_spacing_px,
+)
 
 GRID_PX = np.stack(np.meshgrid(np.arange(5) * 30.0, np.arange(4) * 28.0), -1).reshape(-1, 2)
 
@@ -84,3 +88,18 @@ def test_markers_on_a_line_and_alone() -> None:
 def test_smallest_spacing() -> None:
     assert smallest_spacing_px(GRID_PX) == pytest.approx(28.0)
     assert smallest_spacing_px(GRID_PX[:1]) == np.inf
+
+
+def test_displacements_are_bounded_by_the_neighbours() -> None:
+    neighbours, rng = Neighbourhood(GRID_PX), np.random.default_rng(8)
+    np.testing.assert_allclose(neighbours.bound_px, FARTHEST_PITCHES * 28.0)
+    moved_px = GRID_PX + rng.normal(0.0, 8.0, GRID_PX.shape)
+    place_px, outside = neighbours.bounded_px(moved_px, moved_px, 1.0)
+    around = (moved_px - GRID_PX)[neighbours.index]
+    shift = moved_px - GRID_PX
+    beyond = shift - np.clip(shift, around.min(axis=1), around.max(axis=1))
+    length = np.hypot(*beyond.T)
+    np.testing.assert_array_equal(outside, length > 7.0)
+    cut = np.where(outside, 1.0 - 7.0 / np.maximum(length, 1e-9), 0.0)
+    np.testing.assert_allclose(place_px, moved_px - cut[:, None] * beyond)
+    assert 0 < outside.sum() < len(GRID_PX)

@@ -1,70 +1,76 @@
-"""Track management: which markers are observed, which are coasted, and how they come back.
+"""Track management: which markers are observed, which are held, and how they come back.
 
-A marker counts as lost when its fit no longer agrees with the map, when it stays away from where
-its neighbours expect it, or when it sends no events while they move. It is then predicted from
-them, flagged ``coasted``, and looked for at a low rate by a detection in the full map; a detection
-is taken only near the prediction and only if no other marker owns it, so that identities cannot
-swap. A broken marker is never found again: it stays coasted, with confidence 0.
+A marker is lost when its fit no longer agrees with the map, when its displacement leaves the range
+of its neighbours' by more than :data:`spikingtac.markers.neighbours.FARTHEST_PITCHES`, or when it
+sends no events while they move. It is then held: predicted from its neighbours, and looked for at a
+low rate by a detection in the full map. A detection is taken only near the prediction, only if no
+other marker owns it, so that identities cannot swap, and after a longer hold only if the marker
+sends events. A broken marker is never found again.
+
+A map painted from a calibration holds a disc for each marker, and where a marker came off no event
+ever contradicts it. But the skin moves there, as the neighbours show, and a disc that moves sends
+events. The travel that the neighbours tell of and no events confirm is summed up (a CUSUM test,
+Page 1954, doi:10.1093/biomet/41.1-2.100). How far a marker should move is taken with care: the
+speed that the neighbours' affine motion predicts (the centre of a rotation rests), and no more than
+nearly all of them have (at the rim of a touch some rest). Markers at the border are not held for
+silence: motion dies away towards it, and no neighbour stands beyond to vouch for it; but their
+confidence falls.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
+from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, SLOW_PX_S, CellCounts
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
 
-SMALLEST_BLOB_SHARE = 0.4
-LARGEST_BLOB_SHARE = 2.5
-"""Area of a blob that may be a lost marker, over that of its disc (ours)."""
+LEAST_AGREEMENT = 0.35
+"""Share of the edge that must agree with the fitted disc (ours)."""
 
-STRAIN_PITCH_PX = 36.0
-"""Spacing of markers for which ``strain_px`` is meant: eight over 320 px. Where they are
-farther apart, one press moves one marker and leaves its neighbours."""
+PATIENCE_US = 20_000
+"""How long a marker may look lost before it is held, us (ours)."""
+
+SEARCH_US = 20_000
+"""Time between two full-frame detections while a marker is held, us (ours)."""
+
+CAPTURE_SHARE = 0.3
+"""Largest distance between prediction and detection, as a share of the smallest spacing (ours)."""
+
+SMALLEST_BLOB_SHARE, LARGEST_BLOB_SHARE = 0.4, 2.5
+"""Area of a blob that may be a lost marker, over that of its disc (ours)."""
 
 BLOB_LEVEL = 0.5
 """Level at which the full-frame detection binarises the map: half-way."""
 
+FADE_S = 0.1
+"""Time in which the confidence in a held marker falls by a factor e, s (ours)."""
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrackManagementConfig:
-    """When a marker counts as lost.
+LONG_HOLD_US = 200_000
+"""A marker held for longer comes back only if it sends events, us: a sudden motion that lost it is
+over by then (ours)."""
 
-    Attributes:
-        agreement: Share of the edge that must agree with the fitted disc (ours).
-        strain_px: Distance from the neighbours' prediction that is still believed, at rest, px; of
-            markers farther apart than :data:`STRAIN_PITCH_PX` in proportion more.
-        strain_share: The same, as a share of how far the farthest neighbour moved (ours: in torsion
-            the neighbours of a marker move in opposite directions, so that their prediction says
-            nothing; but no marker moves much farther than all of them).
-        patience_us: How long a marker may look lost before it is coasted, us.
-        search_us: Time between two full-frame detections while a marker is lost, us.
-        capture_share: Largest distance between prediction and detection, as a share of the smallest
-            spacing of the markers.
-    """
+HEARD_PX = 1.0
+"""Way whose events tell that it is there, px: several reversals' worth of dead band (ours)."""
 
-    agreement: float = 0.35
-    strain_px: float = 6.0
-    strain_share: float = 1.2
-    patience_us: int = 20_000
-    search_us: int = 20_000
-    capture_share: float = 0.3
+SILENT_PX = 2.0
+"""Travel without events of its own after which a marker is silent, px. Its confidence falls on the
+way there (ours: a reversal costs up to half a px)."""
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.agreement < 1.0:
-            raise ConfigError(f"agreement is {self.agreement}, it must lie between 0 and 1")
-        for name in ("strain_px", "strain_share", "capture_share"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
-        if self.patience_us < 0 or self.search_us < 0:
-            raise ConfigError("patience_us and search_us must not be negative")
+SENDING_SHARE = 0.35
+"""Share of the events of its travel from which a marker counts as sending: half of a disc sends
+more than half of them (ours)."""
+
+RESTING_NEIGHBOURS = 2
+"""Neighbours that may rest without acquitting a marker: they may be gone as well."""
+
+SURROUNDED = 0.25
+"""Largest distance of a marker from the middle of its neighbours, as a share of their mean
+distance, at which they surround it: 0 inside of a square grid, 0.6 at its border."""
 
 
 class TrackManager:
@@ -73,18 +79,18 @@ class TrackManager:
     Attributes:
         neighbours: What markers say of each other.
         coasted: ``(m,)`` markers that are predicted, not observed.
+        silent: ``(m,)`` markers that do not send what their neighbours' motion asks for.
         placed: Whether the last judgement placed any marker.
         moved: ``(m,)`` markers that it placed somewhere else.
         position_px: ``(m, 2)`` where it placed them.
         capture_px: Largest distance between a prediction and a detection that is taken, px.
     """
 
-    def __init__(self, config: TrackManagementConfig, calibration: Calibration) -> None:
+    def __init__(self, calibration: Calibration) -> None:
         """Begin with every marker observed at its reference."""
         count = len(calibration.reference_px)
-        self._config = config
-        self._reference_px = calibration.reference_px
         self.neighbours = Neighbourhood(calibration.reference_px)
+        self._surrounded = _surrounded(calibration.reference_px, self.neighbours.index)
         disc_px = np.pi * calibration.radius_px**2
         self._detector = BlobDetector(
             calibration.size,
@@ -94,17 +100,30 @@ class TrackManager:
                 max_area_px=LARGEST_BLOB_SHARE * float(disc_px.max()),
             ),
         )
-        spacing_px = smallest_spacing_px(calibration.reference_px)
-        self.capture_px = config.capture_share * spacing_px
-        self._strain_px = config.strain_px * max(spacing_px / STRAIN_PITCH_PX, 1.0)
-        self._doubted_since_us = np.full(count, -1, np.int64)
+        self.capture_px = CAPTURE_SHARE * smallest_spacing_px(calibration.reference_px)
+        self._doubted_since_us, self._held_since_us = (np.full(count, -1, np.int64) for _ in "dh")
         self._search_at_us = 0
-        self._doubted = np.zeros(count, np.bool_)
-        self._watching = False
-        self.coasted = np.zeros(count, np.bool_)
+        self._unheard_px, self._heard_px = np.zeros((2, count))
+        self._trust = np.ones(count)
+        self.coasted, self.silent, self.moved = (np.zeros(count, np.bool_) for _ in range(3))
         self.placed = False
-        self.moved = np.zeros(count, np.bool_)
         self.position_px = calibration.reference_px.copy()
+
+    def listen(self, velocity_px_s: NDArray[np.float64], cells: CellCounts, share: float) -> None:
+        """Compare the events of each marker with those that its neighbours' motion asks for.
+
+        Args:
+            velocity_px_s: ``(m, 2)`` the markers' velocities, px/s.
+            cells: What arrived around each of them.
+            share: Events that arrive over those that a whole stream would bring.
+        """
+        _listen_kernel(
+            velocity_px_s,
+            (self.neighbours.index, self.neighbours.weight, self._surrounded),
+            (cells.events, cells.noise_per_s, share * cells.events_per_px),
+            cells.dt_s,
+            (self._unheard_px, self._heard_px, self.silent),
+        )
 
     def judge(
         self,
@@ -112,104 +131,121 @@ class TrackManager:
         fitted_px: NDArray[np.float64],
         agreement: NDArray[np.float64],
         levels: NDArray[np.float32],
-        silent: NDArray[np.bool_],
-    ) -> NDArray[np.bool_]:
-        """Decide which markers are coasted at ``t_us`` and look for those that are.
+    ) -> None:
+        """Decide which markers are held at ``t_us`` and look for those that are.
 
         Args:
             t_us: Time of the estimate, us.
             fitted_px: ``(m, 2)`` positions from the fit, px.
             agreement: ``(m,)`` share of each edge that agrees with its disc.
             levels: ``(height, width)`` the map.
-            silent: ``(m,)`` markers that are gone
-                (:mod:`spikingtac.markers.graded.missing_markers`): coasted at once, and not looked
-                for while they are, since the map shows them where they were.
-
-        Returns:
-            ``(m,)`` the coasted markers (:attr:`coasted`, not a copy).
         """
-        config = self._config
-        clear = _all_clear_kernel(
-            fitted_px,
-            self._reference_px,
-            self.neighbours.index,
-            self.neighbours.weight,
-            agreement,
-            silent,
-            (config.agreement, self._strain_px, config.strain_share),
-            self._doubted,
-        )
-        if clear and not self._watching:
-            return self.coasted
         self.placed = False
-        self.moved[:] = False
-        self._weigh(t_us)
-        self.coasted |= silent
+        outside = self.neighbours.bounded_px(fitted_px, fitted_px, 1.0)[1]
+        doubted = (agreement < LEAST_AGREEMENT) | outside
+        if not (doubted.any() or self.silent.any() or self.coasted.any()):
+            self._doubted_since_us[:] = -1
+            return
+        self._doubted_since_us[~doubted] = -1
+        self._doubted_since_us[doubted & (self._doubted_since_us < 0)] = t_us
+        lost = doubted & (t_us - self._doubted_since_us >= PATIENCE_US)
+        fresh = (lost | self.silent) & ~self.coasted
+        self.coasted |= fresh
+        self._held_since_us[fresh], self._heard_px[fresh] = t_us, 0.0
+        self.moved[:] = self.coasted
         if self.coasted.any():
             self._place_held(fitted_px)
             if t_us >= self._search_at_us:
-                self._search_at_us = t_us + config.search_us
-                self._search(fitted_px, levels, silent)
-        self._watching = self.placed or bool(self._doubted.any() or self.coasted.any())
-        return self.coasted
+                self._search_at_us = t_us + SEARCH_US
+                self._search(t_us, fitted_px, levels)
 
-    def _weigh(self, t_us: int) -> None:
-        doubted = self._doubted
-        fresh = doubted & (self._doubted_since_us < 0)
-        self._doubted_since_us[fresh] = t_us
-        self._doubted_since_us[~doubted] = -1
-        self.coasted |= doubted & (t_us - self._doubted_since_us >= self._config.patience_us)
+    def confidence(
+        self, agreement: NDArray[np.float64], outside: NDArray[np.bool_], dt_s: float
+    ) -> NDArray[np.float64]:
+        """Return ``(m,)`` how well each marker is supported, 0 to 1.
+
+        Args:
+            agreement: ``(m,)`` share of each edge that agrees with its disc.
+            outside: ``(m,)`` markers that are where their neighbours do not allow them.
+            dt_s: Time since the last call, s.
+        """
+        fading = self._trust * np.exp(-dt_s / FADE_S)
+        self._trust = np.where(self.coasted | outside, fading, 1.0)
+        return agreement * self._trust * np.maximum(1.0 - self._unheard_px / SILENT_PX, 0.0)
 
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
-        coasted = self.coasted
-        blended = np.where(coasted[:, np.newaxis], self.position_px, fitted_px)
-        self.position_px[coasted] = self.neighbours.expected_px(blended)[coasted]
-        self.moved |= coasted
+        held = self.coasted
+        blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
+        expected_px = self.neighbours.expected_px(blended)
+        # An affine prediction at the border reaches beyond the neighbours, which may be held too.
+        self.position_px[held] = self.neighbours.bounded_px(blended, expected_px, 0.0)[0][held]
         self.placed = True
 
     def _search(
-        self,
-        fitted_px: NDArray[np.float64],
-        levels: NDArray[np.float32],
-        silent: NDArray[np.bool_],
+        self, t_us: int, fitted_px: NDArray[np.float64], levels: NDArray[np.float32]
     ) -> None:
         blobs = self._detector.detect(levels)
         expected_px = np.where(self.coasted[:, np.newaxis], self.position_px, fitted_px)
         match = associate(expected_px, blobs.center_px, self.capture_px)
-        found = self.coasted & ~silent & (match != UNMATCHED)
+        sending = (t_us - self._held_since_us < LONG_HOLD_US) | (self._heard_px >= HEARD_PX)
+        found = self.coasted & sending & ~self.silent & (match != UNMATCHED)
         self.position_px[found] = blobs.center_px[match[found]]
         self.coasted &= ~found
         self._doubted_since_us[found] = -1
 
 
-@njit(cache=True, nogil=True)
-def _all_clear_kernel(
-    fitted_px: NDArray[np.float64],
-    reference_px: NDArray[np.float64],
-    neighbours: NDArray[np.int64],
-    weight: NDArray[np.float64],
-    agreement: NDArray[np.float64],
-    silent: NDArray[np.bool_],
-    limits: tuple[float, float, float],
-    doubted: NDArray[np.bool_],
-) -> bool:  # pragma: no cover - compiled
-    """Mark what looks lost; ``limits`` are agreement, strain (px) and strain per travel.
+def _surrounded(
+    reference_px: NDArray[np.float64], neighbours: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    offset = reference_px[neighbours] - reference_px[:, np.newaxis]
+    away_px = np.linalg.norm(offset.mean(axis=1), axis=1)
+    return away_px < SURROUNDED * np.linalg.norm(offset, axis=2).mean(axis=1)
 
-    Returns whether nothing does, and nothing is silent.
+
+@njit(cache=True, nogil=True)
+def _asked_speed_kernel(
+    velocity_px_s: NDArray[np.float64],
+    speed_px_s: NDArray[np.float64],
+    index: NDArray[np.int64],
+    weight: NDArray[np.float64],
+) -> float:  # pragma: no cover - compiled
+    """Return the speed that a marker's neighbours vouch for, px/s; ``index`` are theirs."""
+    x = y = 0.0
+    slowest = np.full(min(RESTING_NEIGHBOURS + 1, index.size), np.inf)
+    for k in range(index.size):
+        x += weight[k] * velocity_px_s[index[k], 0]
+        y += weight[k] * velocity_px_s[index[k], 1]
+        rising = speed_px_s[index[k]]  # sorted in: np.sort would compile for seconds
+        for place in range(slowest.size):
+            rising, slowest[place] = max(rising, slowest[place]), min(rising, slowest[place])
+    return min(slowest[-1], np.hypot(x, y))
+
+
+@njit(cache=True, nogil=True)
+def _listen_kernel(
+    velocity_px_s: NDArray[np.float64],
+    neighbours: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]],
+    cells: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
+    dt_s: float,
+    sums: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
+) -> None:  # pragma: no cover - compiled
+    """Add up the travel without events and the way of the events, px, and mark who is silent.
+
+    ``neighbours`` are indices, weights, and who is surrounded; ``cells`` events, background per s
+    and events per px of motion; ``sums`` the two ways and who is silent, changed.
     """
-    least, strain_px, strain_share = limits
-    clear = True
-    for m in range(fitted_px.shape[0]):
-        off_x, off_y = fitted_px[m, 0] - reference_px[m, 0], fitted_px[m, 1] - reference_px[m, 1]
-        travel2 = 0.0
-        for k in range(neighbours.shape[1]):
-            n = neighbours[m, k]
-            dx = fitted_px[n, 0] - reference_px[n, 0]
-            dy = fitted_px[n, 1] - reference_px[n, 1]
-            off_x -= weight[m, k] * dx
-            off_y -= weight[m, k] * dy
-            travel2 = max(travel2, dx * dx + dy * dy)
-        strain, travel = np.hypot(off_x, off_y), np.sqrt(travel2)
-        doubted[m] = agreement[m] < least or strain > strain_px + strain_share * travel
-        clear = clear and not doubted[m] and not silent[m]
-    return clear
+    index, weight, surrounded = neighbours
+    events, noise_per_s, events_per_px = cells
+    unheard_px, heard_px, silent = sums
+    speed_px_s = np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])
+    for m in range(events.size):
+        more = events[m] - BACKGROUND_SHARE * noise_per_s[m] * dt_s
+        heard_px[m] = max(heard_px[m] + more / events_per_px[m], 0.0)
+        asked = _asked_speed_kernel(velocity_px_s, speed_px_s, index[m], weight[m])
+        if asked <= SLOW_PX_S or asked * events_per_px[m] <= BACKGROUND_SHARE * noise_per_s[m]:
+            continue
+        sent_px = (events[m] - noise_per_s[m] * dt_s) / events_per_px[m]
+        unheard = unheard_px[m] + asked * dt_s - sent_px / SENDING_SHARE
+        unheard_px[m] = min(max(unheard, 0.0), 2.0 * SILENT_PX)
+        limit_px = 0.5 * SILENT_PX if silent[m] else SILENT_PX
+        silent[m] = surrounded[m] and unheard_px[m] > limit_px

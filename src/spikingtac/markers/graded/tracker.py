@@ -4,9 +4,7 @@ Graded map -> locator (disc fit or centroid) from the predicted position -> Kalm
 and backlash corrections -> shrinkage towards the neighbours (:mod:`spikingtac.markers.neighbours`).
 In its own time it does the rest: lost markers are predicted from their neighbours and found again
 (:mod:`spikingtac.markers.graded.track_management`), steps grow when events are lost
-(:mod:`spikingtac.markers.graded.event_loss`), markers that send none while the skin moves are
-coasted (:mod:`spikingtac.markers.graded.missing_markers`), and the map leaks towards the fitted
-discs.
+(:mod:`spikingtac.markers.graded.event_loss`), and the map leaks towards the fitted discs.
 """
 
 from __future__ import annotations
@@ -29,7 +27,6 @@ from spikingtac.markers.graded.map_leak import (
     leak_to_discs_kernel,
     return_ground_kernel,
 )
-from spikingtac.markers.graded.missing_markers import MissingMarkers
 from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
@@ -124,8 +121,8 @@ class GradedTracker:
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
-        detected_px, agreement = self._locate(t_us)
-        reference_px, coasted = self._calibration.reference_px, self._manager.coasted
+        self._locate(t_us)
+        detected_px, reference_px = self._given_px.copy(), self._calibration.reference_px
         # A law may have a memory: it sees those estimates alone that were asked for.
         position_px = self._law.update(detected_px, reference_px)
         return MarkerFrame(
@@ -133,12 +130,12 @@ class GradedTracker:
             detected_px=detected_px,
             position_px=position_px,
             displacement_px=position_px - reference_px,
-            coasted=coasted.copy(),
-            confidence=agreement * ~coasted,
+            coasted=self._manager.coasted | self._outside,
+            confidence=self._confidence,
         )
 
-    def _locate(self, t_us: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where the markers are at ``t_us``, ``(m, 2)``, px, and the fits' agreement."""
+    def _locate(self, t_us: int) -> None:
+        """Find where the markers are at ``t_us``, and how well that is supported."""
         dt_s = 0.0 if self._t_us is None else (t_us - self._t_us) * 1e-6
         self._t_us = t_us
         self._due_us = t_us + self._longest_us
@@ -148,7 +145,11 @@ class GradedTracker:
         located_px, agreement = self._locator.locate(self._map, predicted_px, expected_px, dt_s)
         self._filter.update(located_px, self._manager.coasted)
         self._maintain(t_us, located_px, agreement)
-        return self._corrected(dt_s), agreement
+        corrected_px = self._corrected(dt_s)
+        self._given_px, self._outside = self._manager.neighbours.bounded_px(
+            corrected_px, corrected_px, 1.0
+        )
+        self._confidence = self._manager.confidence(agreement, self._outside, dt_s)
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -187,13 +188,12 @@ class GradedTracker:
             self._locator.largest_fall,
         )
         self._filter = MotionFilter(self._calibration.reference_px)
-        self._manager = TrackManager(self._maintenance_config.track_management, self._calibration)
+        self._manager = TrackManager(self._calibration)
         self._backlash = self._no_backlash_yet(self._calibration.reference_px)
         rests = self._calibration.reference_px, self._manager.neighbours
         self._zero = ReleasedZero(*rests) if self._calibration.recovery_s is not None else None
         self._kept = EventLoss(self._calibration)
         self._cells = self._kept.take(0.0)
-        self._silence = MissingMarkers(self._calibration)
         if self._maintenance_config.adapt_to_loss:
             self._map.set_events_kept(self._kept.share)
 
@@ -204,10 +204,9 @@ class GradedTracker:
         if (since_s := self._counting.turn_s(t_us)) is not None:
             self._count_events(since_s)
         if self._listening.turn_s(t_us) is not None:
-            self._silence.update(self._filter.velocity_px_s, self._cells, self._kept.share)
+            self._manager.listen(self._filter.velocity_px_s, self._cells, self._kept.share)
         if self._judging.turn_s(t_us) is not None:
-            silent = self._silence.silent
-            self._manager.judge(t_us, located_px, agreement, self._map.values, silent)
+            self._manager.judge(t_us, located_px, agreement, self._map.values)
             if self._manager.placed:
                 moved = self._manager.moved
                 self._filter.place(moved, self._manager.position_px[moved])
