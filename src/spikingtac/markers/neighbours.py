@@ -35,8 +35,10 @@ class Neighbourhood:
     """Predicts the displacement of each marker from those of its nearest neighbours.
 
     Attributes:
+        reference_px: ``(m, 2)`` rest positions, px.
         index: ``(m, k)`` int64 neighbours of each marker.
         weight: ``(m, k)`` their weights, which sum to 1 per marker.
+        own_share: ``(m,)`` a marker's own part of the variance of its difference from the others.
         bound_px: ``(m,)`` farthest from the range of the neighbours' displacements, px.
     """
 
@@ -46,7 +48,7 @@ class Neighbourhood:
         Args:
             reference_px: ``(m, 2)`` rest positions, px.
         """
-        self._reference_px = np.ascontiguousarray(reference_px, np.float64)
+        self.reference_px = np.ascontiguousarray(reference_px, np.float64)
         count = len(reference_px)
         self.index = np.zeros((count, max(min(NEIGHBOURS, count - 1), 1)), np.int64)
         self.weight = np.ones(self.index.shape)
@@ -55,49 +57,42 @@ class Neighbourhood:
             order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
             self.index[i] = order[order != i][: self.index.shape[1]]
             self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
-        self.bound_px = FARTHEST_PITCHES * nearest_px(self._reference_px)
-        # Of the variance of a difference, a marker's own part; the rest is the prediction's.
-        self._own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
+        self.bound_px = FARTHEST_PITCHES * nearest_px(self.reference_px)
+        self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``(m, 2)`` where the neighbours of each marker expect it, px."""
-        out = np.empty_like(self._reference_px)
-        _expect_kernel(position_px, self._reference_px, self.index, self.weight, out)
+        out = np.empty_like(self.reference_px)
+        _expect_kernel(position_px, self.reference_px, self.index, self.weight, out)
         return out
 
-    def bounded_px(
-        self, position_px: NDArray[np.float64], place_px: NDArray[np.float64], bound_px: float
+    def settled_px(
+        self,
+        position_px: NDArray[np.float64],
+        noise_px: NDArray[np.float64],
+        bound_px: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return places moved to where the neighbours allow them, and which ones were outside.
+        """Return ``(m, 2)`` places that the neighbours allow, px, and which markers were outside.
 
-        Args:
-            position_px: ``(m, 2)`` where the neighbours are, px.
-            place_px: ``(m, 2)`` places that are looked at, px; they are not changed.
-            bound_px: How far a displacement may leave the range of the neighbours', as a share of
-                :attr:`bound_px`.
-        """
-        out, outside = place_px.copy(), np.zeros(len(place_px), np.bool_)
-        _bound_kernel(
-            position_px, self._reference_px, self.index, bound_px * self.bound_px, out, outside
-        )
-        return out, outside
-
-    def shrunk_px(
-        self, position_px: NDArray[np.float64], noise_px: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the markers with their differences from the neighbours' prediction shrunk.
-
-        A difference r shrinks by its share noise^2 / (r^2 + noise^2), of which the marker takes
-        the part that its own error has in it: 0.9 amid eight neighbours, 0.6 in a corner. One far
-        above the noise stays, and none changes by more than half of the noise.
+        A difference r from the neighbours' prediction shrinks by its share
+        noise^2 / (r^2 + noise^2), of which the marker takes the part that its own error has in it:
+        0.9 amid eight neighbours, 0.6 in a corner. One far above the noise stays, and none changes
+        by more than half of the noise. A displacement that leaves the range of the neighbours' by
+        more than the bound is moved back to the bound.
 
         Args:
             position_px: ``(m, 2)`` where the markers were found, px.
             noise_px: ``(m,)`` differences that are as likely an error as deformation, px.
+            bound_px: ``(m,)`` farthest from the range of the neighbours' displacements, px.
         """
-        out = self.expected_px(position_px)
-        _shrink_kernel(position_px, noise_px, self._own_share, out)
-        return out
+        out, outside = np.empty_like(position_px), np.empty(len(position_px), np.bool_)
+        skin = self.reference_px, self.index, self.weight
+        settle_kernel(position_px, skin, (noise_px, self.own_share, bound_px), out, outside)
+        return out, outside
+
+    def outside(self, position_px: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return ``(m,)`` which markers at ``(m, 2)`` places, px, left their neighbours' range."""
+        return self.settled_px(position_px, np.zeros(len(position_px)), self.bound_px)[1]
 
 
 @njit(cache=True, nogil=True)
@@ -108,55 +103,48 @@ def _expect_kernel(
     weight: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
+    """Write where the neighbours expect each marker, within the range of their displacements."""
     for m in range(index.shape[0]):
-        x, y = reference_px[m, 0], reference_px[m, 1]
-        for k in range(index.shape[1]):
-            n = index[m, k]
-            x += weight[m, k] * (position_px[n, 0] - reference_px[n, 0])
-            y += weight[m, k] * (position_px[n, 1] - reference_px[n, 1])
-        out[m, 0], out[m, 1] = x, y
+        for axis in range(2):
+            moved, low, high = 0.0, np.inf, -np.inf
+            for k in range(index.shape[1]):
+                n = index[m, k]
+                other = position_px[n, axis] - reference_px[n, axis]
+                moved += weight[m, k] * other
+                low, high = min(low, other), max(high, other)
+            out[m, axis] = reference_px[m, axis] + min(max(moved, low), high)
 
 
 @njit(cache=True, nogil=True)
-def _bound_kernel(
+def settle_kernel(
     position_px: NDArray[np.float64],
-    reference_px: NDArray[np.float64],
-    index: NDArray[np.int64],
-    bound_px: NDArray[np.float64],
-    place_px: NDArray[np.float64],
+    skin: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]],
+    limits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    out: NDArray[np.float64],
     outside: NDArray[np.bool_],
 ) -> None:  # pragma: no cover - compiled
-    """Move each place to the nearest one within the bound of its neighbours' displacements."""
+    """Do what :meth:`Neighbourhood.settled_px` says; ``limits`` are noise, own share and bound."""
+    reference_px, index, weight = skin
+    noise_px, own_share, bound_px = limits
+    apart, beyond = np.empty(2), np.empty(2)
     for m in range(index.shape[0]):
-        out_px = np.zeros(2)
         for axis in range(2):
-            low, high = np.inf, -np.inf
+            moved = position_px[m, axis] - reference_px[m, axis]
+            expected, low, high = 0.0, np.inf, -np.inf
             for k in range(index.shape[1]):
-                moved = position_px[index[m, k], axis] - reference_px[index[m, k], axis]
-                low, high = min(low, moved), max(high, moved)
-            moved = place_px[m, axis] - reference_px[m, axis]
-            out_px[axis] = moved - min(max(moved, low), high)
-        length = np.hypot(out_px[0], out_px[1])
-        outside[m] = length > bound_px[m]
-        if outside[m]:
-            for axis in range(2):
-                place_px[m, axis] -= (1.0 - bound_px[m] / length) * out_px[axis]
-
-
-@njit(cache=True, nogil=True)
-def _shrink_kernel(
-    position_px: NDArray[np.float64],
-    noise_px: NDArray[np.float64],
-    own_share: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:  # pragma: no cover - compiled
-    """Move the expected places in ``out`` to where the markers are, but for errors of the fits."""
-    for m in range(out.shape[0]):
-        x, y = position_px[m, 0] - out[m, 0], position_px[m, 1] - out[m, 1]
+                n = index[m, k]
+                other = position_px[n, axis] - reference_px[n, axis]
+                expected += weight[m, k] * other
+                low, high = min(low, other), max(high, other)
+            apart[axis], beyond[axis] = moved - expected, moved - min(max(moved, low), high)
         noise2 = noise_px[m] * noise_px[m] + TINY_PX2
-        kept = 1.0 - own_share[m] * noise2 / (x * x + y * y + noise2)
-        out[m, 0] += kept * x
-        out[m, 1] += kept * y
+        taken = own_share[m] * noise2 / (apart[0] * apart[0] + apart[1] * apart[1] + noise2)
+        length = np.hypot(beyond[0], beyond[1])
+        outside[m] = length > bound_px[m]
+        back = 1.0 - bound_px[m] / length if outside[m] else 0.0
+        for axis in range(2):
+            shift = back * beyond[axis] if outside[m] else taken * apart[axis]
+            out[m, axis] = position_px[m, axis] - shift
 
 
 def _affine_weights_at_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:

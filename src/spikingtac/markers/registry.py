@@ -9,10 +9,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.registry import make_denoiser
 from spikingtac.errors import named, require_type
 from spikingtac.markers.anchored_law import AnchoredLaw
-from spikingtac.markers.graded.bands.band_locator import BandLocator, band_maintenance, banded
-from spikingtac.markers.graded.centroid.centroid_locator import CentroidLocator
-from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.locator import Locator
+from spikingtac.markers.graded.appearance import has_rare_off
 from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw, PaperLaw
 from spikingtac.markers.published.blob_tracker import BlobTracker
@@ -24,28 +21,11 @@ Builder = Callable[[TrackingConfig, Calibration, OutputLaw], MarkerTracker]
 
 
 def _disc(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
-    if calibration.band_scale_on is not None:
-        return _bands(config, calibration, law)
-    return GradedTracker(
-        DiscLocator(config.disc, calibration), config.maintenance, calibration, law
-    )
+    return GradedTracker(config.disc, calibration, law)
 
 
 def _bands(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
-    scaled = banded(calibration)
-    return GradedTracker(
-        BandLocator(config.bands, scaled), band_maintenance(config.maintenance), scaled, law
-    )
-
-
-def _centroid(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
-    # What pixels forget leaves holes in a disc's level, which draw its centroid aside and
-    # hardly its edge (recorded gel, pressed: 1.41 px by centroids, 0.87 by discs; 16 and 81 us).
-    if calibration.recovery_s is not None:
-        locator: Locator = DiscLocator(config.disc, calibration)
-    else:
-        locator = CentroidLocator(config.centroid, calibration)
-    return GradedTracker(locator, config.maintenance, calibration, law)
+    return GradedTracker(config.disc, calibration, law, fit="bands")
 
 
 def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> MarkerTracker:
@@ -55,7 +35,6 @@ def _blobs(config: TrackingConfig, calibration: Calibration, law: OutputLaw) -> 
 TRACKERS: dict[str, Builder] = {
     "disc": _disc,
     "bands": _bands,
-    "centroid": _centroid,
     "blobs": _blobs,
 }
 """``tracking.method`` -> builder, of this package."""
@@ -75,7 +54,9 @@ def make_tracker(config: TrackingConfig, calibration: Calibration) -> MarkerTrac
     """
     require_type(config, TrackingConfig, "load_config('default').tracking")
     require_type(calibration, Calibration, "Calibration.load('calibration.json')")
-    build = named(trackers(), config.method, "tracking method")
+    rare = config.rare_off_method and has_rare_off(calibration)
+    method = config.rare_off_method if rare else config.method
+    build = named(trackers(), method, "tracking method")
     return build(config, calibration, make_law(config))
 
 

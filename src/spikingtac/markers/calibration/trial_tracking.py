@@ -11,10 +11,10 @@ brings the tracker nearer to it. On sensors like the twin's the steps stay as th
 recorded one ON steps grow 2.4 times and OFF steps shrink by a third.
 
 Where OFF events are rare, and the tracker asks for the same ratio of the steps as the counts of
-events, bands are fitted instead (:mod:`spikingtac.markers.graded.bands`), with the steps that
+events, bands are fitted instead (:mod:`spikingtac.markers.graded.band_fit`), with the steps that
 explain the events. Where the two ratios differ, bands, which have no anchor but the steps, stray;
 but not on sensors that recover, such as the recorded one: there every rest is an anchor
-(:mod:`spikingtac.markers.graded.bands.band_recovery`). Ours.
+(:mod:`spikingtac.markers.graded.band_locator`). Ours.
 """
 
 from __future__ import annotations
@@ -30,15 +30,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.buffered_events import BufferedEvents
 from spikingtac.markers.calibration.reference import CREPT_SHARE, typical
 from spikingtac.markers.calibration.refine import Refined
-from spikingtac.markers.graded.bands.band_locator import (
-    BandLocator,
-    BandLocatorConfig,
-    band_maintenance,
-    banded,
-)
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.tracker import GradedTracker
-from spikingtac.markers.maintenance_config import MaintenanceConfig
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.types import EventPacket
 
 GROWTH = 1.25
@@ -165,13 +157,8 @@ def track(
     """
     # The buffered events are those of white markers, whatever the sensor's are.
     bright = replace(calibration, polarity="white")
-    maintenance = MaintenanceConfig(longest_period_us=0, backlash=0.0, turn_backlash=0.0)
-    if bright.band_scale_on is None:
-        locator = DiscLocator(DiscLocatorConfig(), bright)
-    else:
-        bright, maintenance = banded(bright), band_maintenance(maintenance)
-        locator = BandLocator(BandLocatorConfig(), bright)
-    tracker = GradedTracker(locator, maintenance, bright)
+    fit = "disc" if bright.band_scale_on is None else "bands"
+    tracker = GradedTracker(GradedTrackerConfig(backlash=0.0), bright, fit=fit)
     periods_us = PERIODS_US if bright.band_scale_on is None else BAND_PERIODS_US
     t_us, center_px = [], []
     for window in _windows(events, len(calibration.reference_px), *periods_us):

@@ -1,29 +1,64 @@
 """Fit a disc's centre to the graded map, by a few robust Gauss-Newton steps per marker.
 
 Residual e = Y(x) - S(|x - c| - R(phi)) over the pixels around the edge, weight
-1 / (1 + (e / soft)^2) (Cauchy), pixels and S from :mod:`spikingtac.markers.graded.fit_window`.
-Each pass is three straight loops over the pixels: in one loop the sums would not fit into the
-registers. The outline
-R(phi) = r + b cos 2 phi + c sin 2 phi follows the disc slowly: an indentation magnifies it, strain
-makes it an ellipse. Both are even in phi and leave the centre alone, but a map that is held to the
-wrong outline would not.
+1 / (1 + (e / soft)^2) (Cauchy). The outline R(phi) = r + b cos 2 phi + c sin 2 phi follows the disc
+slowly: an indentation magnifies it, strain makes it an ellipse. Both are even in phi and leave the
+centre alone, but a map that is held to the wrong outline would not.
+
+The profile S of :mod:`spikingtac.calibration.disc_profile` and its slope are polynomials over the
+stretch where the edge is steep: a compiler can vectorise them where it cannot vectorise a table or
+an exponential. The window's pixels are sorted by their distance from the central one, so that those
+of any annulus lie beside each other.
+
+Sums are those of whole numbers. A sum of floating-point numbers depends on its order, and a
+compiler that may choose the order takes one that suits the width of the processor's registers;
+whole numbers give the same tracks on every machine.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.edge_equations import (
-    SAME_BITS,
-    center_equations_kernel,
-    outline_equations_kernel,
-)
-from spikingtac.markers.graded.fit_window import RING_PX
+from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.state_map.graded import PAD_PX
+
+SAME_BITS = {"nnan", "ninf", "nsz"}
+"""Freedom of the compiler that leaves results alone: no two operations become one, none is replaced
+by an approximation, and no sum is regrouped. So a recording gives the same tracks everywhere."""
+
+LARGEST_SUM = 2.0**30
+"""Largest magnitude of a sum of the normal equations, in steps: it fits into 32 bits."""
+
+COEFFICIENT_DECIMALS = 6
+"""Decimals of a coefficient: linear algebra differs between processors in the thirteenth or so, and
+what is rounded off is the same everywhere (ours: single precision has seven digits)."""
+
+POLYNOMIAL_DEGREE = 11
+"""S within 0.001 and dS/dq within 2 % of its largest value, for every contrast and edge whose flat
+ends :data:`FLAT_SHARE` cuts off."""
+
+FLAT_SHARE = 0.02
+"""Where the edge is less steep than this share of its steepest, a pixel says nothing of the centre:
+the fit does not read it (at 0.05 the pixels are a tenth fewer and the tracks move by 0.004 px)."""
+
+REACH_PX = 6.0
+"""Farthest from the radius that a fit reads, px (ours)."""
+
+CURVE_POINTS = 2001
+"""Points at which the polynomials are fitted: so many that more change nothing."""
+
+ROUNDING_PX = 0.75
+"""The window is centred on a whole pixel, up to half a diagonal from the marker."""
+
+MOST_GROWTH = 0.3
+"""Largest change of an outline, as a share of the radius (ours)."""
+
+RING_PX = 0.5
+"""Steps of distance in which pixels are counted."""
 
 SOFT_LEVEL = 0.8
 """Residual at which a pixel counts half. A sharper cut trusts a lagging disc more than the pixels
@@ -41,13 +76,77 @@ LINEAR_STEP_PX = 0.08
 and only their weights are new (measured: tracks move by 0.002 to 0.005 px on average, their mean
 errors rise by at most 0.001; at 0.15 losses of events begin to cost accuracy)."""
 
-ROUNDING_PX = 0.75
-"""The window is centred on a whole pixel, up to half a diagonal from the marker."""
+
+class FitWindow(NamedTuple):
+    """The pixels that a fit may read, nearest first, and the edges that it looks for.
+
+    Attributes:
+        offset: ``int64[n]`` offsets into the flat padded map, from the central pixel.
+        place_px: ``float32[2, n]`` columns and rows relative to the central pixel, px.
+        within: ``int64[k]`` how many pixels are nearer than 0, 1, 2, ... RING_PX.
+        coefficients: ``(m, 2, POLYNOMIAL_DEGREE + 1)`` float32 polynomials of each marker's S and
+            -dS/dq over -1 (at the inner end) to 1.
+        edge: ``float32[m, 3]`` where each edge begins and ends, px outside of the radius; whole
+            steps in which a weight of one is counted.
+    """
+
+    offset: NDArray[np.int64]
+    place_px: NDArray[np.float32]
+    within: NDArray[np.int64]
+    coefficients: NDArray[np.float32]
+    edge: NDArray[np.float32]
 
 
-def round_outline(radius_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 3)`` outlines of round discs: the radius, and no second harmonic, px."""
-    return np.column_stack([radius_px, np.zeros((len(radius_px), 2))])
+def fit_window(profiles: list[DiscProfile], width_px: int) -> FitWindow:
+    """Choose the pixels and the polynomials for discs on a sensor of a width, px."""
+    farthest_px = PAD_PX - 1
+    span = np.arange(-farthest_px, farthest_px + 1)
+    dy, dx = (axis.ravel() for axis in np.meshgrid(span, span, indexing="ij"))
+    distance = np.hypot(dx, dy)
+    order = np.argsort(distance, kind="stable")
+    order = order[distance[order] <= farthest_px]
+    dx, dy, distance = dx[order], dy[order], distance[order]
+    ends_px = np.array([_steep_stretch_px(profile) for profile in profiles])
+    coefficients = _polynomials(profiles, ends_px)
+    edge = np.column_stack([ends_px, _units(coefficients, len(order))])
+    return FitWindow(
+        offset=(dy * (width_px + 2 * PAD_PX) + dx).astype(np.int64),
+        place_px=np.stack([dx, dy]).astype(np.float32),
+        within=np.searchsorted(distance, np.arange(0.0, farthest_px + RING_PX, RING_PX)),
+        coefficients=coefficients,
+        edge=edge.astype(np.float32),
+    )
+
+
+def _steep_stretch_px(profile: DiscProfile) -> tuple[float, float]:
+    q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
+    steepness = -profile.slope(q_px)
+    steep_px = q_px[steepness > FLAT_SHARE * steepness.max()]
+    return float(steep_px[0]), float(steep_px[-1])
+
+
+def _polynomials(profiles: list[DiscProfile], ends_px: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return ``(m, 2, POLYNOMIAL_DEGREE + 1)`` coefficients of every disc's curves.
+
+    All are fitted at once: one by one they would take 6 ms each, 6 s for a skin of 1,024 markers.
+    """
+    z = np.linspace(-1.0, 1.0, CURVE_POINTS)
+    q_px = ends_px[:, :1] + np.diff(ends_px) * (z + 1.0) / 2.0
+    curves = [(p.level(q), -p.slope(q)) for p, q in zip(profiles, q_px, strict=True)]
+    series = np.polynomial.polynomial.polyfit(
+        z, np.array(curves).reshape(-1, CURVE_POINTS).T, POLYNOMIAL_DEGREE
+    )
+    # Row after row: what reads them is vectorised only where they lie beside each other.
+    rows = np.round(series, COEFFICIENT_DECIMALS).T.reshape(len(profiles), 2, -1)
+    return rows.astype(np.float32, order="C")
+
+
+def _units(coefficients: NDArray[np.float32], pixels: int) -> NDArray[np.float64]:
+    """Return ``(m,)`` steps that a weight of one is counted in: powers of two are never rounded."""
+    z = np.linspace(-1.0, 1.0, CURVE_POINTS)
+    slope = np.polynomial.polynomial.polyval(z, coefficients[:, 1].T.astype(np.float64))
+    steepest = np.maximum(np.abs(slope).max(axis=1), 1.0)
+    return np.exp2(np.floor(np.log2(LARGEST_SUM / (pixels * steepest**2))))
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -58,20 +157,6 @@ def _polynomial_kernel(c: NDArray[np.float32], z: Any) -> Any:  # pragma: no cov
     low = (c[0] + c[1] * z) + z2 * (c[2] + c[3] * z)
     low += z4 * ((c[4] + c[5] * z) + z2 * (c[6] + c[7] * z))
     return low + z4 * z4 * ((c[8] + c[9] * z) + z2 * (c[10] + c[11] * z))
-
-
-@njit(cache=True, nogil=True)
-def _ring_kernel(
-    within: NDArray[np.int64], state: NDArray[np.float64], inner_px: float, outer_px: float
-) -> tuple[Any, Any]:  # pragma: no cover - compiled
-    """Return the first pixel of a window that a disc's edge may reach, and how many follow it."""
-    bulge = abs(state[3]) + abs(state[4])
-    near = max(state[2] - bulge + inner_px - ROUNDING_PX, 0.0) / RING_PX
-    far = max(state[2] + bulge + outer_px + ROUNDING_PX, 0.0) / RING_PX
-    last = within.size - 1
-    first, after = within[min(int(near), last)], within[min(int(far) + 1, last)]
-    # Unsigned, so that no index can be meant from the end: that would not be vectorised.
-    return np.uint64(first), np.uint64(after - first)
 
 
 @njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
@@ -110,20 +195,67 @@ def _edge_kernel(
         slope[j] = _polynomial_kernel(steep, z)
 
 
-@njit(cache=True, nogil=True)
-def _center_step_kernel(
-    curvature: tuple[Any, Any, Any],
-    gradient: tuple[Any, Any],
-    away: tuple[float, float],
-    weight: float,
-) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing.
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+def center_equations_kernel(
+    edge: NDArray[np.float32], count: Any, moved: tuple[Any, Any], unit: np.float32
+) -> tuple[Any, ...]:  # pragma: no cover - compiled
+    """Sum the robust normal equations of a disc's centre; one straight loop, so that it vectorises.
 
-    ``away`` leads to where the neighbours expect the marker, ``weight`` is their share.
+    ``moved`` is how far the centre went since ``edge`` was read, px. Returns the curvature
+    (xx, xy, yy) and the gradient (x, y).
     """
-    pull = weight * 0.5 * (curvature[0] + curvature[2])
-    xx, xy, yy = curvature[0] + pull, curvature[1], curvature[2] + pull
-    gx, gy = gradient[0] + pull * away[0], gradient[1] + pull * away[1]
+    ux, uy, residual, slope = edge[1], edge[2], edge[3], edge[4]
+    one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
+    xx = xy = yy = gx = gy = np.int32(0)
+    for j in range(count):
+        to_x, to_y, s = ux[j], uy[j], slope[j]
+        e = residual[j] - s * (to_x * moved[0] + to_y * moved[1])
+        ws = unit * s / (one + e * e * per_soft2)
+        wse = ws * e
+        wsx = ws * s * to_x
+        wsy = ws * s * to_y
+        xx = np.int32(xx + np.int32(wsx * to_x))
+        xy = np.int32(xy + np.int32(wsx * to_y))
+        yy = np.int32(yy + np.int32(wsy * to_y))
+        gx = np.int32(gx + np.int32(wse * to_x))
+        gy = np.int32(gy + np.int32(wse * to_y))
+    part = 1.0 / float(unit)
+    return (xx * part, xy * part, yy * part), (gx * part, gy * part)
+
+
+@njit(cache=True, nogil=True, fastmath=SAME_BITS, error_model="numpy", forceinline=True)
+def outline_equations_kernel(
+    edge: NDArray[np.float32], count: Any, moved: tuple[Any, Any], unit: np.float32
+) -> tuple[Any, ...]:  # pragma: no cover - compiled
+    """Sum the robust normal equations of a disc's outline as :func:`center_equations_kernel` does.
+
+    Returns the gradients of r, b and c, the curvature of r, and the share of the edge that agrees.
+    """
+    ux, uy, residual, slope = edge[1], edge[2], edge[3], edge[4]
+    one, per_soft2 = np.float32(1.0), np.float32(1.0 / SOFT_LEVEL**2)
+    gr = gb = gc = rr = weight = total = np.int32(0)
+    for j in range(count):
+        to_x, to_y, s = ux[j], uy[j], slope[j]
+        e = residual[j] - s * (to_x * moved[0] + to_y * moved[1])
+        us = unit * s
+        ws = us / (one + e * e * per_soft2)
+        wse = ws * e
+        gr = np.int32(gr + np.int32(wse))
+        gb = np.int32(gb + np.int32(wse * (to_x * to_x - to_y * to_y)))
+        gc = np.int32(gc + np.int32(wse * (np.float32(2.0) * to_x * to_y)))
+        rr = np.int32(rr + np.int32(ws * s))
+        weight = np.int32(weight + np.int32(ws))
+        total = np.int32(total + np.int32(us))
+    part = 1.0 / float(unit)
+    return (gr * part, gb * part, gc * part), rr * part, weight / (total + 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _step_kernel(
+    curvature: tuple[Any, Any, Any], gradient: tuple[Any, Any]
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Solve the 2x2 system, cut to LARGEST_STEP_PX; no step where the edge says nothing."""
+    (xx, xy, yy), (gx, gy) = curvature, gradient
     determinant = xx * yy - xy * xy
     if not determinant > 1e-6:
         return 0.0, 0.0
@@ -135,119 +267,80 @@ def _center_step_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _nearest_pixel_kernel(
-    state: NDArray[np.float64], columns: int, rows: int
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    """Return the column and row of the sensor's pixel that is nearest to a disc's centre."""
-    column, row = int(np.rint(state[0])), int(np.rint(state[1]))
-    last_column, last_row = columns - 2 * PAD_PX - 1, rows - 2 * PAD_PX - 1
-    return min(max(column, 0), last_column), min(max(row, 0), last_row)
+def _ring_kernel(
+    window: FitWindow, m: int, outline_px: NDArray[np.float64]
+) -> tuple[Any, Any]:  # pragma: no cover - compiled
+    """Return the first pixel of the window that a disc's edge may reach, and how many follow it."""
+    within, bulge = window.within, abs(outline_px[1]) + abs(outline_px[2])
+    near = max(outline_px[0] - bulge + window.edge[m, 0] - ROUNDING_PX, 0.0) / RING_PX
+    far = max(outline_px[0] + bulge + window.edge[m, 1] + ROUNDING_PX, 0.0) / RING_PX
+    last = within.size - 1
+    first, after = within[min(int(near), last)], within[min(int(far) + 1, last)]
+    # Unsigned, so that no index can be meant from the end: that would not be vectorised.
+    return np.uint64(first), np.uint64(after - first)
 
 
 @njit(cache=True, nogil=True)
-def _read_kernel(
-    flat: NDArray[np.float32],
-    middle: int,
-    offset: NDArray[np.int64],
-    ring: tuple[Any, Any],
-    level: NDArray[np.float32],
+def _follow_kernel(
+    outline_px: NDArray[np.float64], gradient: tuple[Any, Any, Any], step: float, rest_px: float
 ) -> None:  # pragma: no cover - compiled
-    """Copy a ring of pixels around the one at ``middle`` out of the flat padded map."""
-    first, count = ring
-    for j in range(count):
-        level[j] = flat[np.uint64(middle) + np.uint64(offset[first + j])]
+    """Move an outline (r, b, c) along its gradient, within MOST_GROWTH of the radius at rest."""
+    most = MOST_GROWTH * rest_px
+    outline_px[0] = min(max(outline_px[0] + step * gradient[0], rest_px - most), rest_px + most)
+    outline_px[1] = min(max(outline_px[1] + 2.0 * step * gradient[1], -most), most)
+    outline_px[2] = min(max(outline_px[2] + 2.0 * step * gradient[2], -most), most)
 
 
 @njit(cache=True, nogil=True)
-def _fit_one_kernel(
-    levels: tuple[NDArray[np.float32], int, int],
-    window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]],
-    edge: NDArray[np.float32],
-    state: NDArray[np.float64],
-    curves: tuple[Any, ...],
-    prior: tuple[float, float, float],
-) -> tuple[Any, ...]:  # pragma: no cover - compiled
-    """Move one marker's centre to the best fit.
-
-    ``levels`` are the flat padded map, its columns and its rows; ``edge`` is scratch; ``state`` is
-    (x, y, r, b, c), px, and changed; ``prior`` is the expected x and y and their weight. Returns
-    the gradients of r, b and c, the curvature of r, and the agreement.
-    """
-    flat, columns, rows = levels
-    offset, place_px, within = window
-    coefficients, inner_px, outer_px, unit, iterations = curves
-    ring = _ring_kernel(within, state, inner_px, outer_px)
-    per_half = np.float32(2.0 / (outer_px - inner_px))
-    r = np.float32(state[2] + 0.5 * (inner_px + outer_px))
-    b, c = np.float32(state[3]), np.float32(state[4])
-    per_soft2 = np.float32(1.0 / SOFT_LEVEL**2)
-    moved = read_to = np.float32(0.0), np.float32(0.0)
-    column, row, fresh = -1, -1, False
-    for _ in range(iterations):
-        if not fresh:
-            at = _nearest_pixel_kernel(state, columns, rows)
-            if at[0] != column or at[1] != row:
-                column, row = at
-                middle = (row + PAD_PX) * columns + column + PAD_PX
-                _read_kernel(flat, middle, offset, ring, edge[0])
-            x, y = np.float32(state[0] - column), np.float32(state[1] - row)
-            _edge_kernel(place_px, ring, (x, y, r, b, c, per_half), coefficients, edge)
-            moved = np.float32(0.0), np.float32(0.0)
-        curvature, gradient = center_equations_kernel(edge, ring[1], moved, per_soft2, unit)
-        away = prior[0] - state[0], prior[1] - state[1]
-        step_x, step_y = _center_step_kernel(curvature, gradient, away, prior[2])
-        state[0] += step_x
-        state[1] += step_y
-        read_to, moved = moved, (moved[0] + np.float32(step_x), moved[1] + np.float32(step_y))
-        if step_x * step_x + step_y * step_y < SMALL_STEP_PX * SMALL_STEP_PX:
-            break
-        fresh = moved[0] * moved[0] + moved[1] * moved[1] < LINEAR_STEP_PX * LINEAR_STEP_PX
-    return outline_equations_kernel(edge, ring[1], read_to, per_soft2, unit)
-
-
-@njit(cache=True, nogil=True)
-def fit_discs_kernel(
-    padded: NDArray[np.float32],
-    center_px: NDArray[np.float64],
+def fit_disc_kernel(
+    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
+    window: FitWindow,
+    m: int,
+    center_px: tuple[float, float],
     outline_px: NDArray[np.float64],
-    window: tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]],
-    curves: tuple[Any, ...],
-    prior: tuple[NDArray[np.float64], float],
-    follow: tuple[NDArray[np.float64], float, float],
-    agreement: NDArray[np.float64],
-) -> None:  # pragma: no cover - compiled
-    """Move every centre to the best fit and every outline a little, in place.
+    settings: tuple[int, float, float],
+) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
+    """Fit marker m's centre, and let its outline follow; return x, y, agreement and last step.
 
     Args:
-        padded: The map with its margin of PAD_PX.
-        center_px: ``(m, 2)`` start and result, px.
-        outline_px: ``(m, 3)`` r, b and c of each disc, px.
-        window: Offsets, places and counts of :class:`FitWindow`.
-        curves: Coefficients, inner and outer ends (px) and units of :class:`FitWindow`;
-            Gauss-Newton steps at most.
-        prior: ``(m, 2)`` where the neighbours expect each marker, px, and its weight as a share of
-            the fit's own curvature.
-        follow: ``(m,)`` radii at rest, px; largest change of the outline as a share of them; share
-            of its Gauss-Newton step that the outline makes.
-        agreement: ``(m,)`` result: share of the edge that agrees with the fit, 0 to 1.
+        levels: The map with its margin of PAD_PX; ``(5, n)`` scratch for level, direction (x, y),
+            residual and slope of every pixel.
+        window: From :func:`fit_window`.
+        m: Which marker.
+        center_px: Where the fit begins, px.
+        outline_px: ``(3,)`` r, b and c of the disc, px; changed.
+        settings: Gauss-Newton steps at most; share of its own step that the outline makes; radius
+            at rest, px.
     """
-    rest_px, most_share, gain = follow
-    coefficients, inner_px, outer_px, unit, iterations = curves
-    levels = padded.ravel(), padded.shape[1], padded.shape[0]
-    edge = np.empty((5, window[0].size), np.float32)
-    state = np.empty(5)
-    for m in range(center_px.shape[0]):
-        state[0], state[1] = center_px[m, 0], center_px[m, 1]
-        for k in range(3):  # a slice assignment would compile for seconds, and runs no faster
-            state[2 + k] = outline_px[m, k]
-        expected = prior[0][m, 0], prior[0][m, 1], prior[1]
-        curve = coefficients[m], inner_px[m], outer_px[m], unit[m], iterations
-        (gr, gb, gc), rr, agreement[m] = _fit_one_kernel(
-            levels, window, edge, state, curve, expected
-        )
-        center_px[m, 0], center_px[m, 1] = state[0], state[1]
-        step, most = gain / (rr + 1e-3), most_share * rest_px[m]
-        r, b, c = state[2] + step * gr, state[3] + 2.0 * step * gb, state[4] + 2.0 * step * gc
-        outline_px[m, 0] = min(max(r, rest_px[m] - most), rest_px[m] + most)
-        outline_px[m, 1] = min(max(b, -most), most)
-        outline_px[m, 2] = min(max(c, -most), most)
+    padded, edge = levels
+    flat, row_px = padded.ravel(), padded.shape[1]
+    last_column, last_row = row_px - 2 * PAD_PX - 1, padded.shape[0] - 2 * PAD_PX - 1
+    first, count = _ring_kernel(window, m, outline_px)
+    inner_px, outer_px, unit = window.edge[m, 0], window.edge[m, 1], window.edge[m, 2]
+    per_half = np.float32(2.0) / (outer_px - inner_px)
+    r = np.float32(outline_px[0] + 0.5 * (inner_px + outer_px))
+    b, c = np.float32(outline_px[1]), np.float32(outline_px[2])
+    level, offset = edge[0], window.offset
+    (x, y), column, row, fresh, length = center_px, -1, -1, False, 0.0
+    moved = read_to = np.float32(0.0), np.float32(0.0)
+    for _ in range(settings[0]):
+        if not fresh:
+            at = min(max(int(np.rint(x)), 0), last_column), min(max(int(np.rint(y)), 0), last_row)
+            if at[0] != column or at[1] != row:
+                column, row = at
+                middle = np.uint64((row + PAD_PX) * row_px + column + PAD_PX)
+                for j in range(count):
+                    level[j] = flat[middle + np.uint64(offset[first + j])]
+            disc = np.float32(x - column), np.float32(y - row), r, b, c, per_half
+            _edge_kernel(window.place_px, (first, count), disc, window.coefficients[m], edge)
+            moved = np.float32(0.0), np.float32(0.0)
+        step_x, step_y = _step_kernel(*center_equations_kernel(edge, count, moved, unit))
+        x, y = x + step_x, y + step_y
+        read_to, moved = moved, (moved[0] + np.float32(step_x), moved[1] + np.float32(step_y))
+        length = np.hypot(step_x, step_y)
+        if length < SMALL_STEP_PX:
+            break
+        fresh = moved[0] * moved[0] + moved[1] * moved[1] < LINEAR_STEP_PX * LINEAR_STEP_PX
+    gradient, rr, agreement = outline_equations_kernel(edge, count, read_to, unit)
+    _follow_kernel(outline_px, gradient, settings[1] / (rr + 1e-3), settings[2])
+    return x, y, agreement, length

@@ -20,10 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import Appearance, appearance_of, nearest_marker
-from spikingtac.markers.graded.backlash import crossing_px
-from spikingtac.markers.neighbours import smallest_spacing_px
-from spikingtac.state_map.two_threads import MANY_EVENTS, divide, worth_dividing
+from spikingtac.markers.graded.appearance import appearance_of, nearest_marker, roam_px
+from spikingtac.markers.graded.corrections import crossing_px
 from spikingtac.types import EventPacket
 
 SLOW_PX_S = 10.0
@@ -114,9 +112,7 @@ class EventLoss:
 
     def __init__(self, calibration: Calibration) -> None:
         """Begin with :data:`FIRST_SHARE`."""
-        appearance = appearance_of(calibration)
-        swing_events = EXTRA_EVENTS * _swing_events(appearance)
-        self._events_per_px = 2.0 * calibration.radius_px * swing_events
+        self.events_per_px = events_per_px(calibration)
         self._silent_px = np.maximum(SILENT_CROSSINGS * crossing_px(calibration), LEAST_SILENT_PX)
         self._reference_px = calibration.reference_px
         self._owner = nearest_marker(calibration.reference_px, calibration.size)
@@ -124,29 +120,15 @@ class EventLoss:
         self._area_px = np.bincount(self._owner.ravel(), minlength=count).astype(np.float64)
         self._counts = np.zeros(count, np.int64)
         # Farther from its rest a disc throws a part of its events into another marker's cell.
-        spacing_px = min(
-            smallest_spacing_px(calibration.reference_px), float(max(calibration.size))
-        )
-        self._roam_px = max(spacing_px / 2.0 - float(calibration.radius_px.max()), 1.0)
+        self._roam_px = roam_px(calibration)
         self._turn_px = calibration.reference_px.astype(np.float64)
         self._background_hz_px: float | None = None
         self._expected = self._arrived = 0.0
         self.share = FIRST_SHARE
 
-    def count(self, packet: EventPacket) -> None:
-        """Count the events of a packet, marker by marker."""
-        if not worth_dividing(len(packet), MANY_EVENTS):
-            _count_kernel(self._owner, packet.x, packet.y, self._counts)
-            return
-        parts: list[NDArray[np.int64]] = []
-
-        def count(some: slice) -> None:
-            own = np.zeros_like(self._counts)
-            _count_kernel(self._owner, packet.x[some], packet.y[some], own)
-            parts.append(own)
-
-        divide(len(packet), count)
-        self._counts += np.sum(parts, axis=0)
+    def count(self, packet: EventPacket, pending: NDArray[np.int64]) -> None:
+        """Count the events of a packet, marker by marker, also for those who wait for them."""
+        _count_kernel(self._owner, packet.x, packet.y, self._counts, pending)
 
     def take(self, dt_s: float) -> CellCounts:
         """Return what was counted since the last call, and begin anew.
@@ -156,7 +138,7 @@ class EventLoss:
         """
         background = self._background_hz_px
         hz_px = LEAST_BACKGROUND_HZ_PX if background is None else background
-        cells = CellCounts(self._counts, hz_px * self._area_px, self._events_per_px, dt_s)
+        cells = CellCounts(self._counts, hz_px * self._area_px, self.events_per_px, dt_s)
         self._counts = np.zeros(self._counts.size, np.int64)
         return cells
 
@@ -224,9 +206,14 @@ class EventLoss:
         self._background_hz_px += gain * (rate_hz_px - self._background_hz_px)
 
 
-def _swing_events(appearance: Appearance) -> NDArray[np.float64]:
-    """Return ``(m,)`` events of one swing up and one swing down: 1 / step - 1 of each."""
-    return 1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0
+def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
+    """Return ``(m,)`` events of a whole stream per px of each marker's motion.
+
+    A swept pixel swings up and down once: 1 / step - 1 events of each.
+    """
+    appearance = appearance_of(calibration)
+    swing_events = 1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0
+    return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
 
 
 @njit(cache=True, nogil=True)
@@ -235,9 +222,12 @@ def _count_kernel(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     counts: NDArray[np.int64],
+    pending: NDArray[np.int64],
 ) -> None:  # pragma: no cover - compiled
     for i in range(x.size):
-        counts[owner[y[i], x[i]]] += 1
+        m = owner[y[i], x[i]]
+        counts[m] += 1
+        pending[m] += 1
 
 
 @njit(cache=True, nogil=True)

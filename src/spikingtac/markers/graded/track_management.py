@@ -141,8 +141,7 @@ class TrackManager:
             levels: ``(height, width)`` the map.
         """
         self.placed = False
-        outside = self.neighbours.bounded_px(fitted_px, fitted_px, 1.0)[1]
-        doubted = (agreement < LEAST_AGREEMENT) | outside
+        doubted = (agreement < LEAST_AGREEMENT) | self.neighbours.outside(fitted_px)
         if not (doubted.any() or self.silent.any() or self.coasted.any()):
             self._doubted_since_us[:] = -1
             return
@@ -176,9 +175,7 @@ class TrackManager:
     def _place_held(self, fitted_px: NDArray[np.float64]) -> None:
         held = self.coasted
         blended = np.where(held[:, np.newaxis], self.position_px, fitted_px)
-        expected_px = self.neighbours.expected_px(blended)
-        # An affine prediction at the border reaches beyond the neighbours, which may be held too.
-        self.position_px[held] = self.neighbours.bounded_px(blended, expected_px, 0.0)[0][held]
+        self.position_px[held] = self.neighbours.expected_px(blended)[held]
         self.placed = True
 
     def _search(

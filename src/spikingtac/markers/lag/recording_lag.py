@@ -9,12 +9,10 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.source import EventSource
 from spikingtac.events.windows import windows
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
 from spikingtac.markers.lag.estimate import LagConfig, LagEstimate, estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile
-from spikingtac.markers.maintenance_config import MaintenanceConfig
 from spikingtac.markers.tracker import MarkerTracker
 
 PERIOD_US = 1_000
@@ -68,9 +66,7 @@ def slide_lag_us(source: EventSource, calibration: Calibration) -> float | None:
         source: The slides; read twice.
         calibration: What the slides taught so far.
     """
-    locator = DiscLocator(DiscLocatorConfig(), calibration)
-    plain = MaintenanceConfig(longest_period_us=0, lag_us=0.0, backlash=0.0, turn_backlash=0.0)
-    tracker = GradedTracker(locator, plain, calibration)
+    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration)
     estimate = recording_lag(source, tracker, calibration)
     return estimate.lag_us if estimate.samples else None
 

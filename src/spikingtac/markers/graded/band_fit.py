@@ -20,10 +20,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.bands.band_motion import (
-    hold_kernel,
+from spikingtac.markers.graded.disc_locator import (
+    AGREEMENT,
+    AT_US,
+    PP,
+    PV,
+    VV,
+    VX,
+    VY,
+    X,
+    Y,
     predict_kernel,
-    predict_radius_kernel,
 )
 from spikingtac.state_map.graded import PAD_PX
 
@@ -42,6 +49,29 @@ SMALL_STEP_PX = 0.005
 SOFT_RESIDUAL = 0.4
 """Residual at which a pixel counts half (Cauchy). Sharper, 3 standard deviations, is 3 % more
 accurate on presses and loses markers that snap back at 2,000 px/s (measured, simulated)."""
+
+ITERATIONS = 3
+"""Gauss-Newton steps per marker and estimate at most (ours)."""
+
+BAND_WEIGHT = 0.4
+"""Weight of a pixel that did not fire, over that of one that did (ours)."""
+
+MOST_GAIN = 0.3
+"""Largest share of a level's disagreement that one estimate corrects (ours)."""
+
+STOP_S = 3.0e-3
+"""Time in which the speed of a marker fades near which no pixel fires, s (ours)."""
+
+MOST_VARIANCES = (0.05, 1.0e4)
+"""Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at most:
+a motion that begins within one estimate."""
+
+GROWTH_S = 0.3
+"""Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
+recorded gel)."""
+
+LEAST_GROWTH_PX = 1e-5
+"""Standard deviation of a radius that is known, px: a variance is divided by."""
 
 SOFT_LEVEL = 0.8
 """Residual of an expected level at which a pixel counts half as agreeing, as in the disc fit."""
@@ -90,7 +120,6 @@ def _normal_equations_kernel(
     maps: tuple[Any, ...],
     disc: tuple[float, float, float, float],
     table: NDArray[np.float32],
-    band_weight: float,
     sums: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Sum curvature (xx, xy, yy, xr, yr, rr) and gradient (x, y, r) of the pixels around a disc.
@@ -118,7 +147,7 @@ def _normal_equations_kernel(
             e = _residual_kernel(memory[row, column] - table[0, entry], new, steps[row, column])
             if e == 0.0:
                 continue
-            weight = (1.0 if new else band_weight) / (variance[row, column] + MODEL_VARIANCE)
+            weight = (1.0 if new else BAND_WEIGHT) / (variance[row, column] + MODEL_VARIANCE)
             weight /= 1.0 + e * e / SOFT_RESIDUAL**2
             slope = -table[2, entry]
             jx, jy = slope * dx / rho, slope * dy / rho
@@ -139,7 +168,6 @@ def _correct_levels_kernel(
     disc: tuple[float, float, float, float],
     table: NDArray[np.float32],
     center_variance: float,
-    most_gain: float,
 ) -> float:  # pragma: no cover - compiled
     """Draw levels towards the fitted disc; return the share of its edge that agrees with them."""
     memory, variance, fired, steps, turn, padded = maps
@@ -165,7 +193,7 @@ def _correct_levels_kernel(
                 continue
             known = variance[row, column]
             gain = known / (known + MODEL_VARIANCE + slope * slope * center_variance)
-            gain = min(gain, most_gain) / (1.0 + e * e / SOFT_RESIDUAL**2)
+            gain = min(gain, MOST_GAIN) / (1.0 + e * e / SOFT_RESIDUAL**2)
             memory[row, column] -= np.float32(gain * e)
             padded[row + PAD_PX, column + PAD_PX] -= np.float32(gain * e)
             if new:
@@ -200,83 +228,100 @@ def _solve_kernel(
 def _fit_one_kernel(
     maps: tuple[Any, ...],
     motion: NDArray[np.float64],
-    disc: tuple[float, float],
-    table: NDArray[np.float32],
-    settings: tuple[float, float, int],
+    radius: NDArray[np.float64],
+    disc: tuple[float, float, NDArray[np.float32]],
     sums: NDArray[np.float64],
 ) -> float:  # pragma: no cover - compiled
     """Correct one marker's predicted state, then the levels around it; return the agreement.
 
-    ``disc`` is the radius at rest and the table's reach, px.
+    ``radius`` is the disc's, px, and its variance; ``disc`` the radius at rest, the table's reach,
+    px, and the table.
     """
-    rest_px, reach_px = disc
-    band_weight, most_gain, iterations = settings
-    px, py, prior = motion[0], motion[1], motion[4]
-    pr, prior_r = motion[7], motion[8]
+    rest_px, reach_px, table = disc
+    px, py, prior, pr, prior_r = motion[X], motion[Y], motion[PP], radius[0], radius[1]
     smallest_px, largest_px = (1.0 - MOST_GROWTH) * rest_px, (1.0 + MOST_GROWTH) * rest_px
     x, y, radius_px, posterior = px, py, pr, prior
-    for _ in range(iterations):
-        _normal_equations_kernel(maps, (x, y, radius_px, reach_px), table, band_weight, sums)
+    for _ in range(ITERATIONS):
+        _normal_equations_kernel(maps, (x, y, radius_px, reach_px), table, sums)
         away = px - x, py - y, pr - radius_px
         step_x, step_y, step_r, posterior = _solve_kernel(sums, away, (prior, prior_r))
         length = np.hypot(step_x, step_y)
         share = LARGEST_STEP_PX / max(length, LARGEST_STEP_PX)
         x, y = x + share * step_x, y + share * step_y
-        grown_px = radius_px + share * step_r
-        radius_px = min(max(grown_px, smallest_px), largest_px)
+        radius_px = min(max(radius_px + share * step_r, smallest_px), largest_px)
         if length < SMALL_STEP_PX:
             break
-    motion[7], motion[8] = radius_px, 1.0 / (sums[5] + 1.0 / prior_r)
-    gain, speed_gain = max(1.0 - posterior / prior, 0.0), motion[5] / prior
-    motion[0], motion[1] = x, y
-    motion[2] += speed_gain * (x - px)
-    motion[3] += speed_gain * (y - py)
-    motion[6] -= speed_gain * gain * motion[5]
-    motion[4], motion[5] = posterior, (1.0 - gain) * motion[5]
-    return _correct_levels_kernel(maps, (x, y, radius_px, reach_px), table, posterior, most_gain)
+    radius[0], radius[1] = radius_px, 1.0 / (sums[5] + 1.0 / prior_r)
+    gain, speed_gain = max(1.0 - posterior / prior, 0.0), motion[PV] / prior
+    motion[X], motion[Y] = x, y
+    motion[VX] += speed_gain * (x - px)
+    motion[VY] += speed_gain * (y - py)
+    motion[VV] -= speed_gain * gain * motion[PV]
+    motion[PP], motion[PV] = posterior, (1.0 - gain) * motion[PV]
+    return _correct_levels_kernel(maps, (x, y, radius_px, reach_px), table, posterior)
+
+
+@njit(cache=True, nogil=True)
+def _predict_radius_kernel(
+    radius: NDArray[np.float64], dt_s: float, rest_px: float, growth: float
+) -> None:  # pragma: no cover - compiled
+    """Let a radius, px, and its variance return to what is known at rest."""
+    kept, most = np.exp(-dt_s / GROWTH_S), (growth * rest_px) ** 2
+    radius[0] = rest_px + kept * (radius[0] - rest_px)
+    radius[1] = max(most + kept * kept * (radius[1] - most), LEAST_GROWTH_PX**2)
+
+
+@njit(cache=True, nogil=True)
+def _rest_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover - compiled
+    """Let one marker rest where it is, since nothing fired: its speed fades, its variance grows."""
+    kept = np.exp(-dt_s / STOP_S)
+    motion[VX] *= kept
+    motion[VY] *= kept
+    motion[PP], motion[VV] = min(motion[PP], MOST_VARIANCES[0]), min(motion[VV], MOST_VARIANCES[1])
+    motion[PV] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_bands_kernel(
     maps: tuple[Any, ...],
-    motion: NDArray[np.float64],
-    dt_s: float,
+    states: tuple[NDArray[np.float64], ...],
     discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]],
-    filtering: tuple[float, float, float, float, float, float],
-    fitting: tuple[float, float, int],
-    agreement: NDArray[np.float64],
+    t_us: int,
+    growth: float,
 ) -> None:  # pragma: no cover - compiled
     """Move every marker near which pixels fired, and correct the levels around it.
 
     Args:
         maps: Memory, variance, fired, signed steps, the turn, and the padded expected levels of
             :class:`~spikingtac.state_map.bands.BandStateMap`; the levels are changed.
-        motion: ``(m, 9)`` x, y (px), vx, vy (px/s), the variances of place, of place and speed,
-            and of speed, the same for both axes, the radius (px) and its variance; changed.
-        dt_s: Time since the last call, s.
-        discs: ``(m,)`` radii at rest, px; values and reaches of `profile_tables.ProfileTables`.
-        filtering: Noise density of the acceleration, px^2/s^3; time in which the speed of a marker
-            fades near which nothing fires, s; its largest variances of place and speed; share of
-            its radius by which a disc grows, and time in which motion forgets that, s.
-        fitting: Weight of a pixel that did not fire; largest gain of a level; Gauss-Newton steps
-            at most.
-        agreement: ``(m,)`` result: share of the edge that agrees with the map, 0 to 1; kept where
-            nothing fired.
+        states: Motions (:mod:`spikingtac.markers.graded.disc_locator`); ``(m, 2)`` radii, px, and
+            their variances; fits, of which the agreement is kept where nothing fired; and which
+            markers are held, whose motion stays. Changed.
+        discs: ``(m,)`` radii at rest, px; values and reaches of
+            :func:`~spikingtac.markers.graded.appearance.profile_tables`.
+        t_us: The time, us.
+        growth: Share of its radius by which a disc grows.
     """
     fired, turn = maps[2], maps[4]
+    motions, radii, fits, coasted = states
     radius_px, tables, reach_px = discs
     height, width = fired.shape
-    sums = np.zeros(9)
-    for m in range(motion.shape[0]):
-        x, y = motion[m, 0], motion[m, 1]
-        predict_kernel(motion[m], dt_s, filtering[0])
-        window = _window_kernel(
-            motion[m, 0], motion[m, 1], radius_px[m] + reach_px[m], width, height
-        )
+    sums, start = np.zeros(9), np.zeros(8)
+    for m in range(radius_px.size):
+        motion = motions[m]
+        dt_s = (t_us - motion[AT_US]) * 1e-6 if motion[AT_US] >= 0.0 else 0.0
+        motion[AT_US] = t_us
+        for k in range(8):
+            start[k] = motion[k]
+        predict_kernel(motion, dt_s)
+        window = _window_kernel(motion[X], motion[Y], radius_px[m] + reach_px[m], width, height)
         if _any_fired_kernel(fired, turn, window):
-            predict_radius_kernel(motion[m], dt_s, radius_px[m], filtering[4:])
-            disc = (radius_px[m], reach_px[m])
-            agreement[m] = _fit_one_kernel(maps, motion[m], disc, tables[m], fitting, sums)
+            _predict_radius_kernel(radii[m], dt_s, radius_px[m], growth)
+            disc = radius_px[m], reach_px[m], tables[m]
+            fits[m, AGREEMENT] = _fit_one_kernel(maps, motion, radii[m], disc, sums)
         else:
-            motion[m, 0], motion[m, 1] = x, y
-            hold_kernel(motion[m], dt_s, filtering[1:4])
+            motion[X], motion[Y] = start[X], start[Y]
+            _rest_kernel(motion, dt_s)
+        fits[m, 0], fits[m, 1] = motion[X], motion[Y]
+        if coasted[m]:
+            motion[X], motion[Y], motion[VX], motion[VY] = start[X], start[Y], 0.0, 0.0

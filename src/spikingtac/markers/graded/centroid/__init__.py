@@ -1,1 +1,0 @@
-"""Markers by centroids of the graded map: preset ``fast``."""
