@@ -17,8 +17,8 @@ from spikingtac.errors import ConfigError, nearest
 
 T = TypeVar("T")
 _STAGES = {
-    "disc": ("disc", "maintenance"),
-    "centroid": ("centroid", "maintenance"),
+    "disc": ("disc",),
+    "bands": ("disc",),
     "blobs": ("denoiser", "blobs"),
     "paper": ("paper_law",),
     "anchored": ("anchored_law",),

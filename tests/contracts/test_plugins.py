@@ -78,7 +78,7 @@ def test_what_cannot_be_loaded_is_named(package: Path) -> None:
 
 def test_an_unknown_name_lists_what_there_is(tmp_path: Path) -> None:
     config = st.load_config("default").with_tracking(method="unheard-of")
-    with pytest.raises(ConfigError, match="disc, bands, centroid, blobs"):
+    with pytest.raises(ConfigError, match="disc, bands, blobs"):
         st.make_tracker(config.tracking, CALIBRATION)
     (tmp_path / "a.mine").write_bytes(b"?")
     with pytest.raises(FormatError, match="mine"):

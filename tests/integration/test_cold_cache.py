@@ -15,12 +15,8 @@ SCRIPT = """
 import hashlib
 import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.centroid.centroid_locator import (
-    CentroidLocator, CentroidLocatorConfig,
-)
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
+from spikingtac.markers.graded.disc_locator import AT_ONCE, DiscLocator
 from spikingtac.markers.neighbours import Neighbourhood
-from spikingtac.state_map.graded import GradedStateMap
 
 rng = np.random.default_rng(3)
 across, down = np.meshgrid(np.linspace(30.0, 290.0, 8), np.linspace(30.0, 290.0, 8))
@@ -29,8 +25,7 @@ calibration = Calibration(
     reference_px=places, radius_px=np.full(64, 9.0), grid=(8, 8), size=(320, 320), contrast=6.0,
     edge_px=1.2,
 )
-locator = DiscLocator(DiscLocatorConfig(), calibration)
-centroids = CentroidLocator(CentroidLocatorConfig(), calibration)
+locator = DiscLocator(calibration, np.full(64, 200.0), 3)
 neighbours = Neighbourhood(places)
 digest = hashlib.sha256()
 for shift in range(12):
@@ -39,13 +34,12 @@ for shift in range(12):
         near = np.s_[int(y) - 10 : int(y) + 12, int(x) - 10 : int(x) + 12]
         rows, columns = np.mgrid[near]
         level[near][np.hypot(columns - x, rows - y) < 9.2] += np.float32(1.6)
-    predicted = places + rng.normal(0.0, 0.8, (64, 2))
-    state_map = GradedStateMap(level)
-    expected = neighbours.expected_px(predicted)
-    found, agreement = locator.locate(state_map, predicted, expected, 0.001)
-    digest.update(found.tobytes() + agreement.tobytes() + locator.outline_px.tobytes())
-    center, share = centroids.locate(state_map, found, None, 0.001)
-    digest.update(center.tobytes() + share.tobytes())
+    locator.map.repaint(level)
+    locator.pending[:] = AT_ONCE
+    locator.locate(1_000 * shift, np.zeros(64, np.bool_))
+    settled = neighbours.settled_px(locator.motion[:, :2], np.full(64, 0.2), neighbours.bound_px)
+    for found in (locator.motion, locator.agreement, locator.outline_px, *settled):
+        digest.update(found.tobytes())
 print(digest.hexdigest())
 """
 

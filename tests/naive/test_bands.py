@@ -7,20 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
+from spikingtac.config import load_config
 from spikingtac.events.windows import windows
-from spikingtac.markers.graded.appearance import appearance_of
-from spikingtac.markers.graded.bands import band_fit, band_motion
-from spikingtac.markers.graded.bands.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
-from spikingtac.markers.graded.bands.band_locator import BandLocator, BandLocatorConfig, banded
-from spikingtac.markers.graded.bands.band_recovery import (
+from spikingtac.markers.graded import band_fit
+from spikingtac.markers.graded.appearance import appearance_of, profile_tables
+from spikingtac.markers.graded.band_fit import MODEL_VARIANCE, SOFT_RESIDUAL
+from spikingtac.markers.graded.band_locator import (
     GROUPS,
-    RecoveryTurns,
+    BandLocator,
+    banded,
     recover_levels_kernel,
     recovering_px,
 )
-from spikingtac.markers.graded.profile_tables import profile_tables
-from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.graded.motion import predict_radius_kernel
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.follow import follow
@@ -102,8 +101,8 @@ def residuals(maps: tuple[np.ndarray, ...], x: float, y: float) -> tuple[np.ndar
 def test_the_normal_equations_equal_their_twin() -> None:
     maps, sums = random_maps(3), np.zeros(9)
     tables = profile_tables([PROFILE])
-    disc = (23.3, 20.6, RADIUS_PX, float(tables.reach_px[0]))
-    band_fit._normal_equations_kernel(maps, disc, tables.values[0], 0.4, sums)
+    disc = (23.3, 20.6, RADIUS_PX, float(tables[1][0]))
+    band_fit._normal_equations_kernel(maps, disc, tables[0][0], sums)
     e, slope, ux, uy, near = residuals(maps, 23.3, 20.6)
     weight = 1.0 / (maps[1] + MODEL_VARIANCE) * np.where(maps[2] == TURN, 1.0, 0.4)
     weight = np.where(near & (e != 0.0), weight / (1.0 + (e / SOFT_RESIDUAL) ** 2), 0.0)
@@ -133,19 +132,18 @@ def test_a_disc_that_grew_is_not_taken_for_one_that_moved(
 ) -> None:
     """Only one half of the edge fires: it went outwards, and the other half says nothing."""
     calibration = replace(rare_off_calibration(), recovery_s=recovery_s)
-    locator = BandLocator(BandLocatorConfig(), calibration)
-    state_map = locator.initial_map(calibration)
+    locator = BandLocator(calibration)
+    state_map = locator.map
     rest_px, radius_px = calibration.reference_px, calibration.radius_px[0]
-    center_px = rest_px
     row, column = np.mgrid[: calibration.size[1], : calibration.size[0]]
     away_px = np.hypot(column - rest_px[0, 0], row - rest_px[0, 1])
     profile = appearance_of(calibration).profiles[0]
     front = (column > rest_px[0, 0]) & (np.abs(away_px - radius_px) < profile.reach_px)
-    for grown_px in np.linspace(0.05, 1.0, 20):
+    for k, grown_px in enumerate(np.linspace(0.05, 1.0, 20)):
         grown = profile.level(away_px - radius_px - grown_px)
         state_map.memory[front], state_map.fired[front] = grown[front], state_map.turn
-        center_px, _ = locator.locate(state_map, center_px, None, 1e-3)
-    moved_px = center_px[0] - rest_px[0]
+        locator.locate(1_000 * k, np.zeros(len(rest_px), np.bool_))
+    moved_px = locator.motion[0, :2] - rest_px[0]
     assert moved_px[0] < ahead_px if recovery_s else moved_px[0] > ahead_px
     assert abs(moved_px[1]) < 0.05
 
@@ -154,8 +152,8 @@ def test_levels_are_corrected_by_their_gain_and_never_beyond_their_band() -> Non
     maps = random_maps(4)
     before, known = maps[0].copy(), maps[1].copy()
     tables = profile_tables([PROFILE])
-    disc = (24.0, 20.0, RADIUS_PX, float(tables.reach_px[0]))
-    agreement = band_fit._correct_levels_kernel(maps, disc, tables.values[0], 0.01, 0.3)
+    disc = (24.0, 20.0, RADIUS_PX, float(tables[1][0]))
+    agreement = band_fit._correct_levels_kernel(maps, disc, tables[0][0], 0.01)
     maps_before = (before, known, *maps[2:])
     e, slope, _, _, near = residuals(maps_before, 24.0, 20.0)
     gain = np.minimum(known / (known + MODEL_VARIANCE + slope**2 * 0.01), 0.3)
@@ -171,7 +169,7 @@ def test_levels_above_their_disc_recover_and_others_are_left_alone() -> None:
     memory, _, _, _, _, padded = random_maps(5)
     before, expected = memory.copy(), padded[PAD_PX:-PAD_PX, PAD_PX:-PAD_PX].copy()
     tables = profile_tables([PROFILE])
-    discs = np.array([RADIUS_PX]), tables.values, tables.reach_px
+    discs = np.array([RADIUS_PX]), *tables
     place_px = np.array([[24.4, 20.2]])
     within_px = recovering_px(place_px, discs[0], discs[2])
     recover_levels_kernel(padded, memory, place_px, discs, within_px, np.array([0.4]))
@@ -185,14 +183,14 @@ def test_levels_above_their_disc_recover_and_others_are_left_alone() -> None:
 
 
 def test_markers_recover_in_turn_and_as_fast_as_all_at_once() -> None:
-    turns, kept = RecoveryTurns(2 * GROUPS + 1, recovery_s=0.2), np.ones(2 * GROUPS + 1)
-    for _ in range(3 * GROUPS):
-        share = turns.shares(0.001)
-        assert np.count_nonzero(share) <= 3
-        kept *= 1.0 - share
-    left = np.exp(-0.001 * 3 * GROUPS / 0.2)
-    np.testing.assert_array_less(left - 1e-12, kept)
-    np.testing.assert_array_less(kept, left * np.exp(0.001 * GROUPS / 0.2))
+    locator = BandLocator(replace(rare_off_calibration(), recovery_s=0.2))
+    beside = np.rint(REST_PX + np.array([RADIUS_PX + 6.0, 0.0])).astype(int)
+    locator.map.memory[beside[:, 1], beside[:, 0]] = 0.9
+    before = locator.map.memory[beside[:, 1], beside[:, 0]].copy()
+    for t_us in range(0, 1_000 * 12 * GROUPS + 1, 1_000):
+        locator.locate(t_us, np.zeros(len(REST_PX), np.bool_))
+    left = locator.map.memory[beside[:, 1], beside[:, 0]] / before
+    np.testing.assert_allclose(left, np.exp(-0.001 * 12 * GROUPS / 0.2), rtol=0.05)
 
 
 def test_levels_recover_no_nearer_to_the_next_disc_than_halfway() -> None:
@@ -202,26 +200,15 @@ def test_levels_recover_no_nearer_to_the_next_disc_than_halfway() -> None:
     np.testing.assert_array_equal(recovering_px(4.0 * rest_px, radius_px, np.full(2, 4.0)), 18.0)
 
 
-def test_the_prediction_is_that_of_a_matrix_filter() -> None:
-    motion = np.array([3.0, 4.0, 10.0, -5.0, 0.02, 0.3, 50.0])
-    dt_s, q = 0.004, 5.0e5
-    step = np.array([[1.0, dt_s], [0.0, 1.0]])
-    noise = q * np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
-    expected = step @ np.array([[0.02, 0.3], [0.3, 50.0]]) @ step.T + noise
-    band_motion.predict_kernel(motion, dt_s, q)
-    np.testing.assert_allclose(motion[:4], [3.04, 3.98, 10.0, -5.0])
-    np.testing.assert_allclose(motion[4:], [expected[0, 0], expected[0, 1], expected[1, 1]])
-
-
 def test_a_radius_returns_to_rest_and_its_variance_to_the_growth() -> None:
-    motion = np.array([0.0] * 7 + [6.6, 0.01])
-    band_motion.predict_radius_kernel(motion, 0.3, 6.0, (0.2, 0.3))
+    radius = np.array([6.6, 0.01])
+    predict_radius_kernel(radius, 0.3, 6.0, 0.2)
     kept = np.exp(-1.0)
-    np.testing.assert_allclose(motion[7:], [6.0 + 0.6 * kept, 1.44 + kept**2 * (0.01 - 1.44)])
-    band_motion.predict_radius_kernel(motion, 30.0, 6.0, (0.2, 0.3))
-    np.testing.assert_allclose(motion[7:], [6.0, 1.44])
-    band_motion.predict_radius_kernel(motion, 30.0, 6.0, (0.0, 0.3))
-    assert 0.0 < motion[8] < 1e-9, "a radius that is known has a variance to divide by"
+    np.testing.assert_allclose(radius, [6.0 + 0.6 * kept, 1.44 + kept**2 * (0.01 - 1.44)])
+    predict_radius_kernel(radius, 30.0, 6.0, 0.2)
+    np.testing.assert_allclose(radius, [6.0, 1.44])
+    predict_radius_kernel(radius, 30.0, 6.0, 0.0)
+    assert 0.0 < radius[1] < 1e-9, "a radius that is known has a variance to divide by"
 
 
 @pytest.fixture(scope="module")
@@ -229,46 +216,37 @@ def packet() -> EventPacket:
     return rare_off_events()
 
 
-def errors_px(packet: EventPacket, banded_fit: bool, cuts: int = 1) -> np.ndarray:
-    known = rare_off_calibration() if banded_fit else graded_calibration()
+def errors_px(packet: EventPacket, preset: TrackingConfig, cuts: int = 1) -> np.ndarray:
     edges = np.linspace(0, packet.t_end_us, cuts + 1).astype(np.int64)
     index = np.searchsorted(packet.t, edges)
     parts = [
         packet.part(int(index[k]), int(index[k + 1]), int(edges[k]), int(edges[k + 1]))
         for k in range(cuts)
     ]
-    frames = list(follow(parts, make_tracker(TrackingConfig(), known), 1_000.0))
+    frames = list(follow(parts, make_tracker(preset, rare_off_calibration()), 1_000.0))
     at = np.array([frame.t_us for frame in frames]) // PERIOD_US - 1
     true_px = presses_px()[at.clip(0)]
     return np.linalg.norm([frame.detected_px for frame in frames] - true_px, axis=2)
 
 
-def graded_calibration():
-    from dataclasses import replace
-
-    return replace(rare_off_calibration(), band_scale_on=None, band_scale_off=None)
-
-
 def test_presses_of_a_sensor_with_rare_off_events_are_followed(packet: EventPacket) -> None:
-    bands, graded = errors_px(packet, True), errors_px(packet, False)
+    preset = load_config("default").tracking
+    bands, graded = (
+        errors_px(packet, preset),
+        errors_px(packet, replace(preset, rare_off_method="")),
+    )
     assert bands.mean() < 0.25
     assert bands.max() < 1.0
     assert bands.mean() < 0.7 * graded.mean()
 
 
 def test_any_cutting_gives_the_same_tracks(packet: EventPacket) -> None:
-    np.testing.assert_array_equal(errors_px(packet, True), errors_px(packet, True, cuts=37))
-
-
-def test_a_band_fit_needs_its_own_map() -> None:
-    locator = BandLocator(BandLocatorConfig(), rare_off_calibration())
-    with pytest.raises(ConfigError, match="BandStateMap"):
-        locator.locate(GradedStateMap(np.zeros((64, 96), np.float32)), REST_PX, None, 1e-3)
+    bands = TrackingConfig(method="bands")
+    np.testing.assert_array_equal(errors_px(packet, bands), errors_px(packet, bands, cuts=37))
 
 
 def test_a_reset_forgets_everything_but_the_calibration(packet: EventPacket) -> None:
     tracker = make_tracker(TrackingConfig(method="bands"), rare_off_calibration())
-    assert isinstance(tracker, GradedTracker)
 
     def course() -> np.ndarray:
         placed = []

@@ -1,40 +1,27 @@
-"""Disc fit, leak and centroid kernels against plain twins."""
+"""Disc fit and leak kernels against plain twins."""
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
-from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
 
 from spikingtac.calibration.disc_profile import DiscProfile
-from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers import edge_equations
 from spikingtac.markers.graded import disc_fit
-from spikingtac.markers.graded.centroid.centroid_locator import (
-    BLOCK_PX,
-    CentroidLocator,
-    CentroidLocatorConfig,
-    round_window,
+from spikingtac.markers.graded.appearance import profile_tables
+from spikingtac.markers.graded.disc_fit import (
+    MOST_GROWTH,
+    ROUNDING_PX,
+    SOFT_LEVEL,
+    fit_disc_kernel,
 )
-from spikingtac.markers.graded.centroid.cut_discs import SEEN_STEP_PX, cut_discs, uncut_kernel
-from spikingtac.markers.graded.disc_fit import ROUNDING_PX, SOFT_LEVEL, round_outline
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.fit_window import (
-    COEFFICIENT_DECIMALS,
-    CURVE_POINTS,
-    FLAT_SHARE,
-    POLYNOMIAL_DEGREE,
-    fit_window,
-)
+from spikingtac.markers.graded.fit_window import FLAT_SHARE, LARGEST_SUM, REACH_PX, fit_window
 from spikingtac.markers.graded.map_leak import (
+    OUTER_PX,
     ease_outlines_kernel,
     leak_to_discs_kernel,
     return_ground_kernel,
 )
-from spikingtac.markers.graded.profile_tables import profile_tables
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, GradedStateMap
 
 SIZE = (80, 60)
@@ -42,14 +29,21 @@ REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
 RADIUS_PX = np.array([7.0, 6.5, 5.0])
 PROFILE = DiscProfile(6.0, 0.6)
 TABLES = profile_tables([PROFILE] * 3)
-CALIBRATION = Calibration(
-    reference_px=REFERENCE_PX,
-    radius_px=RADIUS_PX,
-    grid=(1, 3),
-    size=SIZE,
-    contrast=6.0,
-    edge_px=0.6,
-)
+WINDOW = fit_window([PROFILE] * 3, SIZE[0])
+ROUND_PX = np.column_stack([RADIUS_PX, np.zeros((3, 2))])
+
+
+def fitted(
+    level: np.ndarray, start_px: np.ndarray, iterations: int = 8, gain: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the three discs are found, px, their agreements and their outlines, px."""
+    padded, edge = GradedStateMap(level).padded, np.empty((5, WINDOW.offset.size), np.float32)
+    found, outline_px = [], ROUND_PX.copy()
+    for m in range(3):
+        settings = iterations, gain, RADIUS_PX[m]
+        start = start_px[m, 0], start_px[m, 1]
+        found.append(fit_disc_kernel((padded, edge), WINDOW, m, start, outline_px[m], settings))
+    return np.array(found)[:, :2], np.array(found)[:, 2], outline_px
 
 
 def levels(center_px: np.ndarray) -> np.ndarray:
@@ -58,6 +52,12 @@ def levels(center_px: np.ndarray) -> np.ndarray:
     for (cx, cy), radius in zip(center_px, RADIUS_PX, strict=True):
         out = np.maximum(out, PROFILE.level(np.hypot(x - cx, y - cy) - radius))
     return out.astype(np.float32)
+
+
+def motions(center_px: np.ndarray, velocity_px_s: np.ndarray | float = 0.0) -> np.ndarray:
+    out = np.zeros((len(center_px), 8))
+    out[:, :2], out[:, 2:4] = center_px, velocity_px_s
+    return out
 
 
 def cauchy_fit(level: np.ndarray, start: np.ndarray, radius: float, reach: float) -> np.ndarray:
@@ -74,10 +74,8 @@ def cauchy_fit(level: np.ndarray, start: np.ndarray, radius: float, reach: float
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (0.4, -0.3), (-1.7, 1.2)])
 def test_disc_fit_finds_exact_discs(shift: tuple[float, float]) -> None:
-    true_px = REFERENCE_PX + shift
-    locator = DiscLocator(DiscLocatorConfig(iterations=8, grid_weight=0.0), CALIBRATION)
-    found_px, agreement = locator.locate(GradedStateMap(levels(true_px)), REFERENCE_PX, None, 0.0)
-    np.testing.assert_allclose(found_px, true_px, atol=0.01)
+    found_px, agreement, _ = fitted(levels(REFERENCE_PX + shift), REFERENCE_PX)
+    np.testing.assert_allclose(found_px, REFERENCE_PX + shift, atol=0.01)
     assert agreement.min() > 0.95
 
 
@@ -87,22 +85,34 @@ def test_disc_fit_equals_scipys_robust_minimum() -> None:
     noisy += rng.normal(0.0, 0.08, noisy.shape).astype(np.float32)
     spots = rng.random(noisy.shape) < 0.01
     noisy[spots] = rng.random(int(spots.sum()))
-    locator = DiscLocator(
-        DiscLocatorConfig(iterations=20, grid_weight=0.0, reach_px=4.0), CALIBRATION
-    )
-    found_px, _ = locator.locate(GradedStateMap(noisy), REFERENCE_PX, None, 0.0)
+    found_px = fitted(noisy, REFERENCE_PX, iterations=20)[0]
     for found, start, radius in zip(found_px, REFERENCE_PX, RADIUS_PX, strict=True):
         expected = cauchy_fit(noisy, start, radius, 4.0)
         np.testing.assert_allclose(found, expected, atol=0.06)
 
 
+@pytest.mark.parametrize("away_px", [4.0, 6.0])
+def test_one_step_goes_no_farther_than_the_edge_is_linear(away_px: float) -> None:
+    """The soft edge's uncut step from 6 px away is 3.6 px long."""
+    soft = DiscProfile(6.0, 1.5)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    level = soft.level(np.hypot(x - 40.0, y - 30.0) - 7.0).astype(np.float32)
+    window = fit_window([soft], SIZE[0])
+    scratch = GradedStateMap(level).padded, np.empty((5, window.offset.size), np.float32)
+    start = 40.0 + 0.6 * away_px, 30.0 - 0.8 * away_px
+    outline = np.array([7.0, 0.0, 0.0])
+    *found, _, step_px = fit_disc_kernel(scratch, window, 0, start, outline, (1, 0.0, 7.0))
+    assert step_px == pytest.approx(2.0)
+    np.testing.assert_allclose(np.subtract(found, start), [-1.2, 1.6], atol=0.1)
+
+
 @pytest.mark.parametrize("moved_px", [(0.0, 0.0), (0.03, -0.05)])
 def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> None:
     rng = np.random.default_rng(11)
-    window = fit_window([PROFILE], SIZE[0], 3.5)
+    window = WINDOW
     first, count = 20, 300
     x, y, r, b, c = disc = 0.2, -0.3, 7.1, 0.2, -0.1
-    half = float(window.outer_px[0] - window.inner_px[0]) / 2.0
+    half = float(window.edge[0, 1] - window.edge[0, 0]) / 2.0
     edge = np.empty((5, window.offset.size), np.float32)
     level = edge[0, :count] = rng.random(count).astype(np.float32)
     disc_fit._edge_kernel(
@@ -113,9 +123,9 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
         edge,
     )
     moved = np.float32(moved_px[0]), np.float32(moved_px[1])
-    read = edge, np.uint64(count), moved, np.float32(1.5625), window.unit[0]
-    second, center = edge_equations.center_equations_kernel(*read)
-    outline, rr, agreement = edge_equations.outline_equations_kernel(*read)
+    read = edge, np.uint64(count), moved, window.edge[0, 2]
+    second, center = disc_fit.center_equations_kernel(*read)
+    outline, rr, agreement = disc_fit.outline_equations_kernel(*read)
     got = [*second, *center, *outline, rr, agreement]
     dx, dy = window.place_px[:, first : first + count].astype(float)
     rho, phi = np.hypot(dx - x, dy - y), np.arctan2(dy - y, dx - x)
@@ -137,36 +147,28 @@ def test_normal_equations_equal_their_twin(moved_px: tuple[float, float]) -> Non
 
 
 @pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
-def test_a_unit_lets_the_sums_of_every_pixel_fit_into_32_bits(profile: DiscProfile) -> None:
-    window = fit_window([profile], SIZE[0], 3.5)
-    steepest = max(1.0, -profile.slope(np.linspace(-4.0, 4.0, 4001)).min())
-    most = window.unit[0] * window.offset.size * steepest**2
-    assert np.log2(window.unit[0]) % 1.0 == 0.0
-    assert edge_equations.LARGEST_SUM / 3.0 < most < edge_equations.LARGEST_SUM * 1.1
-
-
-@pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
 def test_the_window_shows_the_edge_where_it_is_steep(profile: DiscProfile) -> None:
-    window = fit_window([profile], SIZE[0], 3.5)
-    inner_px, outer_px = float(window.inner_px[0]), float(window.outer_px[0])
+    window = fit_window([DiscProfile(2.5, 0.9), profile], SIZE[0])
+    inner_px, outer_px, unit = window.edge[1].astype(float)
     half = (outer_px - inner_px) / 2.0
     q_px = np.linspace(inner_px, outer_px, 401)
     z = (q_px - inner_px) / half - 1.0
-    level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients[0])
+    level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients[1])
     steepest = -profile.slope(np.linspace(-4.0, 4.0, 4001)).min()
     np.testing.assert_allclose(level, profile.level(q_px), atol=0.001)
     np.testing.assert_allclose(slope, -profile.slope(q_px), atol=0.02 * steepest)
     for beyond in (inner_px - 0.05, outer_px + 0.05):
-        assert abs(beyond) > 3.5 or -profile.slope(beyond) < FLAT_SHARE * steepest
+        assert abs(beyond) > REACH_PX or -profile.slope(beyond) < FLAT_SHARE * steepest
+    most = unit * window.offset.size * max(1.0, steepest) ** 2
+    assert np.log2(unit) % 1.0 == 0.0
+    assert LARGEST_SUM / 3.0 < most < LARGEST_SUM * 1.1, "the sums of every pixel fit into 32 bits"
 
 
 @pytest.mark.parametrize("outline", [(7.0, 0.0, 0.0), (5.2, 0.5, -0.4), (1.0, 0.0, 0.0)])
 def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float]) -> None:
-    window = fit_window([PROFILE], SIZE[0], 3.5)
-    state = np.array([10.4, 9.7, *outline])
-    inner_px, outer_px = float(window.inner_px[0]), float(window.outer_px[0])
-    first, count = (int(n) for n in disc_fit._ring_kernel(window.within, state, inner_px, outer_px))
-    distance = np.hypot(*window.place_px.astype(float))
+    inner_px, outer_px = (float(end) for end in WINDOW.edge[0, :2])
+    first, count = (int(n) for n in disc_fit._ring_kernel(WINDOW, 0, np.array(outline)))
+    distance = np.hypot(*WINDOW.place_px.astype(float))
     bulge = abs(outline[1]) + abs(outline[2]) + ROUNDING_PX
     needed = distance >= outline[0] - bulge + inner_px
     needed &= distance <= outline[0] + bulge + outer_px
@@ -176,68 +178,42 @@ def test_a_ring_holds_every_pixel_of_the_edge(outline: tuple[float, float, float
     assert count < 1.4 * needed.sum() + 8
 
 
-def test_neighbours_pull_only_as_much_as_asked() -> None:
-    state_map = GradedStateMap(levels(REFERENCE_PX))
-    expected_px = REFERENCE_PX + 1.0
-    free, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.0), CALIBRATION).locate(
-        state_map, REFERENCE_PX, expected_px, 0.0
-    )
-    pulled, _ = DiscLocator(DiscLocatorConfig(grid_weight=0.05), CALIBRATION).locate(
-        state_map, REFERENCE_PX, expected_px, 0.0
-    )
-    assert 0.01 < (pulled - free).min() < (pulled - free).max() < 0.1
-
-
 def test_a_marker_at_the_border_reads_no_pixel_outside() -> None:
-    true_px = np.array([[2.0, 30.0]])
-    calibration = Calibration(
-        reference_px=true_px,
-        radius_px=np.array([7.0]),
-        grid=(1, 1),
-        size=SIZE,
-        contrast=6.0,
-        edge_px=0.6,
-    )
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    level = PROFILE.level(np.hypot(x - 2.0, y - 30.0) - 7.0).astype(np.float32)
-    locator = DiscLocator(DiscLocatorConfig(iterations=8), calibration)
-    found_px, _ = locator.locate(GradedStateMap(level), true_px + 0.8, None, 0.0)
+    true_px = np.array([[2.0, 30.0], REFERENCE_PX[1], [40.0, 58.5]])
+    found_px = fitted(levels(true_px), true_px + 0.8)[0]
     np.testing.assert_allclose(found_px, true_px, atol=0.02)
 
 
-def test_outlines_follow_magnified_and_strained_discs() -> None:
-    outline_px = np.array([[7.5, 0.6, -0.3], [6.0, -0.4, 0.5], [5.2, 0.0, 0.3]])
+def test_outlines_follow_magnified_and_strained_discs_within_limits() -> None:
+    true_px = np.array([[7.5, 0.6, -0.3], [6.0, -0.4, 0.5], [9.0, 0.0, 0.0]])
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     level = np.zeros((SIZE[1], SIZE[0]))
-    for (cx, cy), (r, b, c) in zip(REFERENCE_PX + 0.2, outline_px, strict=True):
+    for (cx, cy), (r, b, c) in zip(REFERENCE_PX + 0.2, true_px, strict=True):
         phi = np.arctan2(y - cy, x - cx)
         edge = r + b * np.cos(2 * phi) + c * np.sin(2 * phi)
         level = np.maximum(level, PROFILE.level(np.hypot(x - cx, y - cy) - edge))
-    locator = DiscLocator(DiscLocatorConfig(grid_weight=0.0), CALIBRATION)
-    state_map = GradedStateMap(level.astype(np.float32))
-    for _ in range(30):
-        found_px, agreement = locator.locate(state_map, REFERENCE_PX, None, 0.02)
-    np.testing.assert_allclose(locator.outline_px, outline_px, atol=0.05)
-    np.testing.assert_allclose(found_px, REFERENCE_PX + 0.2, atol=0.01)
-    assert agreement.min() > 0.98
-    locator.reset()
-    np.testing.assert_array_equal(locator.outline_px, round_outline(RADIUS_PX))
+    padded = GradedStateMap(level.astype(np.float32)).padded
+    scratch, outline_px = np.empty((5, WINDOW.offset.size), np.float32), ROUND_PX.copy()
+    for m in range(3):
+        start, settings = tuple(REFERENCE_PX[m].tolist()), (8, 0.95, RADIUS_PX[m])
+        for _ in range(30):
+            found = fit_disc_kernel((padded, scratch), WINDOW, m, start, outline_px[m], settings)
+        np.testing.assert_allclose(found[:2], REFERENCE_PX[m] + 0.2, atol=0.01 + 0.5 * (m == 2))
+    np.testing.assert_allclose(outline_px[:2], true_px[:2], atol=0.05)
+    assert outline_px[2, 0] == pytest.approx((1.0 + MOST_GROWTH) * RADIUS_PX[2])
 
 
 def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     rng = np.random.default_rng(8)
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))
-    reach, tolerance, share = 3.0, 0.14, 0.25
-    outline_px = round_outline(RADIUS_PX)
+    reach, tolerance, share = OUTER_PX, 0.14, 0.25
+    outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
     leak_to_discs_kernel(
-        state_map.padded,
-        state_map.memory,
-        REFERENCE_PX,
-        outline_px,
-        TABLES.of(slice(None)),
-        reach,
+        (state_map.padded, state_map.memory),
+        (motions(REFERENCE_PX), outline_px, RADIUS_PX),
+        TABLES,
         np.full(3, tolerance),
         share,
     )
@@ -267,7 +243,7 @@ def test_the_ground_returns_to_its_level(first: int) -> None:
     every, (step, below, above) = 3, (0.14, 0.1, 0.4)
     law = step, below, above
     return_ground_kernel(
-        state_map.padded, state_map.memory, (first, every), (center_px, reach_px), law
+        state_map.padded, state_map.memory, (first, every), (motions(center_px), reach_px), law
     )
     expected = start.astype(float)
     for y in range(first, SIZE[1], every):
@@ -284,17 +260,15 @@ def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
     rng = np.random.default_rng(9)
     start = np.clip(levels(REFERENCE_PX) + rng.normal(0.0, 0.2, (SIZE[1], SIZE[0])), 0.0, 1.0)
     state_map = GradedStateMap(start.astype(np.float32))
-    outline_px = round_outline(RADIUS_PX)
+    outline_px = ROUND_PX.copy()
     outline_px[0], outline_px[1] = (7.4, 0.2, -0.1), (6.2, 0.4, -0.3)
     velocity_px_s = np.array([[2.0, 1.0], [-3.0, 2.0], [0.0, 0.0]])  # rests, moves, is as it was
     share = 0.2
     ease_outlines_kernel(
-        state_map.padded,
-        state_map.memory,
-        (REFERENCE_PX, velocity_px_s, outline_px),
-        RADIUS_PX,
-        TABLES.of(slice(None)),
-        (share, 3.0),
+        (state_map.padded, state_map.memory),
+        (motions(REFERENCE_PX, velocity_px_s), outline_px, RADIUS_PX),
+        TABLES,
+        share,
     )
     (cx, cy), (r, b, c) = REFERENCE_PX[0], outline_px[0]
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
@@ -306,72 +280,3 @@ def test_resting_discs_ease_towards_their_calibrated_outlines() -> None:
     np.testing.assert_allclose(state_map.memory, expected, atol=0.002)
     np.testing.assert_allclose(state_map.values, state_map.memory, atol=1e-6)
     assert np.abs(moved).max() > 0.02
-
-
-def test_centroids_equal_their_twin() -> None:
-    rng = np.random.default_rng(4)
-    level = np.clip(levels(REFERENCE_PX + 0.4) + rng.normal(0.0, 0.1, (SIZE[1], SIZE[0])), 0, 1)
-    config = CentroidLocatorConfig()
-    locator = CentroidLocator(config, CALIBRATION)
-    found_px, _ = locator.locate(GradedStateMap(level.astype(np.float32)), REFERENCE_PX, None, 0.0)
-    reach = RADIUS_PX.max() + config.reach_px
-    for found, center in zip(found_px, REFERENCE_PX, strict=True):
-        y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-        weight = np.maximum(level - config.floor, 0.0)
-        weight[np.hypot(x - center[0], y - center[1]) > reach] = 0.0
-        expected = [(weight * x).sum() / weight.sum(), (weight * y).sum() / weight.sum()]
-        np.testing.assert_allclose(found, expected, atol=1e-3)
-
-
-@pytest.mark.parametrize("radius_px", [0.4, 3.0, 9.5, 15.0, 15.5, 22.9])
-def test_window_holds_the_pixels_within_the_radius(radius_px: float) -> None:
-    weight = round_window(radius_px)
-    middle = weight.shape[1] // 2
-    expected = {(x, y) for x in range(-24, 25) for y in range(24) if np.hypot(x, y) <= radius_px}
-    assert {(x - middle, y) for y, x in np.argwhere(weight).tolist()} == expected
-    assert weight.shape[1] % BLOCK_PX == 0
-    np.testing.assert_array_equal(np.unique(weight[0][weight[0] > 0]), [0.5])
-
-
-@pytest.mark.parametrize("at_px", [(0.0, 0.0), (79.0, 59.0), (79.0, 0.0)])
-def test_large_discs_are_found_in_corners(at_px: tuple[float, float]) -> None:
-    reference_px = np.array([at_px])
-    calibration = Calibration(
-        reference_px=reference_px, radius_px=np.array([19.5]), grid=(1, 1), size=SIZE
-    )
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    level = (np.hypot(x - at_px[0], y - at_px[1]) <= 19.5).astype(np.float32)
-    locator = CentroidLocator(CentroidLocatorConfig(), calibration)
-    found_px, _ = locator.locate(GradedStateMap(level), reference_px, None, 0.0)
-    centroid_px = x[level > 0].mean(), y[level > 0].mean()
-    assert np.linalg.norm(centroid_px - reference_px[0]) > 10.0
-    np.testing.assert_allclose(found_px[0], at_px, atol=1.0)
-
-
-def test_uncut_centres_are_those_of_the_tables() -> None:
-    cut = cut_discs(RADIUS_PX, [PROFILE] * 3, 10.0, 0.25)
-    last_px = 59.0
-    for marker, place_px in product(range(3), np.linspace(-1.0, 60.0, 245)):
-        center_px, whole = cut.center_px[marker], cut.whole[marker]
-        depth_px = min(place_px, last_px - place_px)
-        seen_px = SEEN_STEP_PX * np.arange(len(center_px))
-        expected_px, expected_whole = depth_px, 1.0
-        if depth_px < seen_px[-1]:
-            expected_px = np.interp(depth_px, seen_px, center_px)
-            expected_whole = np.interp(depth_px, seen_px, whole)
-        if place_px > 0.5 * last_px:
-            expected_px = last_px - expected_px
-        found = uncut_kernel(place_px, last_px, center_px, whole)
-        np.testing.assert_allclose(found, (expected_px, expected_whole), atol=1e-9)
-
-
-def test_profiles_of_many_discs_are_fitted_as_each_alone() -> None:
-    profiles = [DiscProfile(contrast, edge_px) for contrast, edge_px in ((2.5, 0.5), (6.0, 0.9))]
-    together = fit_window(profiles, SIZE[0], 3.5)
-    unit = np.linspace(-1.0, 1.0, CURVE_POINTS)
-    for marker, profile in enumerate(profiles):
-        inner_px, outer_px = together.inner_px[marker], together.outer_px[marker]
-        level = profile.level(inner_px + (outer_px - inner_px) * (unit + 1.0) / 2.0)
-        series = chebyshev.chebfit(unit, level, POLYNOMIAL_DEGREE)
-        alone = np.round(chebyshev.cheb2poly(series), COEFFICIENT_DECIMALS)
-        np.testing.assert_allclose(together.coefficients[marker, 0], alone, rtol=1e-6)

@@ -9,13 +9,11 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.open import open_events
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.markers.graded.tracker import GradedTracker
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
 from spikingtac.markers.lag.crossings import CrossingObserver, MarkerTrack
 from spikingtac.markers.lag.estimate import estimate_lag
 from spikingtac.markers.lag.photoreceptor import EdgeProfile
 from spikingtac.markers.lag.recording_lag import recording_lag
-from spikingtac.markers.maintenance_config import MaintenanceConfig
 
 LAG_US = 2_600.0
 EDGE = EdgeProfile(contrast=170 / 28, edge_px=0.55)
@@ -59,8 +57,7 @@ def test_the_disc_fits_lag_is_found(data_dir: Path) -> None:
         contrast=EDGE.contrast,
         edge_px=EDGE.edge_px,
     )
-    locator = DiscLocator(DiscLocatorConfig(), calibration)
-    tracker = GradedTracker(locator, MaintenanceConfig(lag_us=0.0, backlash=0.0), calibration)
+    tracker = GradedTracker(GradedTrackerConfig(lag_us=0.0, backlash=0.0), calibration)
     source = open_events(data_dir / "v2e" / "bootstrap.raw")
     estimate = recording_lag(source, tracker, calibration)
     print(f"bootstrap.raw, disc fit: {estimate.lag_us:.0f} +- {estimate.uncertainty_us:.0f} us")

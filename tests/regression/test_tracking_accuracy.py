@@ -71,10 +71,10 @@ def tracked(
     preset: str,
     packets: Sequence[EventPacket],
     rate_hz: float | None = None,
-    **maintenance: float | None,
+    **changes: float | None,
 ) -> Run:
     config = load_config(preset).tracking
-    config = replace(config, maintenance=replace(config.maintenance, **maintenance))
+    config = replace(config, disc=replace(config.disc, **changes))
     frames = list(follow(packets, make_tracker(config, calibration()), rate_hz or config.rate_hz))
     t_us = np.array([frame.t_us for frame in frames])
     detected_px = np.array([frame.detected_px for frame in frames])
@@ -147,14 +147,14 @@ def test_resting_markers_rest(preset: str) -> None:
 def test_what_a_fit_stays_behind_after_a_turn_is_made_good() -> None:
     with_it, without = (
         run.away_px[run.speed_px_s > RESTING_PX_S].mean()
-        for run in (whole_run("default"), tracked("default", touches().packets, turn_backlash=0.0))
+        for run in (whole_run("default"), tracked("default", touches().packets, backlash=0.0))
     )
     assert with_it < 0.985 * without  # 0.127 and 0.132 px
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_neighbours_make_errors_smaller(preset: str) -> None:
-    alone = tracked(preset, touches().packets, shrink_px=0.0, shrink_crossings=0.0)
+    alone = tracked(preset, touches().packets, shrink=0.0)
     assert whole_run(preset).away_px.mean() < 0.985 * alone.away_px.mean()  # 0.968 and 0.961
 
 

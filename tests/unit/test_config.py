@@ -21,7 +21,7 @@ def test_presets_name_their_methods_and_rates() -> None:
     said = {name: load_config(name).tracking for name in PRESETS}
     assert {name: tracking.method for name, tracking in said.items()} == {
         "default": "disc",
-        "fast": "centroid",
+        "fast": "disc",
         "paper": "blobs",
     }
     assert [tracking.rate_hz for tracking in said.values()] == [1_000.0, 10_000.0, 350.0]
@@ -51,17 +51,6 @@ def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
     path.write_text("[tracking.disc]\niterations = 0\n")
     with pytest.raises(ConfigError, match="iterations is 0"):
         load_config(path)
-
-
-def test_keys_of_former_versions_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        "[tracking.care]\nwary_tolerance = 0.7\nease_per_s = 0.9\n"
-        "[tracking.care.custody]\nagreement = 0.4\n"
-    )
-    maintenance = load_config(path).tracking.maintenance
-    assert (maintenance.lossy_leak_tolerance, maintenance.outline_return_per_s) == (0.7, 0.9)
-    assert maintenance.track_management.agreement == 0.4
 
 
 def test_unknown_names_get_the_nearest() -> None:

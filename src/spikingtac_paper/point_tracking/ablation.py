@@ -86,22 +86,21 @@ def _set(base: Trial, prefix: str, settings: dict[str, dict[str, float]]) -> Tri
 
 def _variants() -> Iterator[Method]:
     base = load_config("default")
-    disc = base.tracking.disc
     yield of_config("default", "unchanged", base)
     yield _changed(
         "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
     )
     yield _filtered("default-activity-filter", "background-activity filter before the map", base)
     yield _without_hold("default-no-hold", "an unobserved marker is output at rest", base)
-    yield _maintain("default-no-lag", "no lag correction", base, lag_us=0.0)
-    yield _maintain("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
-    yield _maintain(
+    yield _changed_disc("default-no-lag", "no lag correction", base, lag_us=0.0)
+    yield _changed_disc("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
+    yield _changed_disc(
         "default-no-adaptation", "steps fixed under event loss", base, adapt_to_loss=False
     )
-    unpulled = base.with_tracking(disc=replace(disc, grid_weight=0.0))
-    yield of_config("default-no-grid-pull", "no pull of the neighbours", unpulled)
-    centroid = base.with_tracking(method="centroid")
-    yield of_config("default-centroid", "centroid in place of the disc fit", centroid)
+    yield _changed_disc("default-no-backlash", "no backlash correction", base, backlash=0.0)
+    yield _changed_disc("default-no-shrinkage", "no shrinkage to neighbours", base, shrink=0.0)
+    bands = base.with_tracking(method="bands")
+    yield of_config("default-bands", "band fit in place of the disc fit", bands)
     yield _changed("default-calibration-1px-off", "references 1 px off", base, _shifted)
     yield _changed("default-contrast-3", "contrast assumed to be 3", base, _contrast(3.0))
     yield _changed("default-contrast-12", "contrast assumed to be 12", base, _contrast(12.0))
@@ -114,7 +113,7 @@ def _variants() -> Iterator[Method]:
 def _references() -> Iterator[Method]:
     """Yield the other presets, and the published pipeline with one part changed."""
     paper = load_config("paper")
-    yield of_config("fast", "graded map, centroids, 10 kHz", load_config("fast"))
+    yield of_config("fast", "graded map, fits of two steps, 10 kHz", load_config("fast"))
     yield of_config("paper", "the published pipeline with a filter and a refreshed map", paper)
     kept = paper.with_tracking(blobs=replace(paper.tracking.blobs, refresh_us=0))
     yield of_config("paper-kept-map", "the map is never refreshed", kept)
@@ -125,9 +124,9 @@ def _references() -> Iterator[Method]:
         yield of_config(f"paper-{denoiser}", f"denoiser {denoiser} for the network", config)
 
 
-def _maintain(name: str, about: str, base: Config, **changes: float | bool) -> Method:
-    maintenance = replace(base.tracking.maintenance, **changes)  # type: ignore[arg-type]
-    return of_config(name, about, base.with_tracking(maintenance=maintenance))
+def _changed_disc(name: str, about: str, base: Config, **changes: float | bool) -> Method:
+    disc = replace(base.tracking.disc, **changes)  # type: ignore[arg-type]
+    return of_config(name, about, base.with_tracking(disc=disc))
 
 
 def _changed(

@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.markers.graded.disc_locator import (
-    AGREEMENT,
+from spikingtac.markers.graded.disc_locator import AGREEMENT
+from spikingtac.markers.graded.motion import (
     AT_US,
     PP,
     PV,
@@ -31,6 +31,8 @@ from spikingtac.markers.graded.disc_locator import (
     X,
     Y,
     predict_kernel,
+    predict_radius_kernel,
+    rest_kernel,
 )
 from spikingtac.state_map.graded import PAD_PX
 
@@ -58,20 +60,6 @@ BAND_WEIGHT = 0.4
 
 MOST_GAIN = 0.3
 """Largest share of a level's disagreement that one estimate corrects (ours)."""
-
-STOP_S = 3.0e-3
-"""Time in which the speed of a marker fades near which no pixel fires, s (ours)."""
-
-MOST_VARIANCES = (0.05, 1.0e4)
-"""Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at most:
-a motion that begins within one estimate."""
-
-GROWTH_S = 0.3
-"""Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
-recorded gel)."""
-
-LEAST_GROWTH_PX = 1e-5
-"""Standard deviation of a radius that is known, px: a variance is divided by."""
 
 SOFT_LEVEL = 0.8
 """Residual of an expected level at which a pixel counts half as agreeing, as in the disc fit."""
@@ -261,26 +249,6 @@ def _fit_one_kernel(
     return _correct_levels_kernel(maps, (x, y, radius_px, reach_px), table, posterior)
 
 
-@njit(cache=True, nogil=True)
-def _predict_radius_kernel(
-    radius: NDArray[np.float64], dt_s: float, rest_px: float, growth: float
-) -> None:  # pragma: no cover - compiled
-    """Let a radius, px, and its variance return to what is known at rest."""
-    kept, most = np.exp(-dt_s / GROWTH_S), (growth * rest_px) ** 2
-    radius[0] = rest_px + kept * (radius[0] - rest_px)
-    radius[1] = max(most + kept * kept * (radius[1] - most), LEAST_GROWTH_PX**2)
-
-
-@njit(cache=True, nogil=True)
-def _rest_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover - compiled
-    """Let one marker rest where it is, since nothing fired: its speed fades, its variance grows."""
-    kept = np.exp(-dt_s / STOP_S)
-    motion[VX] *= kept
-    motion[VY] *= kept
-    motion[PP], motion[VV] = min(motion[PP], MOST_VARIANCES[0]), min(motion[VV], MOST_VARIANCES[1])
-    motion[PV] = 0.0
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_bands_kernel(
     maps: tuple[Any, ...],
@@ -316,12 +284,12 @@ def fit_bands_kernel(
         predict_kernel(motion, dt_s)
         window = _window_kernel(motion[X], motion[Y], radius_px[m] + reach_px[m], width, height)
         if _any_fired_kernel(fired, turn, window):
-            _predict_radius_kernel(radii[m], dt_s, radius_px[m], growth)
+            predict_radius_kernel(radii[m], dt_s, radius_px[m], growth)
             disc = radius_px[m], reach_px[m], tables[m]
             fits[m, AGREEMENT] = _fit_one_kernel(maps, motion, radii[m], disc, sums)
         else:
             motion[X], motion[Y] = start[X], start[Y]
-            _rest_kernel(motion, dt_s)
+            rest_kernel(motion, dt_s)
         fits[m, 0], fits[m, 1] = motion[X], motion[Y]
         if coasted[m]:
             motion[X], motion[Y], motion[VX], motion[VY] = start[X], start[Y], 0.0, 0.0

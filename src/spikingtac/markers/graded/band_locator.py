@@ -19,8 +19,9 @@ from spikingtac.markers.graded.appearance import (
     painted_map,
     profile_tables,
 )
-from spikingtac.markers.graded.band_fit import MOST_VARIANCES, fit_bands_kernel
-from spikingtac.markers.graded.disc_locator import AGREEMENT, FIT_US, PP, VV, VX, X, resting_motion
+from spikingtac.markers.graded.band_fit import fit_bands_kernel
+from spikingtac.markers.graded.disc_locator import AGREEMENT, FIT_US
+from spikingtac.markers.graded.motion import MOST_VARIANCES, PP, VV, VX, X, resting_motion
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.state_map.bands import BandStateMap
 from spikingtac.state_map.graded import PAD_PX
@@ -44,7 +45,7 @@ class BandLocator:
 
     Attributes:
         map: The band map that it reads.
-        motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.disc_locator`).
+        motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
         outline_px: ``(m, 3)`` radius and second harmonic of each disc at rest, px.
         pending: ``(m,)`` events in each marker's cell; they are not asked here.
         largest_fall: Any: a band map does not leak.

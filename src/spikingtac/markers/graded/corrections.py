@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of
-from spikingtac.markers.graded.disc_locator import AT_US, VX, VY, X, Y
+from spikingtac.markers.graded.motion import AT_US, VX, VY, X, Y
 from spikingtac.markers.neighbours import Neighbourhood, settle_kernel
 from spikingtac.play_operator import within_play_kernel
 
@@ -81,12 +81,9 @@ def crossing_px(calibration: Calibration) -> NDArray[np.float64]:
         calibration: Steps and edges of the markers.
 
     Returns:
-        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`; 0 where the steps were scaled apart (recorded
-        gel: 3.8 and 0.64 times), since they are no longer what events stand for.
+        ``(m,)`` px, at most :data:`MOST_CROSSING_PX`.
     """
     appearance = appearance_of(calibration)
-    if calibration.steps_scaled_apart:
-        return np.zeros(len(appearance.profiles))
     steepest = np.array(
         [
             np.abs(p.slope(np.linspace(-p.reach_px, p.reach_px, SLOPE_POINTS))).max()
@@ -130,7 +127,7 @@ class OutputCorrections:
 
         Args:
             t_us: The time, us.
-            motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.disc_locator`).
+            motion: ``(m, 8)`` states (:mod:`spikingtac.markers.graded.motion`).
             lag_s: Delay of the events, s.
             known: Whether it is known what an event stands for. Until the stream's loss was judged
                 the steps are larger than that, and fits are ahead as often as behind: no backlash

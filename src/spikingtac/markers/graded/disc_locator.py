@@ -1,9 +1,6 @@
 """Locate markers by disc fits on the graded map, each one when its events ask for it.
 
-A constant-velocity Kalman filter follows each marker. White acceleration noise of density q
-(px^2/s^3) drives both axes; a fit measures the position with standard deviation sigma once per ms.
-Faster estimates read nearly the same map, so that their variance grows as their period shrinks. A
-map without new events gives the same fit again: silence measures the last place once more, and
+A map without new events gives the same fit again: silence measures the last place once more, and
 costs nothing.
 """
 
@@ -15,20 +12,21 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import appearance_of, painted_levels, painted_map, roam_px
-from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, FitWindow, fit_disc_kernel, fit_window
+from spikingtac.markers.graded.disc_fit import SMALL_STEP_PX, fit_disc_kernel
+from spikingtac.markers.graded.fit_window import FitWindow, fit_window
+from spikingtac.markers.graded.motion import (
+    AT_US,
+    MEASUREMENT_PERIOD_S,
+    PP,
+    VX,
+    VY,
+    X,
+    Y,
+    correct_kernel,
+    predict_kernel,
+    resting_motion,
+)
 from spikingtac.state_map.graded import GradedStateMap
-
-ACCELERATION_NOISE_PX2_S3 = 5.0e5
-"""Ours: finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none."""
-
-MEASUREMENT_SIGMA_PX = 0.05
-"""Scatter of a fit from one ms to the next (ours, measured: 0.03 to 0.06)."""
-
-MEASUREMENT_PERIOD_S = 1.0e-3
-"""Time in which the map changes enough for the next measurement to be a new one."""
-
-START_VELOCITY_PX_S = 100.0
-"""Standard deviation of the unknown velocity at the first estimate."""
 
 STILL_PX_S = 0.2
 """Filtered speed below which a marker without new events is not moved on (ours)."""
@@ -49,9 +47,6 @@ AT_ONCE = 1 << 30
 LARGEST_FALL = 0.05
 """Fall of the agreement that tells of a marker that snapped away (ours: a snap of 14 px costs 0.15
 within 3 ms; 0.05 to 0.10 are equally good on a small simulated sensor)."""
-
-X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
-"""Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us."""
 
 FIT_X, FIT_Y, FIT_US, AGREEMENT = range(4)
 """Columns of a fit: place, px; its time, us; share of the edge that agrees with the disc."""
@@ -136,44 +131,6 @@ class DiscLocator:
             (self._radius_px, self._due, self._start_px),
             (t_us, self._iterations, self._roam_px),
         )
-
-
-def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``(m, 8)`` motions of markers that rest somewhere, px, from a time not yet known."""
-    motion = np.zeros((len(position_px), 8))
-    motion[:, X:VX] = position_px
-    motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
-    motion[:, AT_US] = -1.0
-    return motion
-
-
-@njit(cache=True, nogil=True)
-def predict_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover
-    """Move one marker's state on by ``dt_s``."""
-    pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
-    motion[X] += dt_s * motion[VX]
-    motion[Y] += dt_s * motion[VY]
-    motion[PP] = pp + dt_s * (2.0 * pv + dt_s * vv) + q * dt_s**3 / 3.0
-    motion[PV] = pv + dt_s * vv + 0.5 * q * dt_s**2
-    motion[VV] = vv + q * dt_s
-
-
-@njit(cache=True, nogil=True)
-def correct_kernel(
-    motion: NDArray[np.float64], x: float, y: float, dt_s: float
-) -> None:  # pragma: no cover
-    """Take in one marker's measured place, px, ``dt_s`` after the last."""
-    pp, pv = motion[PP], motion[PV]
-    shortness = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
-    total = pp + MEASUREMENT_SIGMA_PX**2 * shortness
-    near, speed = pp / total, pv / total
-    off_x, off_y = x - motion[X], y - motion[Y]
-    motion[X] += near * off_x
-    motion[Y] += near * off_y
-    motion[VX] += speed * off_x
-    motion[VY] += speed * off_y
-    motion[PP], motion[PV] = (1.0 - near) * pp, (1.0 - near) * pv
-    motion[VV] -= speed * pv
 
 
 @njit(cache=True, nogil=True)

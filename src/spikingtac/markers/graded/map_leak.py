@@ -4,17 +4,14 @@ Noise and lost events leave errors in the map's sums that no later event removes
 a pixel is off by more than a tolerance, it gives up a share of the excess; nothing leaks on the
 edge itself, where a slow marker is a little ahead of its fit and would be held back.
 
-So nothing anchors the edge of a marker that never swings its pixels fully: each small motion to and
-fro leaves the difference between an ON and an OFF step, the outline follows the map, the leak
-follows the outline, and discs swell or shrink together with their outlines (measured: 0.35 px on
-average and 1.2 px at worst over fifty contacts). At rest, therefore, discs are eased towards the
-outline that they were calibrated with. This moves the edge along its normal and leaves alone what
-single pixels know, and so the centre.
+So nothing anchors the edge of a marker that never swings its pixels fully: outline and map drift
+together (measured: 0.35 px on average and 1.2 px at worst over fifty contacts). At rest, therefore,
+discs are eased towards the outline that they were calibrated with, which moves the edge along its
+normal and leaves the centre alone.
 
 Nor does anything leak where the agreement with the map has just fallen: a marker that snaps back
-faster than its fit goes leaves the fit on the map of the old disc, and one turn of the leak would
-paint that disc anew and erase the marker (measured: a snap of 14 px at 10 px/ms; the marker was
-given 8 px off, with a confidence of 0.99).
+faster than its fit goes would be erased by the disc that is painted anew (measured: a snap of 14 px
+at 10 px/ms; the marker was given 8 px off, with a confidence of 0.99).
 """
 
 from __future__ import annotations
@@ -93,7 +90,6 @@ class MapLeak:
         appearance = appearance_of(calibration)
         self._mean_step = appearance.mean_step
         self._radius_px = calibration.radius_px.astype(np.float64)
-        self._size_px = float(max(calibration.size))
         self._values, self._reach_px = profile_tables(appearance.profiles)
         self._locator, self._leak_per_s = locator, leak_per_s
         self._usual: NDArray[np.float64] | None = None
@@ -122,7 +118,7 @@ class MapLeak:
             self._leak(dt_s, doubt)
         rates_hz = noise_hz_px, GROUND_PER_S
         below, above = (-np.expm1(-rate_hz * dt_s * GROUND_TURNS) for rate_hz in rates_hz)
-        reach_px = self._radius_px + OUTER_PX + np.minimum(searched_px, self._size_px)
+        reach_px = self._radius_px + OUTER_PX + searched_px
         return_ground_kernel(
             self._locator.map.padded,
             self._locator.map.memory,

@@ -100,7 +100,8 @@ class TrackManager:
                 max_area_px=LARGEST_BLOB_SHARE * float(disc_px.max()),
             ),
         )
-        self.capture_px = CAPTURE_SHARE * smallest_spacing_px(calibration.reference_px)
+        spacing_px = min(smallest_spacing_px(calibration.reference_px), max(calibration.size))
+        self.capture_px = CAPTURE_SHARE * spacing_px
         self._doubted_since_us, self._held_since_us = (np.full(count, -1, np.int64) for _ in "dh")
         self._search_at_us = 0
         self._unheard_px, self._heard_px = np.zeros((2, count))

@@ -9,9 +9,13 @@ import pytest
 
 from spikingtac.calibration.disc_profile import CONTRAST_DEFAULT, EDGE_DEFAULT_PX
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import appearance_of, nearest_marker
-from spikingtac.markers.graded.initial_map import painted_graded_map
-from spikingtac.state_map.graded import STEP_DEFAULT
+from spikingtac.markers.graded.appearance import (
+    appearance_of,
+    has_rare_off,
+    nearest_marker,
+    painted_map,
+)
+from spikingtac.state_map.graded import STEP_DEFAULT, GradedStateMap
 
 PLAIN = Calibration(
     reference_px=np.array([[20.0, 20.0], [60.0, 20.0]]),
@@ -43,7 +47,7 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
     own = np.zeros((40, 80), np.float32)
     own[20, 20] = 0.05
     calibration = replace(PLAIN, marker_step_on=np.array([0.1, 0.2]), step_on_map=own)
-    steps = painted_graded_map(calibration, appearance_of(calibration)).signed_steps
+    steps = painted_map(calibration, GradedStateMap).signed_steps
     assert steps[20, 20, 1] == pytest.approx(0.05)
     assert steps[20, 21, 1] == pytest.approx(0.1)
     assert steps[20, 61, 1] == pytest.approx(0.2)
@@ -65,3 +69,10 @@ def test_the_first_of_equally_near_markers_owns_a_pixel(whole: bool) -> None:
     rows, columns = np.mgrid[0 : size[1], 0 : size[0]]
     away = [(columns - x) ** 2 + (rows - y) ** 2 for x, y in reference_px]
     np.testing.assert_array_equal(nearest_marker(reference_px, size), np.argmin(away, axis=0))
+
+
+def test_off_events_are_rare_by_their_step_or_where_pixels_recover() -> None:
+    assert not has_rare_off(PLAIN)
+    assert not has_rare_off(replace(PLAIN, step_on=0.15, step_off=0.19))
+    assert has_rare_off(replace(PLAIN, step_on=0.15, step_off=0.2))
+    assert has_rare_off(replace(PLAIN, recovery_s=0.2))

@@ -1,40 +1,122 @@
-"""The disc fit as the tracker uses it; its kernels have their twins in ``naive``."""
+"""When a marker is fitted, and the Kalman filter that follows it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.disc_locator import DiscLocator, DiscLocatorConfig
-from spikingtac.state_map.graded import GradedStateMap
+from spikingtac.markers.graded.disc_locator import AT_ONCE, DiscLocator
+from spikingtac.markers.graded.motion import (
+    ACCELERATION_NOISE_PX2_S3,
+    MEASUREMENT_SIGMA_PX,
+    START_VELOCITY_PX_S,
+    VX,
+    X,
+    correct_kernel,
+    predict_kernel,
+    resting_motion,
+)
 
-SIZE = (80, 60)
-CENTER_PX = np.array([[40.0, 30.0]])
-RADIUS_PX = np.array([7.0])
-SOFT_EDGE_PX = 1.5
-"""So soft that an uncut step from 6 px away is 3.6 px long."""
-LINEAR_PX = 2.0
-"""Beyond this the edge model is not linear: a step of the fit is cut to it."""
+REST_PX = np.array([[30.0, 30.0], [70.0, 30.0]])
+CALIBRATION = Calibration(
+    reference_px=REST_PX, radius_px=np.full(2, 7.0), grid=(1, 2), size=(100, 60)
+)
+EVENTS_PER_PX = np.full(2, 200.0)
+"""A fit is due after four events."""
 
 
-@pytest.mark.parametrize("away_px", [4.0, 6.0, 8.0])
-def test_one_step_goes_no_farther_than_the_edge_is_linear(away_px: float) -> None:
-    calibration = Calibration(
-        reference_px=CENTER_PX,
-        radius_px=RADIUS_PX,
-        grid=(1, 1),
-        size=SIZE,
-        contrast=6.0,
-        edge_px=SOFT_EDGE_PX,
-    )
-    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-    distance_px = np.hypot(x - CENTER_PX[0, 0], y - CENTER_PX[0, 1])
-    level = DiscProfile(6.0, SOFT_EDGE_PX).level(distance_px - RADIUS_PX[0])
-    locator = DiscLocator(DiscLocatorConfig(iterations=1, grid_weight=0.0), calibration)
-    start_px = CENTER_PX + np.array([0.6, -0.8]) * away_px
-    found_px, _ = locator.locate(GradedStateMap(level.astype(np.float32)), start_px, None, 0.0)
-    step_px = found_px - start_px
-    assert np.linalg.norm(step_px) == pytest.approx(LINEAR_PX)
-    np.testing.assert_allclose(step_px / LINEAR_PX, [[-0.6, 0.8]], atol=0.05)
+def moved_by(shift_px: float) -> DiscLocator:
+    """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
+    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
+    locator.begin_at(REST_PX + np.array([shift_px, 0.0]))
+    levels = locator.map.values.copy()
+    locator.reset()
+    locator.map.repaint(levels)
+    locator.locate(0, np.zeros(2, np.bool_))
+    return locator
+
+
+def naive_filter(positions: np.ndarray, dt: float, sigma: float) -> tuple[np.ndarray, ...]:
+    """Return the textbook Kalman filter's states of one axis, by matrices."""
+    state = np.array([positions[0], 0.0])
+    cov = np.diag([MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2])
+    f = np.array([[1.0, dt], [0.0, 1.0]])
+    q = ACCELERATION_NOISE_PX2_S3 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    out = []
+    for z in positions:
+        state, cov = f @ state, f @ cov @ f.T + q
+        gain = cov[:, 0] / (cov[0, 0] + sigma**2)
+        state = state + gain * (z - state[0])
+        cov = (np.eye(2) - np.outer(gain, [1.0, 0.0])) @ cov
+        out.append(state)
+    return np.array(out)[:, 0], np.array(out)[:, 1]
+
+
+@pytest.mark.parametrize(("dt", "spread"), [(1e-3, 1.0), (1e-4, np.sqrt(10.0))])
+def test_the_filter_equals_the_textbook(dt: float, spread: float) -> None:
+    """Estimates that are made more often read nearly the same map: each tells less."""
+    path = np.cumsum(np.random.default_rng(0).normal(0.0, 0.3, (60, 2)), axis=0)
+    motion, states = resting_motion(path[:1])[0], []
+    for x, y in path:
+        predict_kernel(motion, dt)
+        correct_kernel(motion, x, y, dt)
+        states.append(motion[:4].copy())
+    for axis in range(2):
+        place, speed = naive_filter(path[:, axis], dt, MEASUREMENT_SIGMA_PX * spread)
+        np.testing.assert_allclose(np.array(states)[:, axis], place, rtol=1e-8)
+        np.testing.assert_allclose(np.array(states)[:, 2 + axis], speed, rtol=1e-8)
+
+
+def test_a_fit_waits_for_its_events_or_for_two_ms() -> None:
+    locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
+    locator.pending[:] = 4, 3
+    locator.locate(500, nobody)
+    assert locator.fitted_px[0, 0] == pytest.approx(30.5, abs=0.05)
+    assert locator.fitted_px[1, 0] == 70.0, "three events are not enough"
+    locator.locate(1_500, nobody)
+    assert locator.fitted_px[1, 0] == 70.0
+    assert locator.pending.tolist() == [0, 3]
+    locator.locate(2_000, nobody)
+    assert locator.fitted_px[1, 0] == pytest.approx(70.5, abs=0.05)
+
+
+def test_without_events_nothing_is_fitted_and_a_speed_fades() -> None:
+    locator, nobody = moved_by(0.5), np.zeros(2, np.bool_)
+    locator.motion[:, VX] = 50.0
+    for t_us in range(1_000, 40_000, 1_000):
+        locator.locate(t_us, nobody)
+    np.testing.assert_array_equal(locator.fitted_px, REST_PX)
+    np.testing.assert_allclose(locator.motion[:, :2], REST_PX, atol=0.01)
+    assert np.abs(locator.motion[:, VX]).max() < 1.0
+
+
+def test_a_marker_far_from_its_rest_is_fitted_without_events_in_its_cell() -> None:
+    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 3)
+    locator.begin_at(REST_PX + np.array([16.0, 0.0]))
+    for t_us in (0, 1_000):
+        locator.locate(t_us, np.zeros(2, np.bool_))
+    locator.map.repaint(np.roll(locator.map.values, 1, axis=1))
+    locator.locate(2_000, np.zeros(2, np.bool_))
+    np.testing.assert_allclose(locator.fitted_px, REST_PX + np.array([17.0, 0.0]), atol=0.1)
+
+
+def test_a_fit_that_has_not_converged_goes_on_at_once() -> None:
+    locator = DiscLocator(CALIBRATION, EVENTS_PER_PX, 1)
+    locator.map.repaint(moved_by(5.0).map.values)
+    for t_us in range(0, 9_000, 1_000):
+        locator.pending += t_us == 0
+        locator.pending[t_us == 0] = AT_ONCE
+        locator.locate(t_us, np.zeros(2, np.bool_))
+    np.testing.assert_allclose(locator.fitted_px, REST_PX + np.array([5.0, 0.0]), atol=0.1)
+
+
+def test_a_held_marker_stays_where_it_is_put_and_loses_its_speed() -> None:
+    locator, held = moved_by(0.5), np.array([True, False])
+    locator.motion[:, VX] = 300.0
+    locator.place(held, REST_PX + 2.0)
+    for t_us in range(1_000, 4_000, 1_000):
+        locator.pending[1] = 4
+        locator.locate(t_us, held)
+    np.testing.assert_array_equal(locator.motion[0, X:4], [32.0, 32.0, 0.0, 0.0])
+    assert locator.motion[1, 0] == pytest.approx(70.5, abs=0.2)

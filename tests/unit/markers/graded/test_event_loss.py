@@ -26,6 +26,7 @@ SPEED_PX_S = 200.0
 STROKE_PX = 8.0
 """To and fro about the rest."""
 STILL = np.zeros((10, 2))
+PENDING = np.zeros(10, np.int64)
 
 
 def packet(x: np.ndarray, y: np.ndarray) -> EventPacket:
@@ -49,12 +50,12 @@ def watched(kept: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
     position, velocity = REFERENCE_PX.copy(), np.zeros((10, 2))
     velocity[:moving, 0] = SPEED_PX_S
     for _ in range(500):
-        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng), PENDING)
         assert watch.update(REFERENCE_PX, STILL, watch.take(1e-3)) is None
     signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * kept * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
-        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng))
-        watch.count(at_markers(rng.poisson(signal)))
+        watch.count(spread(rng.poisson(BACKGROUND_PER_MS * kept), rng), PENDING)
+        watch.count(at_markers(rng.poisson(signal)), PENDING)
         position += 1e-3 * velocity
         velocity[np.abs(position[:, 0] - REFERENCE_PX[:, 0]) > STROKE_PX / 2.0] *= -1.0
         told = watch.update(position, velocity, watch.take(1e-3))
@@ -116,9 +117,10 @@ def test_a_turn_says_nothing_until_the_marker_is_under_way() -> None:
 def test_the_kernels_do_what_their_plain_twins_do() -> None:
     rng = np.random.default_rng(3)
     owner = rng.integers(0, 10, (40, 320)).astype(np.uint16)
-    events, counts = spread(500, rng), np.zeros(10, np.int64)
-    events_kept._count_kernel(owner, events.x, events.y, counts)
+    events, counts, pending = spread(500, rng), np.zeros(10, np.int64), np.full(10, 7)
+    events_kept._count_kernel(owner, events.x, events.y, counts, pending)
     np.testing.assert_array_equal(counts, np.bincount(owner[events.y, events.x], minlength=10))
+    np.testing.assert_array_equal(pending, counts + 7)
     asked_once = False
     turn = REFERENCE_PX + rng.normal(0, 3, (10, 2))
     for _ in range(20):

@@ -1,0 +1,99 @@
+"""The motion of one marker: a constant-velocity Kalman filter, and the radius of its disc.
+
+White acceleration noise of density q (px^2/s^3) drives both axes; a fit measures the position with
+standard deviation sigma once per ms. Faster estimates read nearly the same map, so that their
+variance grows as their period shrinks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+ACCELERATION_NOISE_PX2_S3 = 5.0e5
+"""Ours: finger motion and releases reach 1e4 px/s^2 within tens of ms, rests none."""
+
+MEASUREMENT_SIGMA_PX = 0.05
+"""Scatter of a fit from one ms to the next (ours, measured: 0.03 to 0.06)."""
+
+MEASUREMENT_PERIOD_S = 1.0e-3
+"""Time in which the map changes enough for the next measurement to be a new one."""
+
+START_VELOCITY_PX_S = 100.0
+"""Standard deviation of the unknown velocity at the first estimate."""
+
+STOP_S = 3.0e-3
+"""Time in which the speed of a marker fades near which no pixel fires, s (ours)."""
+
+MOST_VARIANCES = (0.05, 1.0e4)
+"""Variances of place (px^2) and speed (px^2/s^2) that a resting marker is believed to have at most:
+a motion that begins within one estimate."""
+
+GROWTH_S = 0.3
+"""Time in which a moving disc returns to its radius at rest, s (ours: 0.1 to 1 are alike on the
+recorded gel)."""
+
+LEAST_GROWTH_PX = 1e-5
+"""Standard deviation of a radius that is known, px: a variance is divided by."""
+
+X, Y, VX, VY, PP, PV, VV, AT_US = range(8)
+"""Columns of a motion: place, px; velocity, px/s; the covariance of both axes; its time, us."""
+
+
+def resting_motion(position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(m, 8)`` motions of markers that rest somewhere, px, from a time not yet known."""
+    motion = np.zeros((len(position_px), 8))
+    motion[:, X:VX] = position_px
+    motion[:, PP], motion[:, VV] = MEASUREMENT_SIGMA_PX**2, START_VELOCITY_PX_S**2
+    motion[:, AT_US] = -1.0
+    return motion
+
+
+@njit(cache=True, nogil=True)
+def predict_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover
+    """Move one marker's state on by ``dt_s``."""
+    pp, pv, vv, q = motion[PP], motion[PV], motion[VV], ACCELERATION_NOISE_PX2_S3
+    motion[X] += dt_s * motion[VX]
+    motion[Y] += dt_s * motion[VY]
+    motion[PP] = pp + dt_s * (2.0 * pv + dt_s * vv) + q * dt_s**3 / 3.0
+    motion[PV] = pv + dt_s * vv + 0.5 * q * dt_s**2
+    motion[VV] = vv + q * dt_s
+
+
+@njit(cache=True, nogil=True)
+def correct_kernel(
+    motion: NDArray[np.float64], x: float, y: float, dt_s: float
+) -> None:  # pragma: no cover
+    """Take in one marker's measured place, px, ``dt_s`` after the last."""
+    pp, pv = motion[PP], motion[PV]
+    shortness = max(1.0, MEASUREMENT_PERIOD_S / max(dt_s, 1e-6))
+    total = pp + MEASUREMENT_SIGMA_PX**2 * shortness
+    near, speed = pp / total, pv / total
+    off_x, off_y = x - motion[X], y - motion[Y]
+    motion[X] += near * off_x
+    motion[Y] += near * off_y
+    motion[VX] += speed * off_x
+    motion[VY] += speed * off_y
+    motion[PP], motion[PV] = (1.0 - near) * pp, (1.0 - near) * pv
+    motion[VV] -= speed * pv
+
+
+@njit(cache=True, nogil=True)
+def predict_radius_kernel(
+    radius: NDArray[np.float64], dt_s: float, rest_px: float, growth: float
+) -> None:  # pragma: no cover - compiled
+    """Let a radius, px, and its variance return to what is known at rest."""
+    kept, most = np.exp(-dt_s / GROWTH_S), (growth * rest_px) ** 2
+    radius[0] = rest_px + kept * (radius[0] - rest_px)
+    radius[1] = max(most + kept * kept * (radius[1] - most), LEAST_GROWTH_PX**2)
+
+
+@njit(cache=True, nogil=True)
+def rest_kernel(motion: NDArray[np.float64], dt_s: float) -> None:  # pragma: no cover - compiled
+    """Let one marker rest where it is, since nothing fired: its speed fades, its variance grows."""
+    kept = np.exp(-dt_s / STOP_S)
+    motion[VX] *= kept
+    motion[VY] *= kept
+    motion[PP], motion[VV] = min(motion[PP], MOST_VARIANCES[0]), min(motion[VV], MOST_VARIANCES[1])
+    motion[PV] = 0.0
