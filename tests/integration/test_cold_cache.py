@@ -65,6 +65,6 @@ def test_fits_are_bit_equal_whatever_the_cache_holds_and_on_a_simpler_processor(
 ) -> None:
     stored = Path(os.environ["NUMBA_CACHE_DIR"])  # that of the run: once filled, nothing compiles
     once = digest(stored)
-    assert list(stored.rglob("disc_fit.fit_discs_kernel*"))
+    assert list(stored.rglob("disc_locator.locate_discs_kernel*"))
     assert digest(stored) == once
     assert digest(tmp_path / "own", **SIMPLEST) == once

@@ -252,8 +252,8 @@ def _fit_one_kernel(
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_bands_kernel(
     maps: tuple[Any, ...],
-    states: tuple[NDArray[np.float64], ...],
-    discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]],
+    states: tuple[Any, ...],
+    discs: tuple[Any, ...],
     t_us: int,
     growth: float,
 ) -> None:  # pragma: no cover - compiled

@@ -8,6 +8,8 @@ above its disc at rest, and every rest is an anchor. Ours.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -71,8 +73,7 @@ class BandLocator:
         self._rest(self._start_px)
 
     def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px."""
-        self.reset()
+        """Begin with ``(m, 2)`` markers at rest elsewhere, px; the steps of the map stay."""
         self.map.repaint(painted_levels(self._calibration, position_px))
         self._rest(position_px)
 
@@ -164,7 +165,7 @@ def recover_levels_kernel(
     padded: NDArray[np.float32],
     memory: NDArray[np.float32],
     center_px: NDArray[np.float64],
-    discs: tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]],
+    discs: tuple[Any, ...],
     within_px: NDArray[np.float64],
     share: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled

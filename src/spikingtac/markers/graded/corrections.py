@@ -26,6 +26,8 @@ all neighbours counted alike, by 16 % in presses.)
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -117,8 +119,8 @@ class OutputCorrections:
     def begin_at(self, position_px: NDArray[np.float64]) -> None:
         """Forget the past; the markers rest at ``(m, 2)`` places, px."""
         self._last_px = position_px.astype(np.float64)
-        self._direction, self._way = np.zeros((2, *self._last_px.shape))
-        self._now_px, self._ahead_px = np.zeros((2, *self._last_px.shape))
+        self._direction, self._way = (np.zeros_like(self._last_px) for _ in range(2))
+        self._now_px, self._ahead_px = (np.zeros_like(self._last_px) for _ in range(2))
 
     def update(
         self, t_us: int, motion: NDArray[np.float64], lag_s: float, known: bool, noise_hz_px: float
@@ -150,11 +152,11 @@ class OutputCorrections:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def correct_kernel(
-    markers: tuple[NDArray[np.float64], ...],
+    markers: tuple[Any, ...],
     states: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     settings: tuple[int, float, float, float],
     limits: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    results: tuple[NDArray[np.float64], ...],
+    results: tuple[Any, ...],
 ) -> None:  # pragma: no cover - compiled
     """Bring every marker up to the present, and correct it; see :class:`OutputCorrections`.
 

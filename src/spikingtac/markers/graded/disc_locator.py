@@ -6,6 +6,8 @@ costs nothing.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -93,8 +95,7 @@ class DiscLocator:
         self._rest(self._start_px)
 
     def begin_at(self, position_px: NDArray[np.float64]) -> None:
-        """Forget everything, and begin with ``(m, 2)`` markers at rest elsewhere, px."""
-        self.reset()
+        """Begin with ``(m, 2)`` markers at rest elsewhere, px; the steps of the map stay."""
         self.map.repaint(painted_levels(self._calibration, position_px))
         self._rest(position_px)
 
@@ -137,7 +138,7 @@ class DiscLocator:
 def locate_discs_kernel(
     levels: tuple[NDArray[np.float32], NDArray[np.float32]],
     window: FitWindow,
-    states: tuple[NDArray[np.float64], ...],
+    states: tuple[Any, ...],
     discs: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     settings: tuple[int, int, float],
 ) -> None:  # pragma: no cover - compiled

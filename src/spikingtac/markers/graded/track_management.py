@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, SLOW_PX_S, CellCounts
+from spikingtac.markers.graded.event_loss import BACKGROUND_SHARE, FAST_PX_S, SLOW_PX_S, CellCounts
 from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.markers.published.associate import UNMATCHED, associate
 from spikingtac.markers.published.blobs import BlobConfig, BlobDetector
@@ -64,6 +64,9 @@ way there (ours: a reversal costs up to half a px)."""
 SENDING_SHARE = 0.35
 """Share of the events of its travel from which a marker counts as sending: half of a disc sends
 more than half of them (ours)."""
+
+CLEAR_SIGMAS = 3.0
+"""Standard deviations above its background from which a cell's events tell of a marker (ours)."""
 
 RESTING_NEIGHBOURS = 2
 """Neighbours that may rest without acquitting a marker: they may be gone as well."""
@@ -240,10 +243,15 @@ def _listen_kernel(
         more = events[m] - BACKGROUND_SHARE * noise_per_s[m] * dt_s
         heard_px[m] = max(heard_px[m] + more / events_per_px[m], 0.0)
         asked = _asked_speed_kernel(velocity_px_s, speed_px_s, index[m], weight[m])
-        if asked <= SLOW_PX_S or asked * events_per_px[m] <= BACKGROUND_SHARE * noise_per_s[m]:
+        noise = noise_per_s[m] * dt_s
+        told = SLOW_PX_S < asked < FAST_PX_S
+        told = told and asked * events_per_px[m] > BACKGROUND_SHARE * noise_per_s[m]
+        # A marker whose neighbours are held, too, is heard by its own events alone.
+        if not told and events[m] <= noise + CLEAR_SIGMAS * np.sqrt(noise + 1.0):
             continue
-        sent_px = (events[m] - noise_per_s[m] * dt_s) / events_per_px[m]
-        unheard = unheard_px[m] + asked * dt_s - sent_px / SENDING_SHARE
+        sent_px = (events[m] - noise) / events_per_px[m]
+        travel_px = asked * dt_s if told else 0.0
+        unheard = unheard_px[m] + travel_px - sent_px / SENDING_SHARE
         unheard_px[m] = min(max(unheard, 0.0), 2.0 * SILENT_PX)
         limit_px = 0.5 * SILENT_PX if silent[m] else SILENT_PX
         silent[m] = surrounded[m] and unheard_px[m] > limit_px

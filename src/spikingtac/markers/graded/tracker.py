@@ -215,5 +215,5 @@ class GradedTracker:
             if manager.placed:
                 locator.place(manager.moved, manager.position_px)
         doubt = self._kept.doubt if self._adapts else 0.0
-        searched_px = manager.capture_px * manager.coasted
+        searched_px = np.where(manager.coasted, manager.capture_px, 0.0)
         self._leak.update(t_us, doubt, self._kept.background_hz_px, searched_px)

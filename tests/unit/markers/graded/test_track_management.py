@@ -204,6 +204,22 @@ def test_a_marker_that_sends_again_is_heard() -> None:
         assert manager.silent[CENTRE] == expected
 
 
+def test_held_neighbours_do_not_keep_each_other_silent() -> None:
+    """All four in the middle were held: none of their neighbours' motion asked for events."""
+    manager, velocity = TrackManager(CALIBRATION), moving(60.0)
+    gone = [6, 7, 11, 12]
+    manager.silent[gone], manager._unheard_px[gone] = True, 4.0
+    velocity[gone] = 0.0
+    for _ in range(150):
+        manager.listen(velocity, cells((EVENTS_PER_PX * 60.0 * DT_S).astype(np.int64)), 1.0)
+    assert not manager.silent.any()
+
+
+def test_a_snap_is_no_silence() -> None:
+    """It overruns the readout: its events are missing or late."""
+    assert not heard(moving(2_000.0), np.zeros(COUNT) + 1e-9, steps=8).silent.any()
+
+
 def test_the_kernel_does_what_its_plain_twin_does() -> None:
     rng = np.random.default_rng(7)
     index = np.array([rng.permutation(COUNT)[:8] for _ in range(COUNT)])
@@ -222,10 +238,13 @@ def test_the_kernel_does_what_its_plain_twin_does() -> None:
             third, np.linalg.norm((weight[:, :, None] * velocity[index]).sum(1), axis=1)
         )
         way = np.maximum(way + (events - 1.5 * noise * DT_S) / full, 0.0)
-        told = (asked > 10.0) & (asked * full > 1.5 * noise)
+        told = (asked > 10.0) & (asked < 400.0) & (asked * full > 1.5 * noise)
+        clear = events > noise * DT_S + 3.0 * np.sqrt(noise * DT_S + 1.0)
         sent = (events - noise * DT_S) / full
-        unheard = np.where(told, np.clip(unheard + asked * DT_S - sent / 0.35, 0.0, 4.0), unheard)
-        silent = np.where(told, surrounded & (unheard > np.where(silent, 1.0, 2.0)), silent)
+        summed = np.clip(unheard + told * asked * DT_S - sent / 0.35, 0.0, 4.0)
+        unheard = np.where(told | clear, summed, unheard)
+        limit = np.where(silent, 1.0, 2.0)
+        silent = np.where(told | clear, surrounded & (unheard > limit), silent)
     np.testing.assert_allclose(got[0], unheard)
     np.testing.assert_allclose(got[1], way)
     np.testing.assert_array_equal(got[2], silent)
