@@ -113,7 +113,7 @@ def _variants() -> Iterator[Method]:
 def _references() -> Iterator[Method]:
     """Yield the other presets, and the published pipeline with one part changed."""
     paper = load_config("paper")
-    yield of_config("fast", "graded map, fits of two steps, 10 kHz", load_config("fast"))
+    yield of_config("fast", "the same tracker at 10 kHz", load_config("fast"))
     yield of_config("paper", "the published pipeline with a filter and a refreshed map", paper)
     kept = paper.with_tracking(blobs=replace(paper.tracking.blobs, refresh_us=0))
     yield of_config("paper-kept-map", "the map is never refreshed", kept)

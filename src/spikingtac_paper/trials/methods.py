@@ -129,7 +129,7 @@ def main_methods() -> dict[str, Method]:
     """Return the methods of the main table in its order; the runner adds ``truth``."""
     methods = (
         of_preset("default", "graded map, disc fit, no law"),
-        of_preset("fast", "graded map, fits of two steps, 10 kHz"),
+        of_preset("fast", "the same tracker at 10 kHz"),
         of_preset("paper", "filter of isolated events and refreshed map (ours), binary map, "
                               "network, blobs, k-d tree, hold, published law, 350 Hz"),
         as_published("paper-printed", "the same without filter and refresh, as printed"),
