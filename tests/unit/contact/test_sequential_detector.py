@@ -84,8 +84,3 @@ def test_details_tell_onset_place_and_direction(detector: SequentialMotionDetect
     assert touch.place_px == pytest.approx((65.0, 65.0), abs=6.0)
     assert touch.push == pytest.approx((0.7, 0.7), abs=0.1)
     assert touch.turn == pytest.approx(0.0, abs=0.15)
-
-
-def test_release_settings_are_checked() -> None:
-    with pytest.raises(ValueError, match="back_share"):
-        ReleaseConfig(back_share=0.0)

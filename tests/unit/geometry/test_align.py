@@ -47,17 +47,3 @@ def test_collinear_points_turn_along_the_shortest_way(goal: list[float]) -> None
     np.testing.assert_allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-12)
     turned = np.degrees(Rotation.from_matrix(found.rotation).magnitude())
     assert turned == pytest.approx(np.degrees(np.arccos(goal[0])), abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("points", "onto"),
-    [
-        (np.zeros((0, 2)), np.zeros((0, 2))),
-        (np.zeros((2, 2)), np.zeros((3, 2))),
-        (np.zeros((2, 4)), np.zeros((2, 4))),
-        (np.array([[np.nan, 0.0]]), np.zeros((1, 2))),
-    ],
-)
-def test_unfit_input_is_refused(points: np.ndarray, onto: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"shapes|at least one"):
-        align(points, onto)

@@ -8,13 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.geometry.hole import (
-    Compensation,
     HoleFitConfig,
     fit_circle,
-    hexagon_reach_mm,
-    mean_hexagon_reach_mm,
 )
-from spikingtac.sim.rig.walls import HexBit
 
 SIGMA_MM = 0.03
 OPEN = HoleFitConfig(radius_sigma_mm=math.inf, center_sigma_mm=math.inf)
@@ -83,18 +79,6 @@ def test_contacts_on_one_side_state_how_little_they_tell(contacts: int) -> None:
         away = np.append(circle.center_mm - center, circle.radius_mm - radius)
         covered += away @ np.linalg.solve(circle.covariance_mm2, away) < 7.815
     assert covered / trials > 0.95
-
-
-def test_the_hexagon_reaches_as_its_corners_do() -> None:
-    for heading in (0.0, 0.3, 0.9):
-        corner = HexBit(heading_rad=heading).points_mm[:, :2]
-        for angle in np.linspace(-7, 7, 100):
-            reach = (corner @ [math.cos(angle), math.sin(angle)]).max()
-            assert hexagon_reach_mm(0.75, angle - heading) == pytest.approx(reach, abs=1e-12)
-    angle = np.linspace(0, 2 * np.pi, 10_000)
-    reach = hexagon_reach_mm(0.75, angle)
-    assert mean_hexagon_reach_mm(0.75) == pytest.approx(reach.mean(), abs=1e-5)
-    assert Compensation().offset_sigma_mm == pytest.approx(reach.std(), abs=2e-4)
 
 
 def test_unfit_input_is_refused() -> None:

@@ -75,12 +75,6 @@ def test_no_room_is_refused() -> None:
             run()
 
 
-def test_contacts_that_make_no_circle_are_refused() -> None:
-    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2, -1.2] * 2)
-    with pytest.raises(SearchError, match="make no circle"):
-        AdaptiveSearch(prober, travel(), AdaptiveSearchConfig()).run(np.zeros(2))
-
-
 def test_one_false_contact_is_touched_again() -> None:
     prober = IdealProber(2.0, noise_mm=[0.0, 0.0, 0.0, 0.0, -1.2])
     found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=6)).run(np.zeros(2))

@@ -83,32 +83,6 @@ def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
     assert halves[0] == pytest.approx(halves[1], rel=0.05)
 
 
-def test_latency_carries_events_into_the_next_packet():
-    images = strokes(200.0, 8.0)
-    prompt, late = camera(), camera(latency_us=3000.0)
-    on_time = film(prompt, images, "fresh")
-    late.settle(images[0], "fresh")
-    first = late.advance(images[1:])
-    rest = late.advance([replace(images[-1], t_us=images[-1].t_us + 40_000)])
-    assert len(rest) > 0
-    assert rest.t[0] >= first.t_end_us
-    assert len(first) + len(rest) == len(on_time)
-    # Latency is inversely proportional to intensity: 3 ms at white, 18 ms on the ground.
-    delay_us = late_by(on_time, EventPacket.concatenate([first, rest]))
-    assert delay_us.min() >= 3000
-    assert delay_us.max() <= 18_001
-
-
-def late_by(prompt: EventPacket, late: EventPacket) -> np.ndarray:
-    """Return the delay of each pixel's first event."""
-    delays = []
-    for x, y in {(int(x), int(y)) for x, y in zip(prompt.x, prompt.y, strict=True)}:
-        one = prompt.t[(prompt.x == x) & (prompt.y == y)]
-        two = late.t[(late.x == x) & (late.y == y)]
-        delays.append(two[0] - one[0])
-    return np.array(delays)
-
-
 def test_references_remember_the_past():
     images = [image(k * PERIOD_US, (0.02 * k, 0.0)) for k in range(60)]
     first = {}

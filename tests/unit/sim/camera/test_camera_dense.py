@@ -6,7 +6,6 @@ import pytest
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
 from spikingtac.sim.camera.full_frame import sample_pattern_kernel
-from spikingtac.sim.camera.sensor import texture_field
 from spikingtac.sim.states import MarkerImage
 
 SIZE = (64, 64)
@@ -62,15 +61,6 @@ def test_a_pattern_that_follows_the_markers_makes_events_between_them():
     )
     assert not (still.x > far_x).any()
     assert (moving.x > far_x).sum() > 100
-
-
-def test_a_texture_has_the_configured_strength_and_grain():
-    light = LightConfig(texture=0.1, texture_px=4.0)
-    field = texture_field(light, np.random.default_rng(0))
-    assert field.std() == pytest.approx(0.1, rel=0.01)
-    assert abs(field.mean()) < 1e-3
-    shifted = (field * np.roll(field, 4, axis=1)).mean() / field.var()
-    assert shifted == pytest.approx(np.exp(-0.25), abs=0.1)  # a Gaussian kernel's own correlation
 
 
 def test_a_pattern_is_read_between_its_samples_and_repeats():

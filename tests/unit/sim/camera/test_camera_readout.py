@@ -4,7 +4,7 @@ import pytest
 from spikingtac.sim.camera.config import ReadoutConfig
 from spikingtac.sim.camera.pixel_records import KEY_SHIFT
 from spikingtac.sim.camera.readout import BACKLOG_US, Arbiter, Readout, arbitrate_kernel
-from spikingtac.types import EventPacket, LossCounters
+from spikingtac.types import LossCounters
 
 SIZE = (64, 48)
 
@@ -90,15 +90,3 @@ def test_random_loss_is_as_set_and_counted():
     kept = len(station.release(1000))
     assert kept / 20_000 == pytest.approx(0.7, abs=0.015)
     assert losses["readout_loss"] == 20_000 - kept
-
-
-def test_a_packet_unpacks_place_polarity_and_time():
-    station, _ = readout()
-    packet = station.packet([keys([3, 8], [63, 0], [0, 47], [1, 0])], 0, 10)
-    assert isinstance(packet, EventPacket)
-    assert packet.x.tolist() == [63, 0]
-    assert packet.y.tolist() == [0, 47]
-    assert packet.p.tolist() == [True, False]
-    assert packet.t.tolist() == [3, 8]
-    assert packet.x.dtype == np.uint16
-    assert packet.t.dtype == np.int64

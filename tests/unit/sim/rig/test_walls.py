@@ -29,10 +29,3 @@ def test_a_hexagon_touches_with_a_mean_radius_of_041() -> None:
     assert min(reach) == pytest.approx(0.375, abs=1e-4)
     assert max(reach) == pytest.approx(0.433, abs=1e-3)
     assert np.mean(reach) == pytest.approx(0.4135, abs=1e-3)
-
-
-def test_a_direction_without_length_is_refused() -> None:
-    with pytest.raises(ValueError, match="no length"):
-        PlaneWall(normal=(0.0, 0.0, 0.0)).gap(np.zeros((1, 3)))
-    with pytest.raises(ValueError, match="positive radius"):
-        HoleWall(radius_mm=0.0)

@@ -54,13 +54,6 @@ def test_the_stated_speed_is_the_peak_speed(segment: dict[str, Any], name: str) 
     assert speeds.max() == pytest.approx(40.0, rel=0.01)
 
 
-def test_a_circle_keeps_its_distance_from_its_centre() -> None:
-    path = motion({"kind": "circle", "radius_mm": 2.0, "turns": 1.0, "duration_s": 1.0})
-    center = np.array([2.0, 0.0])
-    for t in np.linspace(0.0, 1.0, 21):
-        assert np.linalg.norm(path.pose(float(t)).position_mm[:2] - center) == pytest.approx(2.0)
-
-
 def test_rolling_leaves_the_touching_point_at_rest() -> None:
     path = motion({"kind": "roll", "dx_mm": 3.0, "dy_mm": 1.0, "radius_mm": 4.0, "duration_s": 1.0})
     first, then = path.pose(0.5), path.pose(0.5 + 1e-6)

@@ -1,6 +1,5 @@
 import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.motions import IndenterMotion
 from spikingtac.sim.scene.scene import Scene
@@ -34,16 +33,3 @@ def test_paths_stay_on_the_pad(scenes):
             times = [index * 0.02 for index in range(int(motion.duration_s / 0.02))]
             reach = max(abs(motion.pose(t).position_mm[:2]).max() for t in times)
             assert reach + scene.variation.place_mm <= 8.5, name
-
-
-def test_a_wrong_name_gets_the_nearest_and_the_list():
-    with pytest.raises(ConfigError, match=r"did you mean 'bootstrap'.*finger-torsion"):
-        catalog.load("botstrap")
-
-
-def test_a_scene_file_of_ones_own_is_read(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text("duration_s = 0.5\n")
-    assert catalog.load(path).duration_s == 0.5
-    with pytest.raises(ConfigError, match="cannot read"):
-        catalog.load(tmp_path / "other.toml")
