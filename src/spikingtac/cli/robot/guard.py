@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.messages import emit_json, remark, warn
+from spikingtac.cli.options import JsonArgs
 from spikingtac.cli.robot.termination import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
@@ -41,7 +42,7 @@ NO_PRECEDENCE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(JsonArgs):
     """Watch a camera's stream and stop a moving UR arm at the first contact.
 
     Another program moves the arm. The arm is also stopped when the stream ends, stalls or lags
@@ -60,8 +61,6 @@ class Args:
     """Contact detector: default (signed, sequential) or event_count (as published)."""
     budget: float = 1.0
     """Accepted number of false contacts per hour of free motion."""
-    json: bool = False
-    """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:

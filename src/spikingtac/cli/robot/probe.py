@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from spikingtac.cli.messages import emit_json, emit_table, remark
-from spikingtac.cli.robot.probe_args import ProbeArgs as Args
+from spikingtac.cli.robot.probe_search import ProbeArgs as Args
 
 
 def run(args: Args) -> int:

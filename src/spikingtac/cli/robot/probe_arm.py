@@ -9,10 +9,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.robot.probe_args import ProbeArgs
 from spikingtac.cli.robot.probe_result import ProbedHole
 from spikingtac.cli.robot.probe_search import (
     ASSUMPTIONS,
+    ProbeArgs,
     probing_style,
     resolved_config,
     search,

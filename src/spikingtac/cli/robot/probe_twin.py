@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.robot.probe_args import ProbeArgs
 from spikingtac.cli.robot.probe_result import ProbedHole, TrueHole
 from spikingtac.cli.robot.probe_search import (
     ASSUMPTIONS,
+    ProbeArgs,
     probing_style,
     resolved_config,
     search,

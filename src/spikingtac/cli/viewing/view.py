@@ -10,6 +10,7 @@ import tyro
 
 from spikingtac.cli.deadlines import require_live
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
@@ -23,7 +24,29 @@ HEADLESS_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class PageArgs(WriteArgs):
+    """Options of verbs that show a source on the page."""
+
+    preset: str = "default"
+    """default, fast or paper, or a TOML file."""
+    host: str = "127.0.0.1"
+    """Address to serve on; beyond loopback the printed address carries a random token."""
+    port: int = 8765
+    """Port, or 0 for any free one."""
+    no_browser: bool = False
+    """Serve the page, but open no browser."""
+    headless: bool = False
+    """Without a page: a recording is tracked as fast as possible to its end, a camera or a scene is
+    followed for --seconds; the summary is printed."""
+    seconds: float | None = None
+    """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
+    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write: a summary picture of what the page showed (.png, .svg or .pdf), or as
+    --export."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(PageArgs):
     """Show a recording, a recording folder or a scene of the twin in the browser."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
@@ -41,8 +64,6 @@ class Args:
     """Calibrate with the page, even where a calibration is known."""
     save_calibration: Path = Path("calibration.json")
     """File that a calibration made with the page is saved as."""
-    preset: str = "default"
-    """default, fast or paper, or a TOML file."""
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
     force: Path | None = None
@@ -51,30 +72,12 @@ class Args:
     """Seed of a scene."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None
     """Camera preset of a scene; the scene's own unless given."""
-    host: str = "127.0.0.1"
-    """Address to serve on; beyond loopback the printed address carries a random token."""
-    port: int = 8765
-    """Port, or 0 for any free one."""
-    no_browser: bool = False
-    """Serve the page, but open no browser."""
-    headless: bool = False
-    """Without a page: a recording is tracked as fast as possible to its end, a camera or a scene is
-    followed for --seconds; the summary is printed."""
-    seconds: float | None = None
-    """Duration, s; without end unless given (10 for a camera or a scene with --headless)."""
-    picture: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write: a summary picture of what the page showed (.png, .svg or .pdf), or as
-    --export."""
     export: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Track into a file instead of showing: .mcap (ROS 2), .rrd (Rerun), .mp4, .gif, or one picture
     (.png, .svg, .pdf); --seconds limits it."""
-    overwrite: bool = False
-    """Replace files that are already there."""
     realtime: bool = False
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core; the page tells what was granted."""
-    json: bool = False
-    """Print one JSON object at the end."""
 
 
 def run(args: Args) -> int:
