@@ -12,6 +12,7 @@ import tyro
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.cli.options import ReadArgs
+from spikingtac.file_kinds import TOLD, document_of, kind_of
 
 if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
@@ -42,7 +43,6 @@ class Args(ReadArgs):
 def run(args: Args) -> int:
     """Read the whole file once and print its content."""
     from spikingtac.events.open import open_events
-    from spikingtac.file_kinds import kind_of
 
     kind = kind_of(args.file)
     if kind is not None and kind in _FIGURES:
@@ -71,8 +71,6 @@ def run(args: Args) -> int:
 
 def _print_kind(kind: str, args: Args) -> int:
     """Print the figures of a file of ours that holds no events, and what takes it."""
-    from spikingtac.file_kinds import TOLD
-
     found = {"format": kind, **_FIGURES[kind](args.file)}
     if args.json:
         emit_json({**found, "about": TOLD[kind]})
@@ -121,8 +119,6 @@ def _of_series(path: Path) -> dict[str, Any]:
 
 
 def _of_force(path: Path) -> dict[str, Any]:
-    from spikingtac.file_kinds import document_of
-
     document = document_of(path)
     return {
         "components": document.get("components"),
@@ -132,8 +128,6 @@ def _of_force(path: Path) -> dict[str, Any]:
 
 
 def _of_report(path: Path) -> dict[str, Any]:
-    from spikingtac.file_kinds import document_of
-
     document = document_of(path)
     rows = [row for row in document["rows"] if isinstance(row, dict)]
     return {
@@ -147,8 +141,6 @@ def _of_report(path: Path) -> dict[str, Any]:
 
 
 def _of_manifest(path: Path) -> dict[str, Any]:
-    from spikingtac.file_kinds import document_of
-
     document = document_of(path)
     return {name: value for name, value in document.items() if not isinstance(value, dict)}
 
