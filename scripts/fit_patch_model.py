@@ -2,7 +2,7 @@
 
 Draws contacts of many bodies on gels of many thicknesses, keeps their skins in the folder WORK
 (half a gigabyte), shows them to cameras at many distances, adds the errors of tracks, and fits the
-network of ``spikingtac.touch.contact_patch.patch_model`` to the cells of the skin that are touched.
+network that ``spikingtac.touch.patch`` runs to the cells of the skin that are touched.
 Needs torch, an hour and a half.
 """
 
@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 import torch
 from drawn_skins import SKIN, CameraView, Draw, drawn, turned
-from fitted_mlp import Schedule, fitted_mlp
 from numpy.typing import NDArray
-from weights_file import write_weights
 
 from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.touch.contact_patch.patch_features import FEATURES, PatchFeatures
-from spikingtac.touch.contact_patch.patch_model import SIDE, PatchModel
-from spikingtac.touch.field.mlp import Mlp
+from spikingtac.touch.patch import FEATURES, SIDE, PatchFeatures
 from spikingtac_paper.touch.bodies import BOTH_RADII, Body
+from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,7 +61,8 @@ DISTANCE_MM = (9.0, 30.0)
 PLACE_SIGMA_PX = (0.03, 0.12)
 """Range of the tracks' errors, px per axis, of frame after frame."""
 HIDDEN = (192, 96)
-SCHEDULE = Schedule(batch=16, rate=3e-3, decay=1e-3, largest_gradient=1.0, epochs=14)
+BATCH = 16
+SCHEDULE = Schedule(rate=3e-3, decay=1e-3, largest_gradient=1.0, epochs=14)
 COLD_SHARE = 0.15
 """Share of the markers far from the contact that is looked at, each with the weight of many."""
 JUDGED_MM = 3.0
@@ -94,14 +92,20 @@ def main() -> None:
     parser.add_argument("work", type=Path, help="folder for the skins")
     parser.add_argument("--contacts", type=int, default=CONTACTS)
     parser.add_argument("--epochs", type=int, default=SCHEDULE.epochs)
-    parser.add_argument("-o", "--output", type=Path, default=Path("patch_model.json"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("patch.onnx"))
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     paths = [drawn(args.work, number, DRAW) for number in range(args.contacts)]
     held, taught = shown(paths[:VALIDATION], rng, 1), shown(paths[VALIDATION:], rng, VIEWS)
     network = fitted(taught, held, rng, args.epochs)
-    write_weights(args.output, PatchModel(network).to_mapping())
+    record = {
+        "schema": 2, "side": SIDE, "fitted": f"{len(taught)} views of contacts on the twin",
+        "trainer": "scripts/fit_patch_model.py",
+    }  # fmt: skip
+    told = torch.nn.Sequential(network, torch.nn.Sigmoid())
+    inputs = {"features": torch.zeros(1, FEATURES)}
+    args.output.write_bytes(export(told, inputs, ("probability",), record))
 
 
 def shown(paths: list[Path], rng: np.random.Generator, cameras: int) -> list[View]:
@@ -157,16 +161,30 @@ def beside(flags: Flags) -> Flags:
     return windows.any(axis=(3, 4)).reshape(flags.shape)
 
 
-def fitted(views: list[View], held: list[View], rng: np.random.Generator, epochs: int) -> Mlp:
+def fitted(
+    views: list[View], held: list[View], rng: np.random.Generator, epochs: int
+) -> torch.nn.Sequential:
     """Return the network that fits the views."""
-    return fitted_mlp(
-        (FEATURES, *HIDDEN, SIDE * SIDE),
-        views,
-        lambda network, chosen: loss_of(network, [seen(one, rng) for one in chosen]),
+    torch.manual_seed(0)
+    layers = [torch.nn.Linear(a, b) for a, b in pairwise((FEATURES, *HIDDEN, SIDE * SIDE))]
+    bent = [part for layer in layers[:-1] for part in (layer, torch.nn.Tanh())]
+    network = torch.nn.Sequential(*bent, layers[-1])
+
+    def batches() -> list[list[View]]:
+        order = rng.permutation(len(views))
+        return [
+            [views[k] for k in order[first : first + BATCH]]
+            for first in range(0, len(views) - BATCH + 1, BATCH)
+        ]
+
+    fit(
+        network,
+        batches,
+        lambda told, chosen: loss_of(told, [seen(one, rng) for one in chosen]),
         replace(SCHEDULE, epochs=epochs),
-        rng,
-        lambda network, _: agreement(network, held).round(3),
+        lambda epoch, _: print(epoch, agreement(network, held).round(3), flush=True),
     )
+    return network
 
 
 def noisy(one: View, rng: np.random.Generator) -> Field:
@@ -182,7 +200,7 @@ def seen(one: View, rng: np.random.Generator) -> tuple[Field, Flags, Field]:
     return noisy(one, rng)[chosen], one.touched[chosen], np.where(cold[chosen], 1 / COLD_SHARE, 1.0)
 
 
-def loss_of(network: torch.nn.Sequential, chosen: list[tuple[Field, Flags, Field]]) -> torch.Tensor:
+def loss_of(network: torch.nn.Module, chosen: list[tuple[Field, Flags, Field]]) -> torch.Tensor:
     """Return the mean cross entropy of the cells."""
     features, touched, weights = (
         torch.from_numpy(np.concatenate(part).astype(np.float32))
@@ -194,11 +212,12 @@ def loss_of(network: torch.nn.Sequential, chosen: list[tuple[Field, Flags, Field
     return loss / (weights.sum() * SIDE**2)
 
 
-def agreement(network: Mlp, views: list[View]) -> Field:
+def agreement(network: torch.nn.Sequential, views: list[View]) -> Field:
     """Return mean intersection over union, its tenth percentile, and the share of 0.7 and more."""
-    model, rng, found = PatchModel(network), np.random.default_rng(1), []
+    rng, found = np.random.default_rng(1), []
     for one in views:
-        told = model.probability(noisy(one, rng)) > 0.5
+        with torch.no_grad():
+            told = network(torch.tensor(noisy(one, rng), dtype=torch.float32)).numpy() > 0.0
         cells = one.touched.sum(axis=(1, 2))
         judged = cells * (SKIN.pitch_mm / SIDE) ** 2 >= np.pi / 4.0 * JUDGED_MM**2
         both, either = told & one.touched, told | one.touched

@@ -1,7 +1,8 @@
 """Fit the slip model to drawn contacts on the twin: ``python scripts/fit_slip_model.py WORK``.
 
-Draws the contacts of ``slip_samples.py``, keeps their features in the folder WORK, and fits the
-four recurrent networks of ``spikingtac.touch.slip.slip_model``. Needs torch.
+Draws the contacts of ``slip_samples.py``, keeps their features in the folder WORK, fits four
+recurrent networks and writes them as one ONNX file, which ``spikingtac.touch.slip`` runs. Needs
+torch.
 """
 
 from __future__ import annotations
@@ -10,19 +11,23 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from slip_samples import SAMPLES, drawn
-from weights_file import write_weights
 
-from spikingtac.touch.slip.feature_stream import FEATURES
-from spikingtac.touch.slip.gru import GruNetwork, Linear
-from spikingtac.touch.slip.slip_model import OUTPUTS, SlipModel
+from spikingtac.touch.slip.stream import FEATURES
+from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]
+Weights = dict[str, Any]
 
+OUTPUTS = 2
+"""The sticking share, and the probability of incipient slip."""
+SETTLING_STEPS = 500
+"""Steps after which the hidden state of an untouched skin no longer changes (ours)."""
 HIDDEN = ENCODING = 40
 """Sizes of hidden state and encoding (ours: 32 learns more slowly)."""
 FRAME_US = 1_000
@@ -93,7 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fit the slip model.")
     parser.add_argument("work", type=Path, help="folder for the contacts' features")
     parser.add_argument("--draw-only", choices=tuple(SAMPLES), help="draw that sample, do not fit")
-    parser.add_argument("-o", "--output", type=Path, default=Path("slip_model.json"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("slip.onnx"))
     args = parser.parse_args()
     if args.draw_only:
         drawn(args.work, args.draw_only)
@@ -103,8 +108,7 @@ def main() -> None:
         whole = [Course.read(path, recipe) for path in drawn(args.work, recipe.sample)]
         courses = [piece for course in whole for piece in course.pieces()]
         networks.append(fitted(courses, recipe))
-    model = SlipModel(tuple(networks))
-    write_weights(args.output, model.to_mapping())
+    args.output.write_bytes(SlipNetworks(networks).exported(STEP_FRAMES * FRAME_US))
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ def _least(stuck: Field, before: int, after: int) -> Field:
 
 
 class Net(torch.nn.Module):
-    """The network of :class:`GruNetwork`, with a further output."""
+    """One network while it learns, with a further output."""
 
     def __init__(self) -> None:
         """Draw the weights."""
@@ -182,26 +186,69 @@ class Net(torch.nn.Module):
         return self.head(torch.cat([self.gru(encoding)[0], encoding], -1))
 
 
-def fitted(courses: list[Course], recipe: Recipe) -> GruNetwork:
+class SlipNetworks(torch.nn.Module):
+    """What runs: one step of all networks side by side, and the mean of what they tell."""
+
+    def __init__(self, networks: list[Weights]) -> None:
+        """Stack the weights: of each network ``mean``, ``std`` and its layers."""
+        super().__init__()
+        self.mean = np.array([one["mean"] for one in networks])
+        for name in ("encoder", "input_gates", "hidden_gates", "head"):
+            weights = np.array([one[name][0] for one in networks])
+            bias = np.array([one[name][1] for one in networks])
+            if name == "encoder":
+                weights = weights / np.array([one["std"] for one in networks])[:, None]
+                bias = bias - (weights @ self.mean[..., None])[..., 0]
+            for part, values in (("weights", weights.swapaxes(1, 2)), ("bias", bias[:, None])):
+                self.register_buffer(f"{name}_{part}", torch.tensor(values, dtype=torch.float32))
+
+    def _layer(self, name: str, values: torch.Tensor) -> torch.Tensor:
+        weights, bias = getattr(self, f"{name}_weights"), getattr(self, f"{name}_bias")
+        return torch.matmul(values, weights) + bias
+
+    def forward(self, features: torch.Tensor, hidden: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Return the mean outputs and the hidden states ``(k, 1, h)`` after a step."""
+        encoding = torch.tanh(self._layer("encoder", features))
+        given = self._layer("input_gates", encoding).chunk(3, dim=2)
+        kept = self._layer("hidden_gates", hidden).chunk(3, dim=2)
+        reset = torch.sigmoid(given[0] + kept[0])
+        update = torch.sigmoid(given[1] + kept[1])
+        new = torch.tanh(given[2] + reset * kept[2])
+        hidden = new + update * (hidden - new)
+        told = torch.sigmoid(self._layer("head", torch.cat([hidden, encoding], dim=2)))
+        return told.mean(dim=0)[0], hidden
+
+    def exported(self, step_us: int) -> bytes:
+        """Return the networks as an ONNX file that knows the hidden state at rest."""
+        hidden = torch.zeros(len(self.mean), 1, HIDDEN)
+        rest = torch.tensor(self.mean[:, None], dtype=torch.float32)
+        with torch.no_grad():
+            for _ in range(SETTLING_STEPS):
+                hidden = self(rest, hidden)[1]
+        record = {
+            "schema": 5, "step_us": step_us, "initial": hidden.tolist(),
+            "fitted": "contacts drawn on the twin", "trainer": "scripts/fit_slip_model.py",
+        }  # fmt: skip
+        inputs = {"features": torch.zeros(1, FEATURES), "hidden": hidden}
+        return export(self, inputs, ("estimate", "hidden_after"), record, any_length=False)
+
+
+def fitted(courses: list[Course], recipe: Recipe) -> Weights:
     """Return the network that tells the courses best, by cross entropy."""
     torch.manual_seed(recipe.seed)
     rng = np.random.default_rng(recipe.seed)
     known = np.concatenate([c.features[c.known.any(axis=1)][::8] for c in courses])
     scale = known.mean(axis=0), known.std(axis=0) + 1e-6
-    net, batches = Net(), -(-len(courses) // BATCH)
-    optimizer = torch.optim.AdamW(net.parameters(), RATE, weight_decay=DECAY)
-    steps = recipe.epochs * batches
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
-    for _ in range(recipe.epochs):
-        for rows in _batches([len(c.features) for c in courses], BATCH, rng):
-            parts = _batch([courses[row] for row in rows], scale, rng)
-            loss = _loss(net, *parts, torch.tensor(recipe.steadiness))
-            optimizer.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-            optimizer.step()
-            schedule.step()
-    return _network(net, scale, STEP_FRAMES * FRAME_US)
+    net, lengths = Net(), [len(course.features) for course in courses]
+    fit(
+        net,
+        lambda: _batches(lengths, BATCH, rng),
+        lambda network, rows: _loss(
+            network, *_batch([courses[row] for row in rows], scale, rng), recipe.steadiness
+        ),
+        Schedule(rate=RATE, decay=DECAY, epochs=recipe.epochs, largest_gradient=1.0),
+    )
+    return _weights(net, scale)
 
 
 def _batches(lengths: list[int], size: int, rng: np.random.Generator) -> list[list[int]]:
@@ -229,34 +276,29 @@ def _batch(
 
 
 def _loss(
-    net: Net,
+    net: torch.nn.Module,
     features: torch.Tensor,
     targets: torch.Tensor,
     known: torch.Tensor,
-    steadiness: torch.Tensor,
+    steadiness: tuple[float, ...],
 ) -> torch.Tensor:
     fresh, lasting = torch.randn(features.shape), torch.randn(len(features), 1, FEATURES)
     told = net(features + NOISE * (fresh + lasting))
     loss = torch.nn.functional.binary_cross_entropy_with_logits(told, targets, reduction="none")
-    weights = known * (1.0 + steadiness * (1.0 - targets))
+    weights = known * (1.0 + torch.tensor(steadiness) * (1.0 - targets))
     return (loss * weights).sum() / weights.sum()
 
 
-def _network(net: Net, scale: tuple[Field, Field], step_us: int) -> GruNetwork:
-    kept = net.state_dict()
-
-    def linear(weights: str, bias: str, rows: int | None = None) -> Linear:
-        return Linear(*(kept[name].double().numpy()[:rows].round(4) for name in (weights, bias)))
-
-    return GruNetwork(
-        step_us=step_us,
-        mean=scale[0].astype(np.float64).round(5),
-        std=scale[1].astype(np.float64).round(5),
-        encoder=linear("encoder.weight", "encoder.bias"),
-        input_gates=linear("gru.weight_ih_l0", "gru.bias_ih_l0"),
-        hidden_gates=linear("gru.weight_hh_l0", "gru.bias_hh_l0"),
-        head=linear("head.weight", "head.bias", OUTPUTS),
-    )
+def _weights(net: Net, scale: tuple[Field, Field]) -> Weights:
+    kept = {name: values.double().numpy() for name, values in net.state_dict().items()}
+    return {
+        "mean": scale[0],
+        "std": scale[1],
+        "encoder": (kept["encoder.weight"], kept["encoder.bias"]),
+        "input_gates": (kept["gru.weight_ih_l0"], kept["gru.bias_ih_l0"]),
+        "hidden_gates": (kept["gru.weight_hh_l0"], kept["gru.bias_hh_l0"]),
+        "head": (kept["head.weight"][:OUTPUTS], kept["head.bias"][:OUTPUTS]),
+    }
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.sim.gel.gel import GelConfig
-from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
+from spikingtac.touch.slip.stream import FEATURES, FeatureStream
 from spikingtac_paper.touch.slides import CARRY, KINDS, VARIED_KINDS, draw_slide
 from spikingtac_paper.touch.watched_slides import WatchedSlide, watch_slide
 

@@ -29,7 +29,7 @@ def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def few_markers_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
     """In 1.6 s not many markers move far."""
-    monkeypatch.setattr("spikingtac.touch.ageing.swing_runs.LEAST_MARKERS", 2)
+    monkeypatch.setattr("spikingtac.touch.ageing.LEAST_MARKERS", 2)
 
 
 def calibrated(recording: Path, path: Path, step: float) -> Path:

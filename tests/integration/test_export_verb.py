@@ -123,7 +123,7 @@ def test_a_zarr_store_holds_the_tracks(
         np.testing.assert_array_equal(group["displacement_px"][:], tracks.displacement_px)
         np.testing.assert_array_equal(group["held"][:], tracks.coasted)
         assert group.attrs["px_per_mm"] == 8.0
-        assert "wrench_estimate" not in group
+        assert "force_n" not in group
 
 
 def test_a_data_set_is_replaced_only_when_asked_and_nothing_else_ever_is(

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 import spikingtac as st
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
-from spikingtac.events.recording import RecordingWriter
 from spikingtac_paper.touch.slides import draw_slide
 from spikingtac_paper.touch.slip_scores import GROSS_SHARE, LATE_US
 from spikingtac_paper.touch.watched_slides import watch_slide
-from stand_ins.painted_skin import PITCH_PX, PaintedSkin, square_calibration
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
@@ -85,64 +82,6 @@ def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFix
     assert "slip ms" in capsys.readouterr().out
 
 
-@pytest.fixture(scope="module")
-def pressed_discs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of one press that spreads and grows the discs, with its calibration beside it."""
-    folder = tmp_path_factory.mktemp("pressed") / "press"
-    known = square_calibration(4)
-    known.save(folder.parent / "calibration.json")
-    skin, away = PaintedSkin(known, 10_000), known.reference_px - known.reference_px.mean(axis=0)
-    bell = np.exp(-0.5 * (away**2).sum(axis=1) / PITCH_PX**2)
-    shares = np.interp(np.arange(150), [0, 40, 60, 90, 110, 150], [0, 0, 1, 1, 0, 0])
-    with RecordingWriter(folder, known.size) as writer:
-        for share in shares:
-            spread = 0.06 * share * bell[:, None] * away
-            writer.write(skin.go(known.reference_px + spread, 0.12 * share * bell))
-    return folder
-
-
-def test_growth_and_indentation_of_a_touch(
-    pressed_discs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    known, table = pressed_discs.parent / "calibration.json", tmp_path / "touches.csv"
-    verb = ["touch", str(pressed_discs), "--calibration", str(known), "--preset", "fast"]
-    assert main([*verb, "--camera-distance-mm", "13", "-o", str(table), "--json"]) == 0
-    (touch,) = json.loads(capsys.readouterr().out)["touches"]
-    assert touch["growth"] == pytest.approx(0.12 * np.exp(-0.25), abs=0.02)
-    assert 0.001 < touch["growth_std"] < 0.05
-    assert touch["indentation_mm"] > 0.1
-    assert touch["indentation_std_mm"] > 0.0
-    with table.open() as file:
-        (row,) = csv.DictReader(file)
-    assert float(row["indentation_mm"]) == touch["indentation_mm"]
-    assert main(verb) == 0
-    assert "discs +" in capsys.readouterr().out
-
-
-def test_no_growth_is_guessed_where_the_swing_is_not_known(
-    pressed_discs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    full = Calibration.load(pressed_discs.parent / "calibration.json")
-    by_hand = tmp_path / "by_hand.json"
-    Calibration(
-        reference_px=full.reference_px, radius_px=full.radius_px, grid=full.grid, size=full.size
-    ).save(by_hand)
-    verb = ["touch", str(pressed_discs), "--calibration", str(by_hand), "--preset", "fast"]
-    assert main([*verb, "--json"]) == 0
-    said = capsys.readouterr()
-    (touch,) = json.loads(said.out)["touches"]
-    assert touch["growth"] is touch["growth_std"] is touch["indentation_mm"] is None
-    assert "lacks contrast" in said.err
-
-
-def test_tracks_have_no_discs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = arrays(tmp_path / "a.npz", 1)
-    assert main(["touch", str(source), "--camera-distance-mm", "13"]) == 2
-    assert "comes from events" in capsys.readouterr().err
-    assert main(["touch", str(source), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["touches"][0]["growth"] is None
-
-
 def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tracks_of(tmp_path / "arrays.npz", 24.0 * REFERENCE[:, :2] + 50.0)
     with np.load(file) as arrays_alone:
@@ -179,7 +118,7 @@ def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     taught = [str(arrays(tmp_path / f"{seed}.npz", seed)) for seed in (1, 2)]
-    other, model = str(arrays(tmp_path / "3.npz", 3)), str(tmp_path / "force.json")
+    other, model = str(arrays(tmp_path / "3.npz", 3)), str(tmp_path / "force.onnx")
     assert main(["force", "fit", *taught, "-o", model, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 1000
     assert main(["force", "check", other, "--force", model, "--json"]) == 0
@@ -193,18 +132,53 @@ def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFi
     assert "--overwrite" in capsys.readouterr().err
 
 
+def test_forces_are_added_to_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, model = arrays(tmp_path / "a.npz", 1), tmp_path / "force.onnx"
+    assert main(["force", "fit", str(source), "-o", str(model)]) == 0
+    out = tmp_path / "forces.npz"
+    line = ["force", "apply", str(source), "--force", str(model)]
+    assert main([*line, "-o", str(out), "--json"]) == 0
+    peak_n = json.loads(capsys.readouterr().out.splitlines()[-1])["peak_force_n"]
+    with np.load(out) as after, np.load(source) as before:
+        assert set(after.files) == {*before.files, "force_n", "force_sigma_n", "torque_nm"}
+        assert np.abs(after["force_n"] - before["wrench"][:, :3]).mean() < 0.05
+        assert peak_n == pytest.approx(np.linalg.norm(after["force_n"], axis=1).max(), abs=1e-3)
+        assert (after["force_sigma_n"] >= 0).all()
+    assert main([*line, "-o", str(out)]) == 2
+    assert main(line) == 2
+    assert "-o OUT" in capsys.readouterr().err
+
+
+def test_a_line_of_vibration_is_told_of_tracks_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t_us, places = np.arange(0, 3_000_000, 1_000), 24.0 * REFERENCE[:, :2]
+    moved = 0.2 * np.sin(2e-6 * np.pi * 87.3 * t_us)[:, None, None] * [0.6, 0.8]
+    path = tmp_path / "tracks.npz"
+    np.savez(path, t_us=t_us, reference_px=places, detected_px=places + moved)
+    assert main(["touch", str(path), "--vibration", "--json"]) == 0
+    lines = json.loads(capsys.readouterr().out)["vibration"]
+    assert len(lines) == 2
+    for line in lines:
+        assert line["line_hz"] == pytest.approx(87.3, abs=0.3)
+        assert line["amplitude_px"] == pytest.approx(0.2, rel=0.1)
+        assert {"t_us", "noise_ratio", "sigma_px"} <= set(line)
+    assert main(["touch", str(path), "--vibration"]) == 0
+    assert "vibration in tracks.npz" in capsys.readouterr().out
+
+
 def test_a_missing_model_says_how_to_make_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = str(arrays(tmp_path / "a.npz", 1))
-    assert main(["force", "check", source, "--force", str(tmp_path / "none.json")]) == 2
+    assert main(["force", "check", source, "--force", str(tmp_path / "none.onnx")]) == 2
     assert "force fit" in capsys.readouterr().err
 
 
 def test_a_skin_of_known_stiffness_needs_no_labels(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from spikingtac.touch.elastic import synthetic_contacts
+    from spikingtac.touch import synthetic_contacts
 
     few = synthetic_contacts.SyntheticContactConfig(frames=120, series=2, rounds=1)
     monkeypatch.setattr(synthetic_contacts, "SyntheticContactConfig", lambda: few)
@@ -219,16 +193,14 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
     bare, scaled = tmp_path / "bare.json", tmp_path / "scaled.json"
     bare.write_text(json.dumps(document))
     scaled.write_text(json.dumps({**document, "px_per_mm": 15.4}))
-    model = str(tmp_path / "force.json")
+    model = str(tmp_path / "force.onnx")
     words = ["force", "fit", "--shear-modulus-kpa", "30", "-o", model]
     assert main(words) == 2
     assert "--calibration" in capsys.readouterr().err
     assert main([*words, "--calibration", str(bare)]) == 2
     assert "--pitch-mm" in capsys.readouterr().err
-    creep = ["--creep-fractions", "0.1", "--creep-times-s", "8"]
-    assert main([*words, "--calibration", str(scaled), *creep, "--json"]) == 0
+    assert main([*words, "--calibration", str(scaled), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["unit"] == "px"
-    assert json.loads(Path(model).read_text())["creep"]["times_s"] == [8.0]
     near = [*words, "--overwrite", "--calibration", str(scaled), "--camera-distance-mm"]
     assert main([*near, "2"]) == 2
     assert "thickness, 3.0 mm" in capsys.readouterr().err

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.touch.field.lost_markers import deviation_kernel
+from spikingtac.touch.lost_markers import deviation_kernel
 
 Array = np.ndarray
 

@@ -7,8 +7,8 @@ import pytest
 
 from spikingtac.touch.slip import features as slip
 from spikingtac.touch.slip import own_motion as own
-from spikingtac.touch.slip.feature_stream import FeatureStream, spans_kernel
-from spikingtac.touch.slip.field_summary import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
+from spikingtac.touch.slip.features import LEAST_ARM, LEAST_SQUARE, SIZE, WIDTHS, FieldSummary
+from spikingtac.touch.slip.stream import FeatureStream, spans_kernel
 
 Array = np.ndarray
 PITCH = 37.0

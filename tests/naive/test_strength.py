@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field import GradientOperator
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (2, 2), (3, 5)])

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.touch.field.lost_markers import repair_kernel
-from spikingtac.touch.field.selection import select_kernel
-from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
-from spikingtac.touch.force.rest_zero import RestZero, RestZeroConfig
-from spikingtac.touch.touches.backlash import STRING_PX, Backlash
-from spikingtac.touch.touches.spread import spread_kernel
+from spikingtac.touch.force.field_stream import (
+    AVERAGE_S,
+    LONGEST_GAP_S,
+    MEMORY_S,
+    MEMORY_SHARES,
+    PRIOR_S,
+    FieldStream,
+)
+from spikingtac.touch.lost_markers import repair_kernel, select_kernel, spread_kernel
+from spikingtac.touch.onset import STRING_PX, Backlash
 
 Array = np.ndarray
 
@@ -62,38 +66,31 @@ def test_lost_markers_are_repaired_by_medians(neighbours: int) -> None:
     assert (out != moved).any()
 
 
-@pytest.mark.parametrize("chain", [((0.2,), (2.0,)), ((0.3, 0.1), (0.05, 8.0))])
-def test_creep_is_inverted_as_its_sums_say(
-    chain: tuple[tuple[float, ...], tuple[float, ...]],
-) -> None:
-    fractions, times_s = (np.array(values) for values in chain)
-    memory = CreepMemory(CreepConfig(fractions=chain[0], times_s=chain[1]))
-    rng, retarded, last_us = np.random.default_rng(2), np.zeros((len(fractions), 6)), 0
-    for t_us in np.cumsum(rng.integers(0, 40_000, 200)).tolist():
-        moved = rng.normal(size=(3, 2))
-        found = memory.elastic(t_us, moved)
-        if last_us:
-            gain = -np.expm1(-1e-6 * (t_us - last_us) / times_s)
-            kept = (fractions * (1.0 - gain)) @ retarded
-            elastic = (moved.ravel() - kept) / (1.0 + float(fractions @ gain))
-            retarded += gain[:, None] * (elastic - retarded)
-            np.testing.assert_allclose(found, elastic.reshape(3, 2), rtol=1e-12, atol=1e-14)
-        last_us = t_us
-    assert np.abs(retarded).max() > 0.01
-
-
-def test_the_zero_follows_the_rests() -> None:
-    rng = np.random.default_rng(3)
-    config, radius = RestZeroConfig(average_s=0.5, prior_s=0.15), 0.5
-    rest, zero, rested_s, t_us, seen = RestZero(config, radius, 8), np.zeros(8), 0.15, 0, 0
+def test_fields_are_told_from_their_zero_with_their_past() -> None:
+    """The zero as a mean of rests, and the memory marker by marker, in plain Python."""
+    rng, radius = np.random.default_rng(3), 0.5
+    stream, zero, rested_s, t_us = FieldStream(radius, 8), np.zeros(8), PRIOR_S, 0
+    means, seen, gaps = np.zeros((2, 8)), 0, 0
     for number in range(200):
-        step_s = min(1e-6 * int(rng.integers(1_000, 150_000)), 0.1) if number else 0.1
-        t_us += round(1e6 * step_s)
+        step_us = int(rng.integers(1_000, 250_000)) if number else 0
+        t_us, step_s = t_us + step_us, 1e-6 * step_us
         frame = 0.3 + 0.1 * rng.normal(size=8) + 4.0 * (number % 3 == 2)
         away = frame - zero
         if (away * away).mean() < radius**2:
             seen += 1
-            rested_s = min(rested_s + step_s, config.average_s)
-            zero = zero + step_s / rested_s * away
-        np.testing.assert_allclose(rest.subtract(t_us, frame), frame - zero, rtol=1e-13, atol=1e-14)
+            share_s = min(step_s, 0.1) if number else 0.1
+            rested_s = min(rested_s + share_s, AVERAGE_S)
+            zero = zero + share_s / rested_s * away
+        found = stream.update(t_us, frame)
+        fade = [1.0 - np.exp(-step_s / tau) for tau in MEMORY_S[:, 0]]
+        if step_s > LONGEST_GAP_S:
+            gaps += 1
+            means = np.array([(1.0 - g) * row for g, row in zip(fade, means, strict=True)])
+            fade = [0.0, 0.0]
+        shares = MEMORY_SHARES[:, 0]
+        kept = sum(c * (1.0 - g) * m for c, g, m in zip(shares, fade, means, strict=True))
+        told = (frame - zero + kept) / (1.0 - sum(c * g for c, g in zip(shares, fade, strict=True)))
+        means = np.array([m + g * (told - m) for g, m in zip(fade, means, strict=True)])
+        np.testing.assert_allclose(found, told, rtol=1e-12, atol=1e-13)
     assert 100 < seen < 150
+    assert gaps > 10

@@ -70,7 +70,7 @@ class SpikingTacCamera(Camera):
         )
         self._hand, self._taken = st.Hand({NAME: finger}), 0
         if self.config.force is not None:
-            from spikingtac.touch.force.files.model_file import load_force
+            from spikingtac.touch.force.model import load_force
 
             self._force = load_force(self.config.force).estimator()
         if warmup:
@@ -113,7 +113,7 @@ class SpikingTacCamera(Camera):
             RuntimeError: No force model was given.
         """
         if self._force is None:
-            raise RuntimeError("no force model; give force=force.json in the camera's settings")
+            raise RuntimeError("no force model; give force=force.onnx in the camera's settings")
         reading = self._latest(max_age_ms)
         return self._force.update(reading.t_us, reading.displacement_px.astype(np.float64)).values
 

@@ -23,7 +23,7 @@ class SpikingTacCameraConfig(CameraConfig):
         rate_hz: Estimates per second; the preset's unless given.
         range_px: Displacement that is drawn as 0 or 255, px.
         cell_px: Width of a marker's cell in the image, px.
-        force: ``force.json``, where forces are wanted, too.
+        force: ``force.onnx``, where forces are wanted, too.
     """
 
     source: str

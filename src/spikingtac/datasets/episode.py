@@ -63,8 +63,8 @@ class Episode:
             raise RecordingError(f"{str(path)!r} holds no estimate")
         sources = {DISPLACEMENT: (tracks.t_us, _flat(tracks.displacement_px))}
         sources[SEEN] = (tracks.t_us, (~tracks.coasted).astype(np.float32))
-        if tracks.wrench_estimate is not None:
-            sources[WRENCH] = (tracks.t_us, tracks.wrench_estimate)
+        if tracks.wrench is not None:
+            sources[WRENCH] = (tracks.t_us, tracks.wrench)
         if log is not None:
             sources |= _log(log)
         t_us = _frames(path, [t for t, _ in sources.values()], fps)

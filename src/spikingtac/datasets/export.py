@@ -29,9 +29,9 @@ ARRAYS = {
     "displacement_px": "displacement_px",
     "held": "coasted",
     "confidence": "confidence",
-    "wrench_estimate": "wrench_estimate",
-    "wrench_half_width": "wrench_half_width",
-    "wrench_distance": "wrench_distance",
+    "force_n": "force_n",
+    "force_sigma_n": "force_sigma_n",
+    "torque_nm": "torque_nm",
 }
 """Name of an array -> field of the tracks; those that a recording lacks are left out."""
 CHUNK_ROWS = 16 * FRAMES_PER_CHUNK

@@ -22,15 +22,13 @@ from spikingtac.markers.tracking_config import TrackingConfig
 from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
-from spikingtac.touch.ageing.swing_runs import Swing, SwingRuns
-from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.ageing import Swing, SwingRuns
+from spikingtac.touch.force.model import ForceModel, Wrench
 from spikingtac.tracks import Tracks, create_tracks
 from spikingtac.types import EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64
 """Estimates between two reports of progress."""
-HALF_WIDTH_SIGMAS = 1.6449
-"""Half of the 90 % interval of a normal distribution over its standard deviation."""
 
 
 def track(
@@ -106,7 +104,9 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    felt = None if force is None else _wrenches(force, len(calibration.reference_px))
+    if force is not None:
+        force.require(calibration.reference_px, "px")
+    estimator = None if force is None else force.estimator()
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
@@ -114,8 +114,8 @@ def track_to_file(
         for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
             moved = frame.detected_px - calibration.reference_px
             runs.follow(moved)
-            if felt is not None:
-                writer.measure(felt(frame.t_us, moved))
+            if estimator is not None:
+                writer.measure(_columns(estimator.update(frame.t_us, moved)))
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -145,30 +145,10 @@ def _ageing(swing: Swing | None) -> dict[str, Any]:
     }
 
 
-def _wrenches(
-    force: ForceModel, markers: int
-) -> Callable[[int, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
-    """Return what makes the columns of a wrench of frames in their order.
-
-    Raises:
-        ConfigError: The model is of another sensor.
-    """
-    force.require_image(markers)
-    estimator, all_three = force.estimator(), tuple(force.components[:3]) == ("fx", "fy", "fz")
-
-    def measure(t_us: int, moved: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        wrench = estimator.update(t_us, moved)
-        columns = {
-            "wrench_estimate": wrench.values,
-            "wrench_half_width": wrench.half_width,
-            "wrench_distance": np.array(wrench.distance),
-        }
-        if all_three:
-            columns["force_n"] = wrench.values[:3]
-            columns["force_sigma_n"] = wrench.half_width[:3] / HALF_WIDTH_SIGMAS
-        return columns
-
-    return measure
+def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:
+    """Return a wrench by the keys of a file."""
+    torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
+    return {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n, **torque}
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:

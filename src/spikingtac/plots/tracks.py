@@ -23,7 +23,7 @@ from spikingtac.plots.theme import (
     new_figure,
     style_axes,
 )
-from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field import GradientOperator
 from spikingtac.tracks import Tracks
 from spikingtac.tracks.comparison import LOADED, Comparison
 

@@ -23,8 +23,7 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.messages import Layout
 from spikingtac.ros2.stream import SensorStream
-from spikingtac.touch.force.files.model_file import load_force
-from spikingtac.touch.force.model import ForceEstimator
+from spikingtac.touch.force.model import ForceEstimator, load_force
 from spikingtac.tracks import Tracks, is_tracks_file
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -148,7 +147,7 @@ def open_feed(config: FeedConfig) -> Feed:
 
 def _feed_of_tracks(config: FeedConfig, calibration: Calibration | None) -> Feed:
     tracks = Tracks.load(config.source)
-    wrenches = tracks.wrench_estimate
+    wrenches = tracks.wrench
 
     def frames(stream: SensorStream, pace: Pace) -> Iterator[Felt]:
         for number, frame in enumerate(tracks.frames()):
@@ -158,7 +157,7 @@ def _feed_of_tracks(config: FeedConfig, calibration: Calibration | None) -> Feed
     return Feed(
         layout=_layout_of_tracks(tracks, calibration),
         source=None,
-        force=_force(config, len(tracks.reference_px)),
+        force=_force(config, tracks.reference_px.astype(np.float64)),
         has_wrench=wrenches is not None,
         frames=frames,
     )
@@ -184,7 +183,7 @@ def _feed_of_events(config: FeedConfig, calibration: Calibration) -> Feed:
             calibration.reference_px, calibration.grid, calibration.size, calibration.px_per_mm
         ),
         source=events,
-        force=_force(config, len(calibration.reference_px)),
+        force=_force(config, calibration.reference_px),
         has_wrench=False,
         frames=frames,
     )
@@ -225,9 +224,9 @@ def _layout_of_tracks(tracks: Tracks, calibration: Calibration | None) -> Layout
     return Layout(rest_px, (int(grid[0]), int(grid[1])), (middle[0], middle[1]), scale)
 
 
-def _force(config: FeedConfig, markers: int) -> ForceEstimator | None:
+def _force(config: FeedConfig, reference_px: NDArray[np.float64]) -> ForceEstimator | None:
     if config.force is None:
         return None
     model = load_force(config.force)
-    model.require_image(markers)
+    model.require(reference_px, "px")
     return model.estimator()

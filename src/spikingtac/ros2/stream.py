@@ -24,9 +24,9 @@ from spikingtac.ros2.messages import (
     header,
     wrench_message,
 )
+from spikingtac.touch.detector import TouchDetector
 from spikingtac.touch.force.model import ForceEstimator
-from spikingtac.touch.touches.detector import TouchDetector
-from spikingtac.touch.touches.touch_config import TouchConfig
+from spikingtac.touch.touch import TouchConfig
 from spikingtac.types import EventPacket, MarkerFrame
 
 US_PER_S, NS_PER_S = 1_000_000, 1_000_000_000

@@ -1,17 +1,38 @@
 """Public names of the room ``touch``."""
 
-from .contact_patch.patch import Patch as Patch
-from .contact_patch.patch import SQUARE as SQUARE
-from .contact_patch.patch import patch_of_cells as patch_of_cells
-from .elastic.surface_response import SkinConfig as SkinConfig
-from .elastic.synthetic_contacts import synthetic_series as synthetic_series
-from .field.local_gradient import GradientOperator as GradientOperator
-from .force.creep_memory import CreepConfig as CreepConfig
-from .force.creep_memory import CreepMemory as CreepMemory
-from .force.files.series_file import load_series as load_series
-from .force.fit import fit_force as fit_force
-from .force.score import r_squared as r_squared
-from .force.wrench_series import WrenchSeries as WrenchSeries
+# Touches and slip
+from .slip.held import HeldTouch as HeldTouch
+from .slip.held import HeldTouchDetector as HeldTouchDetector
+from .slip.held import find_slip as find_slip
+from .slip.held import find_touches as find_touches
 from .slip.monitor import SlipMonitor as SlipMonitor
-from .touches.detector import TouchDetector as TouchDetector
-from .touches.touch import Touch as Touch
+from .slip.types import Slip as Slip
+from .slip.types import SlipState as SlipState
+from .detector import TouchDetector as TouchDetector
+from .touch import Touch as Touch
+from .touch import TouchConfig as TouchConfig
+
+# The displacement field
+from .field import FieldGauge as FieldGauge
+from .field import GradientOperator as GradientOperator
+from .patch import SQUARE as SQUARE
+from .patch import Patch as Patch
+from .patch import PatchEstimator as PatchEstimator
+from .patch import patch_of_cells as patch_of_cells
+from .vibration import Spectrum as Spectrum
+from .vibration import VibrationMonitor as VibrationMonitor
+
+# Forces
+from .force.fit import ForceScore as ForceScore
+from .force.fit import fit_force as fit_force
+from .force.fit import network_trainer as network_trainer
+from .force.fit import r_squared as r_squared
+from .force.fit import score_force as score_force
+from .force.model import ForceEstimator as ForceEstimator
+from .force.model import ForceModel as ForceModel
+from .force.model import Wrench as Wrench
+from .force.model import load_force as load_force
+from .force.series import WrenchSeries as WrenchSeries
+from .force.series import load_series as load_series
+from .elastic import SkinConfig as SkinConfig
+from .synthetic_contacts import synthetic_series as synthetic_series

@@ -45,7 +45,7 @@ HEALTH_TYPES = {
 }
 """Key of a file -> the type of a counter of the source, one a time; older files lack them."""
 
-FORCES = ("force_n", "force_sigma_n")
+FORCES = ("force_n", "force_sigma_n", "torque_nm")
 """Force on the skin and its standard deviation, ``(n, 3)``: where a model estimated them."""
 
 VECTORS = ("detected_px", "position_px", "displacement_px")

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 US_PER_S = 1_000_000
 DRAWING = "spikingtac.plots.tracks"
 """Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
-MEASURED = (*FORCES, "wrench_estimate", "wrench_half_width", "wrench_distance")
+MEASURED = FORCES
 """Arrays that are there where a force model was given."""
 
 
@@ -61,9 +61,7 @@ class Tracks:
             known also ``px_per_mm`` and ``grid``.
         force_n: ``(n, 3)`` estimated force on the skin, N; None where no force model was given.
         force_sigma_n: ``(n, 3)`` its standard deviation.
-        wrench_estimate: ``(n, c)`` components of the force model: N, then Nm.
-        wrench_half_width: ``(n, c)`` half of the 90 % interval of each.
-        wrench_distance: ``(n,)`` above 1 where the field is unlike those that were learned.
+        torque_nm: ``(n, 3)`` estimated moment, Nm, where the force model knows it.
         gaps, overflows, damaged, reconnects, rate_ev_s: ``(n,)`` the health of the events as in
             :class:`~spikingtac.types.SourceHealth`; None in files of older versions.
     """
@@ -78,9 +76,7 @@ class Tracks:
     meta: dict[str, Any]
     force_n: NDArray[np.float32] | None = None
     force_sigma_n: NDArray[np.float32] | None = None
-    wrench_estimate: NDArray[np.float32] | None = None
-    wrench_half_width: NDArray[np.float32] | None = None
-    wrench_distance: NDArray[np.float32] | None = None
+    torque_nm: NDArray[np.float32] | None = None
     gaps: NDArray[np.int32] | None = None
     overflows: NDArray[np.int32] | None = None
     damaged: NDArray[np.int32] | None = None
@@ -284,6 +280,12 @@ class Tracks:
         """Draw the tracks; see :func:`spikingtac.plot_tracks`, which takes the same options."""
         draw = importlib.import_module(DRAWING).plot_tracks
         return draw(self, kind, at_us=at_us, theme=theme, width=width)
+
+    @property
+    def wrench(self) -> NDArray[np.float32] | None:
+        """``(n, 3 or 6)`` forces in N, then moments in Nm where they are known; None without."""
+        parts = [part for part in (self.force_n, self.torque_nm) if part is not None]
+        return np.hstack(parts) if parts else None
 
     def _measured(self) -> dict[str, NDArray[Any]]:
         values = {name: getattr(self, name) for name in MEASURED}

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.touch.force.model import ForceModel, Wrench
-from spikingtac.touch.slip.held_touches import HeldTouchDetector
-from spikingtac.touch.vibration.spectrum import Spectrum, VibrationMonitor
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.vibration import Spectrum, VibrationMonitor
 from spikingtac.types import MarkerFrame
 
 SPECTRUM_EVERY_US = 100_000
@@ -34,7 +34,7 @@ class FeltLayer:
         Raises:
             ConfigError: The model is of another sensor.
         """
-        force.require_image(len(reference_px))
+        force.require(reference_px, "px")
         self._reference, self._rate = reference_px, rate_hz
         self._force = force.estimator()
         self._touches = HeldTouchDetector(reference_px)
@@ -70,7 +70,6 @@ class FeltLayer:
         return {
             "force_n": _rounded(self._wrench.force_n),
             "half_width_n": _rounded(self._wrench.half_width[:3]),
-            "extrapolated": self._wrench.extrapolated,
             "place_px": None if patch is None else _rounded(patch.place),
             "outline_px": None if patch is None else _rounded(patch.outline),
             "slip": None if slip is None else slip.phase,

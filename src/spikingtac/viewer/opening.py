@@ -113,7 +113,7 @@ def open_felt_source(*, force: str, **arguments: Any) -> ViewSource:
     Raises:
         ConfigError: The force model cannot be read, or is of another sensor; and as there.
     """
-    from spikingtac.touch.force.files.model_file import load_force
+    from spikingtac.touch.force.model import load_force
     from spikingtac.viewer.felt import FeltLayer
 
     model = load_force(force)

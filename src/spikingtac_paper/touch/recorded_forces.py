@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.touch import WrenchSeries, fit_force, load_series, r_squared
+from spikingtac.touch import WrenchSeries, fit_force, load_series, network_trainer, r_squared
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.touch.baselines import MeanDisplacement
 
@@ -17,8 +17,8 @@ Field = NDArray[np.float64]
 FOLDER = "force"
 FORCES = ("fx", "fy", "fz")
 METHODS = {
-    "laws": "the force laws, in-plane displacements only",
-    "laws-depth": "the force laws with depth",
+    "network": "the force network (needs torch), in-plane displacements only",
+    "ridge": "the ridge regression on the field's shape, in-plane displacements only",
     "mean-displacement": "a linear function of the mean displacement and its length",
 }
 R2_METRICS = tuple(
@@ -59,8 +59,9 @@ def _predicted(
     if method == "mean-displacement":
         estimate = MeanDisplacement(one.in_image() for one in taught).estimate(left_out.in_image())
         return estimate[:, :3], np.full((len(estimate), 3), np.nan)
-    model = fit_force(taught, depth=method == "laws-depth")
-    values, widths, _ = model.estimate(left_out)
+    trainer = network_trainer() if method == "network" else None
+    model = fit_force(taught, trainer)
+    values, widths = model.estimate(left_out)
     return values[:, :3], widths[:, :3]
 
 

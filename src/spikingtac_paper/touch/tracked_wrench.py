@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spikingtac import follow, make_tracker
 from spikingtac.config import load_config
 from spikingtac.sim import SceneSource, load_scene
-from spikingtac.touch import CreepConfig, CreepMemory, WrenchSeries
+from spikingtac.touch import WrenchSeries
 from spikingtac.types import EventPacket
 from spikingtac_paper.touch.true_calibration import true_calibration
 
@@ -37,7 +37,7 @@ class _WithWrench:
 
 
 def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
-    """Return what `default` tracks of a scene, without creep, and the wrench.
+    """Return what `default` tracks of a scene, and the wrench.
 
     Args:
         name: The scene.
@@ -46,13 +46,11 @@ def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
     """
     scene = load_scene(name).with_camera(camera)
     source = SceneSource(scene, seed)
-    spectrum = scene.gel.spectrum
-    memory = CreepMemory(CreepConfig(fractions=spectrum.fractions, times_s=spectrum.times_s))
     watched, times, moved = _WithWrench(source), [], []
     tracker = make_tracker(load_config("default").tracking, true_calibration(source))
     for frame in follow(watched, tracker, RATE_HZ):
         times.append(frame.t_us)
-        moved.append(memory.elastic(frame.t_us, frame.detected_px - source.reference_px))
+        moved.append(frame.detected_px - source.reference_px)
     true_us, wrench = np.concatenate(watched.t_us), np.concatenate(watched.wrench)
     at_frames = [np.interp(times, true_us, column) for column in wrench.T]
     return WrenchSeries(

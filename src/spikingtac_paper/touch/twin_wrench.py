@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import (
-    CreepConfig,
-    CreepMemory,
     SkinConfig,
     WrenchSeries,
     fit_force,
@@ -37,8 +35,8 @@ CAMERAS = ("typical", "noisy")
 """Cameras through which the tested contacts are also seen, and tracked by ``default``."""
 METHODS = {
     "physics": "contacts drawn from the skin's equations; stiffness and lens are known, no label",
-    "labelled": "force laws learned from labelled contacts of a ball and a punch",
-    "physics-and-labels": "force laws learned from both kinds of contacts together",
+    "labelled": "learned from labelled contacts of a ball and a punch",
+    "physics-and-labels": "learned from both kinds of contacts together",
     "mean-displacement": "a linear function of the mean displacement and its length",
 }
 METRICS = (
@@ -69,11 +67,9 @@ def wrench_records(methods: list[str], seed: int, quick: bool) -> list[dict[str,
 
 
 def gel_series(name: str, seed: int) -> WrenchSeries:
-    """Return a scene's markers, as a tracker would see them without creep, and its wrench."""
+    """Return a scene's markers, as a tracker would see them, and its wrench."""
     scene = load_scene(name)
     source = SceneSource(scene, seed)
-    spectrum = scene.gel.spectrum
-    memory = CreepMemory(CreepConfig(fractions=spectrum.fractions, times_s=spectrum.times_s))
     rng = np.random.default_rng(seed)
     times, moved, wrench = [], [], []
     for number, (state, image) in enumerate(source.frames()):
@@ -82,7 +78,7 @@ def gel_series(name: str, seed: int) -> WrenchSeries:
         noisy = image.center_px - source.reference_px
         noisy = noisy + rng.normal(0.0, NOISE_PX, noisy.shape)
         times.append(state.t_us)
-        moved.append(memory.elastic(state.t_us, noisy))
+        moved.append(noisy)
         wrench.append(np.concatenate([state.force_n, state.torque_n_mm / N_MM_PER_NM]))
     return WrenchSeries(
         np.array(times, np.int64),
@@ -101,7 +97,7 @@ def _estimator(
     if method == "mean-displacement":
         return MeanDisplacement(taught).estimate
     drawn = [] if method == "labelled" else _drawn(reference)
-    model = fit_force([] if method == "physics" else taught, drawn=drawn)
+    model = fit_force([*drawn] if method == "physics" else [*taught, *drawn])
     return lambda series: model.estimate(series)[0]
 
 

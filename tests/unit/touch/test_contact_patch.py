@@ -1,22 +1,15 @@
 """The touched part of the skin, from its markers' motion: known contacts of the twin's gel."""
 
-import json
-
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.gel import Gel, GelConfig
 from spikingtac.sim.gel.indenters import IndenterConfig, make_indenter
 from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import SkinConfig
-from spikingtac.touch.contact_patch.estimator import PatchEstimator
-from spikingtac.touch.contact_patch.patch import SQUARE, Patch, patch_of_cells
-from spikingtac.touch.contact_patch.patch_features import FEATURES
-from spikingtac.touch.contact_patch.patch_model import SIDE, PatchModel, default_model
-from spikingtac.touch.field.mlp import Mlp
-from spikingtac.touch.field.square_lattice import SquareLattice
+from spikingtac.touch.layout import SquareLattice
+from spikingtac.touch.patch import SQUARE, Patch, PatchEstimator, patch_of_cells
 
 PITCH_MM, DISTANCE_MM = 2.4, 13.0
 GRID = SkinConfig().rest_mm()
@@ -144,24 +137,3 @@ def test_cells_make_up_an_area_an_outline_and_a_weighted_centre() -> None:
     assert patch.area == pytest.approx(3.0)
     np.testing.assert_allclose(patch.place, [1.25, 0.0])
     assert np.ptp(patch.outline, axis=0).tolist() == [3.0, 1.0]
-
-
-def test_a_network_of_one_layer_is_linear_and_of_two_bends() -> None:
-    weights, biases = np.array([[1.0, 2.0]]), np.array([0.5])
-    seen = np.array([[1.0, 1.0], [0.0, -1.0]])
-    np.testing.assert_allclose(Mlp((weights,), (biases,))(seen)[:, 0], [3.5, -1.5])
-    two = Mlp((weights, np.array([[3.0]])), (biases, np.array([1.0])))
-    np.testing.assert_allclose(two(seen)[:, 0], 3.0 * np.tanh([3.5, -1.5]) + 1.0)
-    with pytest.raises(ValueError, match="biases"):
-        Mlp((weights,), (np.zeros(2),))
-
-
-def test_the_model_survives_its_file_and_refuses_others() -> None:
-    model = default_model()
-    copy = PatchModel.from_mapping(json.loads(json.dumps(model.to_mapping())))
-    seen = np.random.default_rng(0).normal(size=(5, FEATURES))
-    np.testing.assert_array_equal(copy.probability(seen), model.probability(seen))
-    assert model.probability(seen).shape == (5, SIDE * SIDE)
-    for broken in ({}, {"schema": 99}, model.to_mapping() | {"layers": []}):
-        with pytest.raises(ConfigError, match="no patch model"):
-            PatchModel.from_mapping(broken)

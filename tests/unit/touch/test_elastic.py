@@ -1,4 +1,4 @@
-"""The elastic layer, its creep, and contacts drawn on it."""
+"""The elastic layer, and contacts drawn on it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 from spikingtac.errors import ConfigError
 from spikingtac.sim.gel.layer import GridConfig, LayerOperator
-from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
-from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
-from spikingtac.touch.force.creep_memory import CreepConfig, CreepMemory
+from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
+from spikingtac.touch.synthetic_contacts import SyntheticContactConfig, synthetic_series
 
 SKIN = SkinConfig(shear_modulus_kpa=30.0, thickness_mm=3.0)
-GEL = CreepConfig(fractions=(0.05, 0.05, 0.12), times_s=(0.02, 0.3, 8.0))
 
 
 def grid() -> np.ndarray:
@@ -34,29 +32,6 @@ def test_the_closed_form_is_the_fourier_solution(direction: int) -> None:
     expected = [RegularGridInterpolator(axes, moved[k])(places[:, ::-1]) for k in (0, 1)]
     found = SurfaceResponse(SKIN, 1.0, 20.0).matrix(places, np.zeros((1, 2)))[:, :, 0, direction]
     np.testing.assert_allclose(found, np.column_stack(expected), atol=0.02)
-
-
-def test_a_constant_force_held_for_a_minute_drifts_by_less_than_three_percent() -> None:
-    memory, found, crept = CreepMemory(GEL), [], 0.0
-    times_s = np.arange(0.0, 60.0, 0.02)
-    for t_s in times_s:
-        kept = sum(
-            c * -np.expm1(-t_s / tau) for c, tau in zip(GEL.fractions, GEL.times_s, strict=True)
-        )
-        crept = (1.0 + kept) * (t_s > 0.0)
-        found.append(memory.elastic(round(t_s * 1e6), np.array([[crept, 0.0]]))[0, 0])
-    assert np.ptp(found[5:]) < 0.03
-    assert found[-1] == pytest.approx(1.0, abs=0.03)
-    assert crept > 1.2
-
-
-def test_without_creep_nothing_changes() -> None:
-    memory = CreepMemory(CreepConfig())
-    field = np.arange(8.0).reshape(4, 2)
-    for t_us in (0, 20_000, 5_000_000):
-        assert memory.elastic(t_us, field) is field
-    with pytest.raises(ValueError, match="equal length"):
-        CreepConfig(fractions=(0.1,))
 
 
 def test_contacts_that_are_drawn_obey_friction_and_repeat() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import RecordingError
-from spikingtac.touch.force.files.labels_file import labelled, load_labels
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.touch.force.labels import labelled, load_labels
+from spikingtac.touch.force.series import WrenchSeries
 
 REFERENCE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.field.local_gradient import GradientOperator
+from spikingtac.touch.field import GradientOperator
 
 
 def grid(rows: int = 6, columns: int = 7, pitch: float = 37.0) -> np.ndarray:

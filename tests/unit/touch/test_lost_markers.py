@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spikingtac.touch.field.lost_markers import EVERY, LostMarkers
-from spikingtac.touch.touches.backlash import (
+from spikingtac.touch.lost_markers import EVERY, LostMarkers
+from spikingtac.touch.onset import (
     NOTHING_UNSEEN,
     STRING_PX,
     Backlash,

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic.surface_response import SkinConfig, SurfaceResponse
-from spikingtac.touch.slip.alarm import Alarm
-from spikingtac.touch.slip.feature_stream import FEATURES, FeatureStream
-from spikingtac.touch.slip.gru import LAYERS, GruNetwork, Linear
-from spikingtac.touch.slip.held_touches import HeldTouchDetector
-from spikingtac.touch.slip.monitor import SlipMonitor
-from spikingtac.touch.slip.slip import Slip
-from spikingtac.touch.slip.slip_config import AlarmConfig, SlipConfig
-from spikingtac.touch.slip.slip_model import SCHEMA, SlipEstimate, SlipModel, default_model
+from spikingtac.touch.elastic import SkinConfig, SurfaceResponse
+from spikingtac.touch.network import packaged
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.slip.monitor import SlipEstimate, SlipEstimator, SlipMonitor
+from spikingtac.touch.slip.stream import FEATURES, FeatureStream
+from spikingtac.touch.slip.types import Alarm, AlarmConfig, Slip, SlipConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_MM, PX_PER_MM = 2.4, 15.4
@@ -31,9 +26,6 @@ class Scripted:
 
     def __init__(self, shares: list[float]) -> None:
         self._shares = iter(shares)
-
-    def estimator(self) -> Scripted:
-        return self
 
     def reset(self) -> None:
         """Nothing is remembered."""
@@ -215,22 +207,22 @@ def test_a_gap_between_frames_is_told_as_not_known() -> None:
     assert stream.update(29_000, 0.0 * REFERENCE) is None
 
 
-def test_a_model_survives_its_file_and_refuses_another() -> None:
-    model = default_model()
-    again = SlipModel.from_mapping(json.loads(json.dumps(model.to_mapping())))
-    features = np.random.default_rng(1).normal(size=FEATURES)
-    assert again.estimator().update(0, features) == model.estimator().update(0, features)
-    one = model.networks[0].to_mapping()
-    short = {"weights": [[1.0]], "bias": [0.0]}
-    wrong = ({"mean": [0.0]}, {"step_us": 0}, *({name: short} for name in LAYERS))
-    changed = [{"schema": SCHEMA, "networks": [{**one, **change}]} for change in wrong]
-    for document in ({"schema": SCHEMA - 1}, {"schema": SCHEMA, "networks": []}, *changed):
-        with pytest.raises(ConfigError, match=r"fit_slip_model"):
-            SlipModel.from_mapping(document)
+def test_the_network_steps_at_its_own_rate_and_forgets_a_contact() -> None:
+    network, rng = packaged("slip.onnx"), np.random.default_rng(3)
+    features = rng.normal(size=(24, FEATURES))
+    estimator = SlipEstimator()
+    told = [estimator.update(k * 1_000, row) for k, row in enumerate(features)]
+    hidden = np.array(network.record["initial"])
+    for row in features[::3]:
+        estimate, hidden = network(row[None], hidden)
+    np.testing.assert_array_equal(told[-1], estimate)
+    assert told[1] == told[0]
+    estimator.reset()
+    assert estimator.update(50_000, features[0]) == told[0]
 
 
 def test_a_contact_that_has_not_moved_sticks() -> None:
-    estimator, stream = default_model().estimator(), FeatureStream(REFERENCE)
+    estimator, stream = SlipEstimator(), FeatureStream(REFERENCE)
     estimate, still = SlipEstimate(0.0, 1.0), np.zeros_like(REFERENCE)
     for t_us in range(0, 400_000, 1_000):
         features = stream.update(t_us, still)
@@ -238,62 +230,6 @@ def test_a_contact_that_has_not_moved_sticks() -> None:
             estimate = estimator.update(t_us, features)
     assert estimate.share > 0.9
     assert estimate.incipient < SlipConfig().incipient.probability
-
-
-def test_the_initial_state_is_that_of_an_untouched_skin() -> None:
-    for network in default_model().networks:
-        hidden, _ = network(network.initial, network.mean)
-        np.testing.assert_allclose(hidden, network.initial, atol=1e-3)
-
-
-def test_a_model_is_the_mean_of_its_networks_each_at_its_own_rate() -> None:
-    model, rng = default_model(), np.random.default_rng(3)
-    estimator, estimates = model.estimator(), []
-    features = rng.normal(size=(24, FEATURES))
-    for k, row in enumerate(features):
-        estimates.append(estimator.update(k * 1_000, row))
-    parts = []
-    for network in model.networks:
-        hidden, outputs = network.initial, np.zeros(2)
-        for row in features[:: network.step_us // 1_000]:
-            hidden, outputs = network(hidden, row)
-        parts.append(outputs)
-    np.testing.assert_allclose(estimates[-1], np.mean(parts, axis=0))
-    estimator.reset()
-    assert estimator.update(50_000, features[0]) == estimates[0]
-
-
-def test_a_network_is_a_gated_recurrent_unit_between_encoder_and_head() -> None:
-    """Each number by itself, as Cho and others (2014) write it, with the reset after the matrix."""
-    rng = np.random.default_rng(4)
-    shapes = dict(zip(LAYERS, [(2, FEATURES), (9, 2), (9, 3), (3, 5)], strict=True))
-    layers = {
-        name: Linear(rng.normal(size=shape), rng.normal(size=shape[0]))
-        for name, shape in shapes.items()
-    }
-    network = GruNetwork(4_000, np.zeros(FEATURES), np.ones(FEATURES), **layers)
-    hidden, features = rng.normal(size=3), rng.normal(size=FEATURES)
-    found, outputs = network(hidden, features)
-
-    def affine(name: str, values: list[float] | np.ndarray) -> list[float]:
-        rows = zip(layers[name].weights, layers[name].bias, strict=True)
-        return [sum(w * x for w, x in zip(row, values, strict=True)) + bias for row, bias in rows]
-
-    def logistic(value: float) -> float:
-        return 1.0 / (1.0 + float(np.exp(-value)))
-
-    encoding = [float(np.tanh(value)) for value in affine("encoder", features)]
-    fresh, kept = affine("input_gates", encoding), affine("hidden_gates", hidden)
-    expected = []
-    for unit in range(3):
-        reset, update = (
-            logistic(fresh[unit + 3 * gate] + kept[unit + 3 * gate]) for gate in (0, 1)
-        )
-        new = float(np.tanh(fresh[unit + 6] + reset * kept[unit + 6]))
-        expected.append((1.0 - update) * new + update * hidden[unit])
-    np.testing.assert_allclose(found, expected)
-    logits = affine("head", [*expected, *encoding])
-    np.testing.assert_allclose(outputs, [logistic(value) for value in logits])
 
 
 def test_a_model_steps_at_its_own_rate_however_often_frames_come() -> None:

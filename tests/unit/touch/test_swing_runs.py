@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.touch.ageing.swing_runs import LONGEST_GAP_US, SwingRuns
+from spikingtac.touch.ageing import LONGEST_GAP_US, SwingRuns
 from spikingtac.types import EventPacket
 
 SIZE = (140, 140)

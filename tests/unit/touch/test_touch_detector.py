@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
-from spikingtac.touch.touches.detector import TouchDetector
-from spikingtac.touch.touches.release import Release
-from spikingtac.touch.touches.touch import Touch
-from spikingtac.touch.touches.touch_config import TouchConfig
+from spikingtac.touch.detector import TouchDetector
+from spikingtac.touch.onset import NOTHING_UNSEEN
+from spikingtac.touch.release import Release
+from spikingtac.touch.touch import Touch, TouchConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_PX = 37.0

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.field.local_gradient import GradientOperator
-from spikingtac.touch.field.marker_row import straightened
-from spikingtac.touch.field.square_lattice import SquareLattice
-from spikingtac.touch.slip.held_touches import HeldTouchDetector
-from spikingtac.touch.touches.backlash import NOTHING_UNSEEN
-from spikingtac.touch.touches.calibrated_rest import RETURN_FACTOR, CalibratedRest
-from spikingtac.touch.touches.detector import TouchDetector
-from spikingtac.touch.touches.touch import Touch
-from spikingtac.touch.touches.touch_config import UNITS, TouchConfig
+from spikingtac.touch.detector import TouchDetector
+from spikingtac.touch.field import GradientOperator
+from spikingtac.touch.layout import SquareLattice, straightened
+from spikingtac.touch.onset import NOTHING_UNSEEN
+from spikingtac.touch.release import RETURN_FACTOR, CalibratedRest
+from spikingtac.touch.slip.held import HeldTouchDetector
+from spikingtac.touch.touch import UNITS, Touch, TouchConfig
 from spikingtac.types import MarkerFrame
 
 PITCH_PX, NOISE_PX, RATE_HZ = 37.0, 0.012, 500.0

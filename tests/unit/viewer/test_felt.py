@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError
-from spikingtac.touch.elastic.surface_response import SkinConfig
-from spikingtac.touch.elastic.synthetic_contacts import SyntheticContactConfig, synthetic_series
+from spikingtac.touch.elastic import SkinConfig
 from spikingtac.touch.force.fit import fit_force
 from spikingtac.touch.force.model import ForceModel
+from spikingtac.touch.synthetic_contacts import SyntheticContactConfig, synthetic_series
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer.felt import FeltLayer
 
@@ -20,7 +20,7 @@ REFERENCE = 37.0 * np.column_stack([X.ravel(), Y.ravel()]) + 40.0
 @pytest.fixture(scope="module")
 def model() -> ForceModel:
     config = SyntheticContactConfig(frames=100, series=2)
-    return fit_force([], drawn=synthetic_series(SkinConfig(), REFERENCE, 15.4, config=config))
+    return fit_force(synthetic_series(SkinConfig(), REFERENCE, 15.4, config=config))
 
 
 def frame(t_us: int, moved: np.ndarray) -> MarkerFrame:
@@ -47,7 +47,7 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
 
 
 def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
-    with pytest.raises(ConfigError, match="36 markers"):
+    with pytest.raises(ConfigError, match=r"\(36, 2\) in px"):
         FeltLayer(REFERENCE[:9], 200.0, model)
 
 

@@ -1,8 +1,8 @@
-"""``spikingtac force``: learn forces from labelled displacements, and check what was learned."""
+"""``spikingtac force``: learn forces from labelled displacements, check them, apply them."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,38 +13,43 @@ from spikingtac.cli.messages import emit_json, emit_table, progress, remark
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.force.model import ForceModel
-    from spikingtac.touch.force.wrench_series import WrenchSeries
+    from spikingtac.touch.force.series import WrenchSeries
+
+MODEL = Path("force.onnx")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Learn a force model from displacements with wrenches (fit), or check one (check).
+    """Learn a force model from displacements with wrenches (fit), check or apply one.
 
-    From labelled contacts: spikingtac force fit contacts_1.npz contacts_2.npz -o force.json
+    From labelled contacts: spikingtac force fit contacts_1.npz contacts_2.npz -o force.onnx
 
-    Without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.json
+    Without labels: spikingtac force fit --shear-modulus-kpa 30 --calibration C -o force.onnx
 
-    From both: spikingtac force fit contacts_1.npz --shear-modulus-kpa 30 --calibration C
+    Checked: spikingtac force check contacts_3.npz --force force.onnx
 
-    Checked: spikingtac force check contacts_3.npz --force force.json
+    Applied: spikingtac force apply tracks.npz --force force.onnx -o tracks_with_forces.npz
 
     Each file is one series with its own zero: tracks of this package, or arrays t_us,
     reference_mm (m, 3), displacement_mm (n, m, 3). It holds a wrench (n, 6) in N and Nm, or the
-    forces come from a file of their own.
+    forces come from a file of their own. With PyTorch installed a network is learned, without it a
+    ridge regression.
     """
 
-    action: Annotated[tyro.conf.Positional[Literal["fit", "check"]], tyro.conf.arg(metavar="DO")]
-    """fit makes a model, check compares a model with the wrenches of a file."""
+    action: Annotated[
+        tyro.conf.Positional[Literal["fit", "check", "apply"]], tyro.conf.arg(metavar="DO")
+    ]
+    """fit makes a model, check compares one with the wrenches of a file, apply adds forces."""
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FILES")] = ()
-    """Series of one sensor."""
+    """Series of one sensor; for apply one file of tracks."""
     wrench: tuple[Path, ...] = ()
     """Forces of each file where it holds none: truth.npz or the folder of a simulation, or the CSV
     of a force sensor (t_us or t_s, fx, fy, fz, mx, my, mz), whose clock is aligned by itself."""
-    force: Path = Path("force.json")
-    """check: the model."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("force.json")
-    """fit: the file to write."""
+    force: Path = MODEL
+    """check, apply: the model."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """The file to write: fit force.onnx unless given, apply tracks with force_n and force_sigma_n
+    (n, 3) beside them."""
     shear_modulus_kpa: float | None = None
     """fit: the skin's shear modulus, kPa; contacts are drawn from its equations, instead of files
     or beside them."""
@@ -55,34 +60,28 @@ class Args:
     is pressed nearer to the camera moves outwards in the image; that is neglected unless given."""
     calibration: Path | None = None
     """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
-    creep_fractions: tuple[float, ...] = ()
-    """fit: retarded compliances of the skin over its instant one."""
-    creep_times_s: tuple[float, ...] = ()
-    """fit: their times, s; the creep of an old force is taken off with them."""
-    depth: bool = False
-    """fit: use the third coordinate of the displacements too."""
     overwrite: bool = False
-    """fit: replace a file that is there."""
+    """Replace a file that is there."""
     json: bool = False
     """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
-    """Fit or check, and say how well the forces are known."""
-    if args.shear_modulus_kpa is not None and args.action == "check":
-        raise ConfigError("--shear-modulus-kpa is used to fit; check needs files and --force")
+    """Fit, check or apply, and say how well the forces are known."""
+    if args.shear_modulus_kpa is not None and args.action != "fit":
+        raise ConfigError(f"--shear-modulus-kpa is used to fit; {args.action} needs --force")
     if args.shear_modulus_kpa is None and args.camera_distance_mm is not None:
         raise ConfigError("--camera-distance-mm needs --shear-modulus-kpa")
     if not args.files and args.shear_modulus_kpa is None:
         raise ConfigError("no file was given; give files with displacements and wrenches")
     if args.wrench and len(args.wrench) != len(args.files):
         raise ConfigError(f"{len(args.wrench)} wrenches were given for {len(args.files)} files")
-    return _fit(args) if args.action == "fit" else _check(args)
+    return {"fit": _fit, "check": _check, "apply": _apply}[args.action](args)
 
 
 def _series(args: Args) -> list[WrenchSeries]:
-    from spikingtac.touch.force.files.labels_file import labelled, load_labels
-    from spikingtac.touch.force.files.series_file import load_series
+    from spikingtac.touch.force.labels import labelled, load_labels
+    from spikingtac.touch.force.series import load_series
 
     series = [load_series(path) for path in args.files]
     if not args.wrench:
@@ -91,20 +90,34 @@ def _series(args: Args) -> list[WrenchSeries]:
 
 
 def _fit(args: Args) -> int:
-    from spikingtac.touch.force.creep_memory import CreepConfig
-    from spikingtac.touch.force.files.model_file import save_force
-    from spikingtac.touch.force.fit import fit_force
+    from spikingtac.touch.force.fit import about, fit_force, network_trainer
 
-    require_free(args.output, args.overwrite)
-    creep = CreepConfig(fractions=args.creep_fractions, times_s=args.creep_times_s)
+    output = MODEL if args.output is None else args.output
+    require_free(output, args.overwrite)
+    trainer = network_trainer()
+    if trainer is None:
+        remark(
+            "note: PyTorch is not installed, so a ridge regression is fitted instead of a network; "
+            "for that: pip install 'spikingtac[train]'"
+        )
     with progress("learning forces"):
-        model = fit_force(_series(args), drawn=_drawn(args), depth=args.depth, creep=creep)
-    save_force(model, args.output)
-    summary = {"output": str(args.output), "unit": model.unit} | model.about
+        model = fit_force([*_series(args), *_drawn(args)], trainer)
+    model.save(output)
+    told = about(model)
     if args.json:
-        emit_json(summary)
+        emit_json({"output": str(output)} | told)
         return 0
-    _print_fit(model, args)
+    emit_table(
+        f"{output}: a {told['kind']} from {told['frames']} frames of {len(told['series'])} series",
+        ("component", "range", "R2 between series"),
+        [
+            (name, "{:g} to {:g}".format(*told["range"][name]), f"{r2:.3f}")
+            for name, r2 in told["r2_between_series"].items()
+        ],
+        words=1,
+    )
+    if len(told["series"]) == 1:
+        remark("note: one series; R2 is between its parts, a second series would be a harder test")
     return 0
 
 
@@ -113,8 +126,8 @@ def _drawn(args: Args) -> list[WrenchSeries]:
     if args.shear_modulus_kpa is None:
         return []
     from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.touch.elastic.surface_response import SkinConfig
-    from spikingtac.touch.elastic.synthetic_contacts import synthetic_series
+    from spikingtac.touch.elastic import SkinConfig
+    from spikingtac.touch.synthetic_contacts import synthetic_series
 
     if args.calibration is None:
         raise ConfigError("--shear-modulus-kpa needs --calibration: where the skin's markers rest")
@@ -133,20 +146,15 @@ def _drawn(args: Args) -> list[WrenchSeries]:
 
 
 def _check(args: Args) -> int:
-    from spikingtac.touch.force.files.model_file import load_force
-    from spikingtac.touch.force.score import score_force
+    from spikingtac.touch.force.fit import score_force
+    from spikingtac.touch.force.model import load_force
 
     model = load_force(args.force)
-    rows: list[dict[str, Any]] = []
-    for series in _series(args):
-        _, _, distance = model.estimate(series)
-        beyond = float((distance > 1.0).mean())
-        if beyond > 0.0:
-            remark(f"note: {beyond:.0%} of {series.name} is unlike anything that was learned")
-        rows += [
-            {**asdict(score), "file": series.name, "extrapolated": beyond}
-            for score in score_force(model, series)
-        ]
+    rows: list[dict[str, Any]] = [
+        {**score._asdict(), "file": series.name}
+        for series in _series(args)
+        for score in score_force(model, series)
+    ]
     if args.json:
         emit_json({"rows": rows})
         return 0
@@ -168,21 +176,29 @@ def _check(args: Args) -> int:
     return 0
 
 
-def _print_fit(model: ForceModel, args: Args) -> None:
-    about = model.about
-    emit_table(
-        f"{args.output} from {about['frames']} frames of {len(about['series'])} series",
-        ("component", "law", "range", "R2 between series"),
-        [
-            (
-                name,
-                law.name,
-                "{:g} to {:g}".format(*about["range"][name]),
-                f"{about['r2_between_series'][name]:.3f}",
-            )
-            for name, law in zip(model.components, model.laws, strict=True)
-        ],
-        words=2,
-    )
-    if len(about["series"]) == 1:
-        remark("note: one series; R2 is between its parts, a second series would be a harder test")
+def _apply(args: Args) -> int:
+    import numpy as np
+
+    from spikingtac.atomic_files import replacing
+    from spikingtac.touch.force.model import SIGMAS_90, load_force
+    from spikingtac.touch.force.series import load_series
+
+    if len(args.files) != 1 or args.output is None:
+        raise ConfigError("apply takes one file of tracks, --force F and -o OUT")
+    require_free(args.output, args.overwrite)
+    values, half_widths = load_force(args.force).estimate(load_series(args.files[0]))
+    columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}
+    if values.shape[1] > 3:
+        columns["torque_nm"] = values[:, 3:]
+    with np.load(args.files[0], allow_pickle=False) as archive:
+        kept = {name: archive[name] for name in archive.files}
+    kept |= {name: column.astype(np.float32) for name, column in columns.items()}
+    with replacing(args.output) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **kept)
+    peak_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1)).max()) if len(values) else 0.0
+    summary = {"output": str(args.output), "frames": len(values), "peak_force_n": round(peak_n, 4)}
+    if args.json:
+        emit_json(summary)
+    else:
+        remark(f"{args.output}: {len(values)} frames, at most {peak_n:.2f} N")
+    return 0

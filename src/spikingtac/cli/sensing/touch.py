@@ -13,13 +13,22 @@ from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark, warn
-from spikingtac.cli.sensing.touch_rows import peak_values, print_rows, touch_row, write_rows
+from spikingtac.cli.sensing.touch_rows import (
+    print_rows,
+    print_vibration,
+    touch_row,
+    vibration_row,
+    write_rows,
+)
 from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
-from spikingtac.cli.sensing.vibration_rows import print_vibration, vibration_rows
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.ageing.swing_runs import Swing
+    from spikingtac.touch.ageing import Swing
+
+
+VIBRATION_WINDOW_S = 1.0
+"""Length of a spectrum of vibration, s: bins of 1 Hz."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +62,7 @@ class _Found:
     first_us: int | None
     watched: Watched
     swing: Swing | None
+    lines: list[dict[str, Any]] | None
 
 
 def run(args: Args) -> int:
@@ -88,7 +98,7 @@ def _run_two(args: Args, many: bool) -> int:
     sources = open_two(args.sources[0], args.second, strict=args.strict)
     with ending_on_interrupt(*sources):
         both = for_each(
-            lambda number, source: _listed(track(args, source, calibrations[number])), sources
+            lambda number, source: _listed(args, track(args, source, calibrations[number])), sources
         )
     for path, found in zip(paths, both, strict=False):
         write_rows(path, found.rows)
@@ -107,7 +117,7 @@ def _document(found: _Found) -> dict[str, Any]:
         "touches": found.rows,
         "anomalies": watched.anomalies,
         "health": watched.health or None,
-        "vibration": vibration_rows(watched.lines, watched.px_per_mm),
+        "vibration": found.lines,
         "swing": None if found.swing is None else round(found.swing.share, 3),
     }
 
@@ -132,7 +142,6 @@ def _run_many(args: Args) -> int:
             "calibration": None if args.calibration is None else str(args.calibration.absolute()),
             "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
             "rate_hz": args.rate_hz,
-            "camera_distance_mm": args.camera_distance_mm,
             "sensor": args.sensor,
             "strict": args.strict,
         },
@@ -159,42 +168,39 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
 def _find(
     args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
 ) -> _Found:
-    return _listed(watch(args, source, advance))
+    return _listed(args, watch(args, source, advance))
 
 
-def _listed(watched: Watched) -> _Found:
-    from spikingtac.touch.slip.held_touches import HeldTouchDetector
-    from spikingtac.touch.touches.touch_config import TouchConfig
+def _listed(args: Args, watched: Watched) -> _Found:
+    from spikingtac.touch.slip.held import HeldTouchDetector
+    from spikingtac.touch.touch import TouchConfig
+    from spikingtac.touch.vibration import VibrationMonitor
 
     config = TouchConfig.for_unit(watched.reference, watched.unit)
     detector = HeldTouchDetector(watched.reference, config)
-    monitor, touches = watched.indentation, detector.touches
-    found, peaks, first_us = [], [], None
+    monitor = VibrationMonitor(watched.rate_hz, VIBRATION_WINDOW_S) if args.vibration else None
+    found, lines, first_us, asked_us = [], [], None, 0
     for frame in watched.frames:
-        first_us = frame.t_us if first_us is None else first_us
-        touched = touches.touching
+        if first_us is None:
+            first_us = asked_us = frame.t_us
         held = detector.update(frame)
-        if monitor is not None:
-            monitor.update(frame, touches.tracked_px, touches.touching)
-        over = touched and not touches.touching
-        peak = monitor.take_peak() if over and monitor is not None else None
         if held is not None:
             found.append(held)
-            peaks.append(peak)
+        if monitor is None:
+            continue
+        monitor.update(frame.t_us, frame.detected_px - watched.reference)
+        if frame.t_us - asked_us >= monitor.window_us:
+            asked_us = frame.t_us
+            spectrum = monitor.spectrum()
+            if spectrum is not None and spectrum.line_hz is not None:
+                lines.append(vibration_row(spectrum, watched.unit, watched.px_per_mm))
     last = detector.finish()
-    if last is not None:
-        found.append(last)
-        peaks.append(None if monitor is None else monitor.take_peak())
+    found += [] if last is None else [last]
     swing = watched.swing()
     if swing is not None and swing.faded:
         warn(swing.words())
-        # The calibrated swing is no longer that of the edges, nor are areas in its units.
-        peaks = [None] * len(peaks)
-    rows = [
-        touch_row(held, watched.unit, watched.scale) | peak_values(peak)
-        for held, peak in zip(found, peaks, strict=True)
-    ]
-    return _Found(rows, first_us, watched, swing)
+    rows = [touch_row(held, watched.unit, watched.scale) for held in found]
+    return _Found(rows, first_us, watched, swing, None if monitor is None else lines)
 
 
 def _print(found: _Found, source: Path, since_us: int | None) -> None:
@@ -202,5 +208,5 @@ def _print(found: _Found, source: Path, since_us: int | None) -> None:
         remark(f"note: {kind} {count} times in the recording")
     scale, since_us = found.watched.px_per_mm, since_us or 0
     print_rows(source.name, found.rows, scale, since_us)
-    if found.watched.lines is not None:
-        print_vibration(source.name, found.watched.lines, scale, since_us)
+    if found.lines is not None:
+        print_vibration(source.name, found.lines, scale, since_us)

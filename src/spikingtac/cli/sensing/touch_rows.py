@@ -12,12 +12,13 @@ from spikingtac.cli.messages import emit_table
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
-    from spikingtac.touch.field.quantities import Estimate
-    from spikingtac.touch.indentation.monitor import Peak
-    from spikingtac.touch.slip.held_touches import HeldTouch
-    from spikingtac.touch.slip.slip import Slip
-    from spikingtac.touch.touches.touch import Touch
+    from spikingtac.touch.field import Estimate
+    from spikingtac.touch.slip.held import HeldTouch
+    from spikingtac.touch.slip.types import Slip
+    from spikingtac.touch.touch import Touch
+    from spikingtac.touch.vibration import Spectrum
 
+UM_PER_MM = 1e3
 IN_THE_IMAGE = SkinScale(1.0)
 """Lengths stay what they are."""
 
@@ -62,22 +63,6 @@ def _field(touch: Touch, unit: str, scale: SkinScale | None) -> dict[str, float]
     for name, estimate in told.items():
         values[name], values[f"{name}_std"] = round(estimate.value, 6), round(estimate.sigma, 6)
     return values
-
-
-def peak_values(peak: Peak | None) -> dict[str, Any]:
-    """Return growth and indentation of a touch as plain values, None where they are unknown."""
-    if peak is None:
-        return dict.fromkeys(("growth", "growth_std", "indentation_mm", "indentation_std_mm"))
-    return {
-        "growth": round(peak.growth, 5),
-        "growth_std": round(peak.growth_std, 5),
-        "indentation_mm": _rounded(peak.indentation_mm),
-        "indentation_std_mm": _rounded(peak.indentation_std_mm),
-    }
-
-
-def _rounded(value_mm: float | None) -> float | None:
-    return None if value_mm is None else round(value_mm, 4)
 
 
 def slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
@@ -163,7 +148,7 @@ def print_rows(
         f"touches in {name}, times from its first event",
         (
             *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
-            *("peak strain", "slip ms", "pressed mm"),
+            *("peak strain", "slip ms"),
         ),
         [
             (
@@ -174,7 +159,6 @@ def print_rows(
                 f"{row[f'peak_displacement_{unit}']:.2f}",
                 f"{row['peak_strength']:.3f}",
                 slip_text(row["slips"], first_us),
-                _pressed(row),
             )
             for row in rows
         ],
@@ -182,10 +166,44 @@ def print_rows(
     )
 
 
-def _pressed(row: dict[str, Any]) -> str:
-    """Return how deep a touch pressed; without that, by how much its discs grew."""
-    if row["indentation_mm"] is not None:
-        return f"{row['indentation_mm']:.2f} +- {row['indentation_std_mm']:.2f}"
-    if row["growth"] is None:
-        return "unknown"
-    return f"discs {100 * row['growth']:+.0f} %"
+def vibration_row(found: Spectrum, unit: str, px_per_mm: float | None) -> dict[str, Any]:
+    """Return the line of a spectrum as plain values; in um, too, where the scale is known.
+
+    Args:
+        found: A spectrum with a line.
+        unit: Unit of its amplitudes, ``px`` or ``mm``.
+        px_per_mm: Scale of the skin in that unit, or None.
+    """
+    row: dict[str, Any] = {
+        "t_us": found.t_us,
+        "line_hz": round(found.line_hz or 0.0, 3),
+        "noise_ratio": round(found.line_px / found.noise_px, 2),
+    }
+    values = {"amplitude": found.line_px, "sigma": found.noise_px}
+    if unit == "px":
+        row |= {f"{name}_px": round(value, 5) for name, value in values.items()}
+    if px_per_mm is not None:
+        scale = UM_PER_MM / px_per_mm
+        row |= {f"{name}_um": round(scale * value, 3) for name, value in values.items()}
+    return row
+
+
+def print_vibration(
+    name: str, lines: list[dict[str, Any]], px_per_mm: float | None, first_us: int
+) -> None:
+    """Print lines of vibration, times from ``first_us`` on."""
+    unit = "px" if px_per_mm is None else "um"
+    emit_table(
+        f"vibration in {name}, the second before each time",
+        ("until ms", "line Hz", "over noise", f"amplitude {unit}"),
+        [
+            (
+                f"{(row['t_us'] - first_us) / 1e3:.0f}",
+                f"{row['line_hz']:.1f}",
+                f"{row['noise_ratio']:.0f}",
+                f"{row[f'amplitude_{unit}']:.3g} +- {row[f'sigma_{unit}']:.2g}",
+            )
+            for row in lines
+        ],
+        words=0,
+    )

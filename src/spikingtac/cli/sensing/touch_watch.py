@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING, Any
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import ManyArgs
-from spikingtac.cli.messages import remark, warn
-from spikingtac.cli.sensing.touch_series import frames_of
+from spikingtac.cli.messages import warn
 from spikingtac.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
-    from spikingtac.calibration.sensor_calibration import Calibration
+    import numpy as np
+    from numpy.typing import NDArray
+
     from spikingtac.events.formats.file_source import FileSource
-    from spikingtac.markers.tracker import MarkerTracker
-    from spikingtac.touch.ageing.swing_runs import Swing
-    from spikingtac.touch.indentation.monitor import IndentationMonitor
-    from spikingtac.touch.vibration.event_vibration import VibrationLine
-    from spikingtac.touch.vibration.window_lines import WindowLines
+    from spikingtac.touch.ageing import Swing
+    from spikingtac.touch.force.series import WrenchSeries
     from spikingtac.types import MarkerFrame
 
 
@@ -36,9 +34,7 @@ class WatchArgs(ManyArgs):
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
     vibration: bool = False
-    """Report the strongest line of vibration in every second, measured from the events."""
-    camera_distance_mm: float | None = None
-    """From the lens's centre of projection to the skin at rest, mm; needed for the indentation."""
+    """Report the strongest line of vibration in every second, from the markers' mean motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +47,8 @@ class Watched:
     scale: SkinScale | None
     anomalies: dict[str, int]
     health: dict[str, float]
-    lines: list[VibrationLine] | None = None
+    rate_hz: float
     swing: Callable[[], Swing | None] = lambda: None
-    indentation: IndentationMonitor | None = None
 
     @property
     def px_per_mm(self) -> float | None:
@@ -70,26 +65,21 @@ def watch(args: WatchArgs, path: Path, advance: Callable[[float], None]) -> Watc
         advance: Receives the share that was read, 0 to 1.
 
     Raises:
-        ConfigError: Events without a calibration, vibration or indentation without events.
+        ConfigError: Events without a calibration.
     """
-    from spikingtac.touch.force.files.series_file import is_series, load_series
+    from spikingtac.touch.force.series import is_series, load_series
 
     if is_series(path):
         series = load_series(path).in_image()
-        if args.vibration:
-            raise ConfigError(f"--vibration is measured from events; {path.name!r} holds tracks")
-        if args.camera_distance_mm is not None:
-            raise ConfigError(
-                f"--camera-distance-mm: indentation comes from events; {path.name!r} holds tracks"
-            )
         in_mm = series.unit == "mm"
         return Watched(
-            frames_of(series),
+            _frames_of(series),
             series.reference,
             series.unit,
             SkinScale(1.0) if in_mm else _scale_in_image(args, path),
             {},
             {},
+            _rate_hz(series.t_us),
         )
     if args.calibration is None:
         raise ConfigError(
@@ -115,14 +105,12 @@ def track(
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.follow import follow
     from spikingtac.pipeline.track import require_same_size
-    from spikingtac.touch.ageing.swing_runs import SwingRuns
+    from spikingtac.touch.ageing import SwingRuns
 
     calibration = Calibration.load(calibration_path)
     config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
     require_same_size(source.size, calibration.size)
-    monitor = _indentation(calibration, args.camera_distance_mm)
-    vibration = _vibration(calibration) if args.vibration else None
-    tracker = _heard(make_tracker(config.tracking, calibration), monitor, vibration)
+    tracker, rate_hz = make_tracker(config.tracking, calibration), config.tracking.rate_hz
     checked = CheckedSource(source, calibration, refuse if args.strict else warn)
     runs = SwingRuns(calibration)
     anomalies: dict[str, int] = {}
@@ -130,51 +118,36 @@ def track(
 
     def frames() -> Iterator[MarkerFrame]:
         with ending_on_interrupt(source):
-            packets, rate_hz = runs.passing(checked), config.tracking.rate_hz
+            packets = runs.passing(checked)
             for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
                 runs.follow(frame.detected_px - calibration.reference_px)
-                if vibration is not None:
-                    vibration.monitor.follow(frame)
                 if index % PROGRESS_EVERY == 0:
                     advance(source.progress)
                 yield frame
         anomalies.update(source.losses.kinds())
         health.update(source.counters().summary())
 
-    told = (anomalies, health, vibration and vibration.lines, runs.swing, monitor)
+    told = (anomalies, health, rate_hz, runs.swing)
     return Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
 
 
-def _heard(
-    tracker: MarkerTracker, *listeners: IndentationMonitor | WindowLines | None
-) -> MarkerTracker:
-    """Return a tracker whose events the listeners take in, too, where there are any."""
-    from spikingtac.pipeline.shared_events import SharedEventsTracker
+def _frames_of(series: WrenchSeries) -> Iterator[MarkerFrame]:
+    """Yield the frames of a series that was measured by another sensor."""
+    import numpy as np
 
-    for listener in listeners:
-        tracker = tracker if listener is None else SharedEventsTracker(tracker, listener.absorb)
-    return tracker
+    from spikingtac.types import MarkerFrame
 
-
-def _vibration(calibration: Calibration) -> WindowLines:
-    from spikingtac.touch.vibration.event_vibration import EventVibrationMonitor
-    from spikingtac.touch.vibration.window_lines import WindowLines
-
-    return WindowLines(EventVibrationMonitor(calibration))
+    markers = len(series.reference)
+    for t_us, moved in zip(series.t_us, series.displacement, strict=True):
+        place = series.reference + moved
+        seen, sure = np.zeros(markers, np.bool_), np.ones(markers)
+        yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
 
 
-def _indentation(
-    calibration: Calibration, camera_distance_mm: float | None
-) -> IndentationMonitor | None:
-    """Return what follows the discs; None, with a remark, where the calibration does not do."""
-    from spikingtac.touch.indentation.monitor import IndentationMonitor
-    from spikingtac.touch.indentation.resting_discs import why_no_growth
+def _rate_hz(t_us: NDArray[np.int64]) -> float:
+    import numpy as np
 
-    why = why_no_growth(calibration)
-    if why is not None:
-        remark(f"note: the growth of the discs is not reported: {why}")
-        return None
-    return IndentationMonitor(calibration, camera_distance_mm)
+    return 1e6 / float(np.median(np.diff(t_us))) if len(t_us) > 1 else 1.0
 
 
 PROGRESS_EVERY = 256

@@ -54,7 +54,7 @@ class Args(ManyArgs):
     hysteresis: LawName | None = None
     """Law of the output position; the calibration's or the preset's unless given."""
     force: Path | None = None
-    """force.json: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
+    """force.onnx: estimate the wrench of every frame, too; make one with: spikingtac force fit."""
     realtime: bool = False
     """For a camera: lock memory, stop garbage collection, and where the system permits it run
     before other work, on one core."""
@@ -157,7 +157,7 @@ def _force_of(args: Args) -> ForceModel | None:
     """Return the force model that the options name, or None."""
     if args.force is None:
         return None
-    from spikingtac.touch.force.files.model_file import load_force
+    from spikingtac.touch.force.model import load_force
 
     return load_force(args.force)
 

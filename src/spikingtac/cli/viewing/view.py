@@ -67,7 +67,7 @@ class Args(PageArgs):
     rate_hz: float | None = None
     """Estimates per second; the preset's unless given."""
     force: Path | None = None
-    """force.json: show force, patch, slip and vibration; make one with: spikingtac force fit."""
+    """force.onnx: show force, patch, slip and vibration; make one with: spikingtac force fit."""
     seed: int = 0
     """Seed of a scene."""
     camera: Annotated[str | None, tyro.conf.arg(metavar="|".join(CAMERA_NAMES))] = None

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
-from spikingtac.touch.elastic.layer_response import layer_response
+from spikingtac.touch.elastic import layer_response
 
 
 @dataclass(frozen=True, kw_only=True)

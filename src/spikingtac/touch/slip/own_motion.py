@@ -16,10 +16,11 @@ from spikingtac.touch.slip.features import (
     LARGEST,
     LEAST_SPEED,
     MIDDLE,
+    SIZE,
     USUAL_SPEED,
     WIDTHS,
+    field_summary_kernel,
 )
-from spikingtac.touch.slip.field_summary import SIZE, field_summary_kernel
 
 Field = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.touch.contact_patch.patch import SQUARE, Patch
+from spikingtac.touch.patch import SQUARE, Patch
 from spikingtac_paper.touch.baselines import region_above
 from spikingtac_paper.touch.twin_patches import (
     REGIONS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikingtac.touch.force.wrench_series import WrenchSeries
+from spikingtac.touch.force.series import WrenchSeries
 from spikingtac_paper.harness.report import lines_of, rows_of
 from spikingtac_paper.touch.baselines import MeanDisplacement, event_touches
 from spikingtac_paper.touch.experiment import METRICS

@@ -1,1 +1,0 @@
-"""Whether the gel still looks as it did when it was calibrated."""

@@ -1,1 +1,0 @@
-"""Which part of the skin a body touches, from the displacement of the markers."""

@@ -1,0 +1,278 @@
+"""Touches from a stream of marker frames: begin, end, place, area and peak of each.
+
+What is watched is the strength of the displacement's gradient: pressing, twisting and dragging
+strain the skin, while errors that all markers share do not. A touch begins where the strength
+leaves that of the rest, and ends where it has fallen to a share of the touch's peak and stays
+there. What remains after a release becomes the new rest, so creep is no touch.
+
+This detector tells touches apart and measures them. To stop a robot use
+:mod:`spikingtac.contact`, which decides from raw events within a millisecond.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.field import GradientOperator
+from spikingtac.touch.lost_markers import AbsentMarkers, LostMarkers, spread_kernel
+from spikingtac.touch.onset import Backlash, OnsetMemory
+from spikingtac.touch.patch import Patch
+from spikingtac.touch.release import CalibratedRest, Release
+from spikingtac.touch.touch import PeakGauge, Touch, TouchConfig, TouchPeak
+from spikingtac.types import MarkerFrame
+
+Field = NDArray[np.float64]
+
+SPREAD_SHARE = 0.1
+"""Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
+SPREAD_FACTOR = 5.0
+"""Times the scatter of a marker that the spread must have reached for that (ours)."""
+SPREAD_MARKERS = 0.6
+"""Share of the markers that must be back (ours)."""
+FAINT_SHARE = 0.95
+"""Share of the strength at which a touch begins below which it is over, whatever its peak: a faint
+one leaves as much behind in the tracker (ours: 0.79 to 0.87 of it after presses of a ball that
+reach 1.5 to 3 times of it, simulated)."""
+
+
+@dataclass(slots=True)
+class _Open:
+    """A touch that is not over yet."""
+
+    begin_us: int
+    threshold: float
+    release: Release
+    home: CalibratedRest
+    peak: TouchPeak
+
+
+@dataclass(slots=True)
+class _Settling:
+    """The rest after a touch: what it was before, and how near to it the skin has come."""
+
+    t_us: int
+    former_zero: Field
+    lowest: float
+
+
+class TouchDetector:
+    """Finds touches in marker frames, one by one and causally.
+
+    Frames come in order of time; one of an earlier time begins anew. Markers whose places are not
+    finite move as their neighbours do.
+
+    Example:
+        >>> detector = TouchDetector(calibration.reference_px)  # doctest: +SKIP
+        >>> touches = [t for f in frames if (t := detector.update(f))]  # doctest: +SKIP
+    """
+
+    def __init__(self, reference_px: Field, config: TouchConfig | None = None) -> None:
+        """Start at rest.
+
+        Args:
+            reference_px: ``(m, 2)`` markers at rest, px; mm with the settings for mm.
+            config: When touches begin and end; as of an event camera in px unless given, for mm
+                :meth:`TouchConfig.for_unit`.
+
+        Raises:
+            ConfigError: Too few markers.
+        """
+        self._reference = np.asarray(reference_px, np.float64)
+        self._config = config or TouchConfig()
+        self._gradient = GradientOperator(self._reference)
+        self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
+        self._gauge = PeakGauge(self._reference, self._config.least_displacement_px)
+        self._absent = AbsentMarkers(self._reference)
+        self._lost = LostMarkers(self._reference)
+        self._memory = OnsetMemory(self._config.unseen)
+        self._backlash = Backlash(len(self._reference))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the markers are at the calibrated rest."""
+        self._open: _Open | None = None
+        self._lost.reset()
+        self._zero = np.zeros_like(self._reference)
+        self._moved = self._tracked = np.zeros_like(self._reference)
+        self._lost_before = self._lost.lost
+        self._rest_strength = 0.0
+        self._first_us: int | None = None
+        self._last_us: int | None = None
+        self._settling: _Settling | None = None
+        self._memory.clear()
+        self._backlash.reset()
+
+    @property
+    def touching(self) -> bool:
+        """True while a touch is open."""
+        return self._open is not None
+
+    @property
+    def displacement_px(self) -> Field:
+        """``(m, 2)`` markers of the last frame from their rest; lost ones as their neighbours."""
+        return self._moved - self._zero
+
+    @property
+    def tracked_px(self) -> Field:
+        """``(m, 2)`` the same, but of a touch's markers only those lost before it as neighbours.
+
+        The rim of a small contact strains the skin so much that its markers look lost. They are
+        taken for lost and found again there by and by, which moves them by pixels at once: whoever
+        watches motions wants them as they were tracked.
+        """
+        return self._tracked - self._zero
+
+    @property
+    def patch(self) -> Patch | None:
+        """Where the open touch is, at its peak so far; None while nothing touches."""
+        return None if self._open is None else self._gauge.patch(self._open.peak)
+
+    @property
+    def begin_us(self) -> int | None:
+        """When the open touch began, us, ever better known; None while nothing touches."""
+        return None if self._open is None else self._open.begin_us
+
+    @property
+    def threshold(self) -> float:
+        """Strength of the gradient at which a touch begins now."""
+        return max(self._floor, self._config.noise_factor * self._rest_strength)
+
+    def update(self, frame: MarkerFrame) -> Touch | None:
+        """Take in a frame and return the touch that it ends, if any.
+
+        A frame of an earlier time than the last one begins anew; what was open is returned without
+        an end.
+        """
+        if self._last_us is not None and frame.t_us < self._last_us:
+            ended = self.finish()
+            self.reset()
+            self.update(frame)
+            return ended
+        seen = self._absent.filled(frame.detected_px - self._reference, self._zero, self._moved)
+        moved = self._repaired(seen)
+        self._moved = moved
+        self._tracked = moved if moved is seen else self._believed(seen, moved)
+        string = self._backlash.update(moved)
+        self._first_us = frame.t_us if self._first_us is None else self._first_us
+        begins = frame.t_us - self._first_us < self._config.start_us
+        if begins and self._gradient.strength_of(moved) < self._config.start_strength:
+            self._zero = moved
+        elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
+        self._last_us = frame.t_us
+        if self._open is not None:
+            better_us = self._memory.refine(frame.t_us, moved, string)
+            self._open.begin_us = self._open.begin_us if better_us is None else better_us
+            return self._follow(self._open, frame.t_us, moved)
+        settling = self._settle(frame.t_us, moved)
+        self._memory.add(frame.t_us, moved, string)
+        strength = self._gradient.strength_of(moved - self._zero)
+        if strength > self.threshold and not settling:
+            self._open = self._begun(moved - self._zero)
+            return self._follow(self._open, frame.t_us, moved)
+        self._rest(elapsed_us, moved, strength)
+        return None
+
+    def finish(self) -> Touch | None:
+        """Return the touch that is still open at the end, without an end."""
+        touch, self._open = self._open, None
+        if touch is None or touch.home.was_return(touch.peak.strength):
+            return None
+        return self._gauge.touch(touch.begin_us, None, touch.peak)
+
+    def _repaired(self, moved: Field) -> Field:
+        """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
+        before = self._lost.lost
+        repaired = self._lost.repaired(moved)
+        changed = before != self._lost.lost
+        if self._open is None:
+            self._lost_before = self._lost.lost
+            if changed.any():
+                self._zero = np.where(changed[:, None], repaired, self._zero)
+                self._memory.clear()
+        return repaired
+
+    def _believed(self, seen: Field, repaired: Field) -> Field:
+        if self._open is None:
+            return repaired
+        return np.where((self._lost.lost & self._lost_before)[:, None], repaired, seen)
+
+    def _begun(self, pattern: Field) -> _Open:
+        begin_us, config = self._memory.notice(pattern), self._config
+        home = CalibratedRest(config, self._gradient, self._zero, pattern)
+        return _Open(begin_us, self.threshold, Release(config), home, TouchPeak(self.tracked_px))
+
+    def _follow(self, touch: _Open, t_us: int, moved: Field) -> Touch | None:
+        """Measure an open touch and return it if it is over."""
+        away = moved - self._zero
+        strength = self._gradient.strength_of(away)
+        largest_px, spread = spread_kernel(away, SPREAD_MARKERS)
+        peak = touch.peak
+        peak.largest_px = max(peak.largest_px, largest_px)
+        peak.spread = max(peak.spread, spread)
+        if strength > peak.strength:
+            peak.strength, peak.t_us, peak.field = strength, t_us, self.tracked_px
+        end_us = touch.release.update(t_us, self._left(touch, spread, strength))
+        if end_us is not None:
+            self._settling = _Settling(t_us, self._zero, strength)
+            return self._closed(touch, end_us, moved)
+        back_us = touch.home.update(t_us, moved)
+        if back_us is None:
+            return None
+        ended = self._closed(touch, back_us, moved)
+        return None if touch.home.was_return(peak.strength) else ended
+
+    def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch:
+        """Return a touch that is over; where the skin is now, is its rest."""
+        told = self._gauge.touch(touch.begin_us, end_us, touch.peak)
+        self._open, self._zero = None, moved
+        self._memory.clear()
+        return told
+
+    def _left(self, touch: _Open, spread: float, strength: float) -> float:
+        """Return the share of the touch's peak that is left, in strength or in spread.
+
+        A few markers that are lost in a sudden release strain the field for ever; most of the
+        markers are back nevertheless. A faint touch is over where it would not begin.
+        """
+        peak = touch.peak
+        left = strength / max(peak.strength, 1e-12)
+        faint = self._tracked_strength(strength) / (FAINT_SHARE * touch.threshold)
+        if faint < 1.0:
+            left = min(left, self._config.end_share * faint)
+        if peak.spread < SPREAD_FACTOR * self._config.least_displacement_px:
+            return left
+        return min(left, self._config.end_share / SPREAD_SHARE * spread / peak.spread)
+
+    def _tracked_strength(self, strength: float) -> float:
+        """Return the strength as the markers are tracked, if that is more: some look lost only."""
+        if self._tracked is self._moved:
+            return strength
+        return max(strength, self._gradient.strength_of(self.tracked_px))
+
+    def _settle(self, t_us: int, moved: Field) -> bool:
+        """Right after a release the rest is wherever the skin falls back to.
+
+        Returns:
+            Whether it still falls back: marker by marker, so that its shape changes on the way.
+        """
+        settling = self._settling
+        if settling is None:
+            return False
+        strength = self._gradient.strength_of(moved - settling.former_zero)
+        falls_back = strength <= settling.lowest + self.threshold
+        if strength <= settling.lowest:
+            settling.lowest, self._zero = strength, moved
+        if t_us - settling.t_us > self._config.settle_us:
+            self._settling = None
+            if falls_back:
+                self._zero = moved
+        return falls_back
+
+    def _rest(self, elapsed_us: int, moved: Field, strength: float) -> None:
+        """Let the rest and its noise follow what is seen while nothing touches."""
+        share = -np.expm1(-elapsed_us / self._config.resting_us)
+        self._zero = self._zero + share * (moved - self._zero)
+        self._rest_strength += share * (strength - self._rest_strength)

@@ -1,1 +1,0 @@
-"""The skin as an elastic layer: how it moves under forces."""

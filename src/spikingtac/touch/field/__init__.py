@@ -1,1 +1,0 @@
-"""Quantities of the displacement field: gradients, strain, shear, torsion."""

@@ -1,1 +1,0 @@
-"""Files of force estimation: labels, series and fitted models."""

@@ -1,1 +1,0 @@
-"""Whether labels belong to the displacements: their clock and their axes."""

@@ -1,1 +1,0 @@
-"""The wrench of a live sensor, one field at a time."""

@@ -1,0 +1,180 @@
+"""Small networks as ONNX files: force, contact patch and slip run by one runtime.
+
+A file holds the graph, its weights and, as metadata, a record: what the network was fitted to and
+what its numbers mean. The networks are trained with PyTorch beside the package
+(``spikingtac_paper.training.small_networks``); here they only run.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.errors import ConfigError
+
+Field = NDArray[np.float64]
+
+RECORD = "spikingtac.record"
+"""Key of the record in a file's metadata."""
+IR_VERSION, OPSET = 8, 17
+"""Versions of the format that files are written in; ONNX Runtime 1.18 reads them."""
+FATAL_ONLY = 4
+"""Severity from which the runtime writes to the screen by itself."""
+
+
+class Network:
+    """A network in one thread.
+
+    Attributes:
+        record: What the file says of itself; empty where it says nothing.
+        content: The file.
+    """
+
+    def __init__(self, content: bytes, where: str) -> None:
+        """Open a network.
+
+        Args:
+            content: An ONNX file.
+            where: Its name, for messages.
+
+        Raises:
+            ConfigError: It is none.
+        """
+        # A late import: every verb's start would wait for it.
+        import onnxruntime as ort
+
+        options = ort.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+        options.log_severity_level = FATAL_ONLY
+        try:
+            session = ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+            about = session.get_modelmeta().custom_metadata_map
+            self.record: dict[str, Any] = json.loads(about.get(RECORD, "{}"))
+        except Exception as error:  # the runtime has a class of its own for each kind of damage
+            raise ConfigError(f"{where!r} is no network of this package: {error}") from error
+        self.content = content
+        self._session = session
+        self._inputs = [one.name for one in session.get_inputs()]
+
+    def __call__(self, *inputs: NDArray[np.floating]) -> list[Field]:
+        """Return the outputs of inputs in the order of the file."""
+        values = (np.ascontiguousarray(one, np.float32) for one in inputs)
+        told = self._session.run(None, dict(zip(self._inputs, values, strict=True)))
+        return [np.asarray(one, np.float64) for one in told]
+
+
+@cache
+def packaged(file: str) -> Network:
+    """Return a network that comes with the package: ``patch.onnx`` or ``slip.onnx``."""
+    content = (importlib.resources.files("spikingtac.touch") / file).read_bytes()
+    return Network(content, file)
+
+
+def read(path: str | Path, hint: str) -> Network:
+    """Open the network of a file.
+
+    Args:
+        path: The file.
+        hint: How to make one, for messages.
+
+    Raises:
+        ConfigError: It cannot be read, or is no network.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read {str(path)!r}: {error.strerror}; {hint}") from error
+    try:
+        return Network(content, str(path))
+    except ConfigError as error:
+        raise ConfigError(f"{error}; {hint}") from error
+
+
+class Node(NamedTuple):
+    """One operation of a graph.
+
+    Attributes:
+        operator: Its name in ONNX.
+        inputs: Names of its inputs.
+        output: Name of its output.
+        integers: Its integer attributes.
+    """
+
+    operator: str
+    inputs: Sequence[str]
+    output: str
+    integers: Mapping[str, int] = {}
+
+
+def graph(
+    nodes: Sequence[Node],
+    weights: Mapping[str, NDArray[Any]],
+    size: int,
+    outputs: Mapping[str, int],
+) -> bytes:
+    """Return an ONNX file of one input, ``fields (n, size)``, without a library.
+
+    Args:
+        nodes: The operations, in order.
+        weights: Name -> array; float32 but for integers, which become int64.
+        size: Width of the input.
+        outputs: Name -> width of each output ``(n, width)``.
+    """
+    parts = [_part(1, _node(node)) for node in nodes]
+    parts += [_part(2, b"graph")]
+    parts += [_part(5, _tensor(name, values)) for name, values in weights.items()]
+    parts += [_part(11, _value("fields", size))]
+    parts += [_part(12, _value(name, width)) for name, width in outputs.items()]
+    opset = _part(8, _number(2, OPSET))
+    return _number(1, IR_VERSION) + _part(7, b"".join(parts)) + opset
+
+
+def with_record(content: bytes, record: Mapping[str, Any]) -> bytes:
+    """Return an ONNX file with a record; messages of its encoding are joined by appending."""
+    text = json.dumps(record)
+    return content + _part(14, _part(1, RECORD.encode()) + _part(2, text.encode()))
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def _number(field: int, value: int) -> bytes:
+    return _varint(field << 3) + _varint(value)
+
+
+def _part(field: int, content: bytes) -> bytes:
+    return _varint(field << 3 | 2) + _varint(len(content)) + content
+
+
+def _node(node: Node) -> bytes:
+    parts = [_part(1, name.encode()) for name in node.inputs]
+    parts += [_part(2, node.output.encode()), _part(4, node.operator.encode())]
+    for name, value in node.integers.items():
+        kind = _number(20, 2)  # an integer
+        parts.append(_part(5, _part(1, name.encode()) + _number(3, value) + kind))
+    return b"".join(parts)
+
+
+def _tensor(name: str, values: NDArray[Any]) -> bytes:
+    kind, dtype = (7, np.int64) if values.dtype.kind == "i" else (1, np.float32)
+    shape = b"".join(_number(1, length) for length in values.shape)
+    raw = np.ascontiguousarray(values, dtype).tobytes()
+    return shape + _number(2, kind) + _part(8, name.encode()) + _part(9, raw)
+
+
+def _value(name: str, width: int) -> bytes:
+    shape = _part(1, _part(2, b"n")) + _part(1, _number(1, width))
+    return _part(1, name.encode()) + _part(2, _part(1, _number(1, 1) + _part(2, shape)))

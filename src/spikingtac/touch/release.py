@@ -1,0 +1,134 @@
+"""When an open touch is over, from what is left of its peak.
+
+A recording that begins touched takes the touched skin for its rest, since a gel that has crept
+looks alike. Its release then looks like a touch, and one that never ends.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.touch.field import GradientOperator
+from spikingtac.touch.touch import TouchConfig
+
+Field = NDArray[np.float64]
+
+FLAT_SHARE = 0.1
+"""Share of the end's strength by which a release that is over may still fall in ``flat_us``."""
+STILL_SLACK = 0.02
+"""Share of the peak strength by which a skin that stands still may change (ours)."""
+STOOD_US = 50_000
+"""Time for which a skin below ``still_share`` must stand still to have been released before (ours).
+Pixels that recover let it fall further later."""
+RECOVERED_US = 200_000
+"""Longest time that they take for that (ours: 143 and 187 ms on a recorded gel; a comb that is slid
+on the twin stands below that share for 250)."""
+
+
+class Release:
+    """Watches one touch for its release, causally."""
+
+    def __init__(self, config: TouchConfig) -> None:
+        self._config = config
+        self._still_us, self._still_left = 0, 1.0
+        self._stood_us: int | None = None
+        self._fell_us: int | None = None
+        self._falling: deque[tuple[int, float]] = deque()
+
+    def update(self, t_us: int, left: float) -> int | None:
+        """Take in the share of the peak that is left; return when the touch ended, or None."""
+        self._watch_stillness(t_us, left)
+        end_us = self._ended_us(t_us, left)
+        if end_us is None or self._stood_us is None or end_us - self._stood_us > RECOVERED_US:
+            return end_us
+        return min(end_us, self._stood_us)
+
+    def _watch_stillness(self, t_us: int, left: float) -> None:
+        if abs(left - self._still_left) > STILL_SLACK:
+            self._still_us, self._still_left = t_us, left
+        if left > self._config.still_share:
+            self._stood_us = None
+        elif self._stood_us is None and t_us - self._still_us >= STOOD_US:
+            self._stood_us = self._still_us
+
+    def _ended_us(self, t_us: int, left: float) -> int | None:
+        """Return when it ended, or None: below its share, for long enough, and flat."""
+        config = self._config
+        if left > config.end_share:
+            self._fell_us = None
+            self._falling.clear()
+            still = left < config.still_share and t_us - self._still_us >= config.still_us
+            return self._still_us if still else None
+        if self._fell_us is None:
+            self._fell_us = t_us
+        self._falling.append((t_us, left))
+        if t_us - self._fell_us < config.end_hold_us:
+            return None
+        while t_us - self._falling[0][0] > config.release_us:
+            self._falling.popleft()
+        flat_us = self._flat_since_us()
+        if flat_us is not None:
+            return flat_us
+        return t_us if t_us - self._fell_us >= config.release_us else None
+
+    def _flat_since_us(self) -> int | None:
+        """Return the first time from which the strength hardly fell any more, or None."""
+        falling = list(self._falling)
+        slack = FLAT_SHARE * self._config.end_share
+        later = 0
+        for t_us, left in falling:
+            while later < len(falling) and falling[later][0] < t_us + self._config.flat_us:
+                later += 1
+            if later == len(falling):
+                return None
+            if left - falling[later][1] < slack:
+                return t_us
+        return None
+
+
+RETURN_FACTOR = 1.5
+"""Times the strength of the rest from which it began that a touch must reach which began towards
+the calibrated rest; what is weaker was the way there (ours: that way by itself reaches one)."""
+
+
+class CalibratedRest:
+    """Watches an open touch for the skin's return to where it was calibrated, causally."""
+
+    def __init__(
+        self, config: TouchConfig, gradient: GradientOperator, zero: Field, pattern: Field
+    ) -> None:
+        """Start where a touch begins.
+
+        Args:
+            config: When touches end.
+            gradient: Of these markers.
+            zero: ``(m, 2)`` rest from which it begins, from the calibrated one, px.
+            pattern: ``(m, 2)`` of the touch from there, px.
+        """
+        self._still_us, self._gradient = config.still_us, gradient
+        self._off, threshold = gradient.strength_of(zero), gradient.strength_of(pattern)
+        self._limit = max(threshold, config.end_share * self._off)
+        self._apart = self._off > threshold
+        self._towards = bool((pattern * zero).sum() < 0.0)
+        self._back_us: int | None = None
+
+    def update(self, t_us: int, moved: Field) -> int | None:
+        """Take in displacements ``(m, 2)``, px; return since when the skin is back, us.
+
+        Returns:
+            That, once it has been back for long; None before, and where it began there.
+        """
+        if not self._apart:
+            return None
+        if self._gradient.strength_of(moved) > self._limit:
+            self._back_us = None
+            return None
+        self._back_us = t_us if self._back_us is None else self._back_us
+        return self._back_us if t_us - self._back_us >= self._still_us else None
+
+    def was_return(self, peak: float) -> bool:
+        """Return whether a touch of this peak was the way back only: the skin is back now."""
+        return self._back_us is not None and self._towards and peak < RETURN_FACTOR * self._off

@@ -1,1 +1,0 @@
-"""Touches: when each begins and ends, where it is and how large."""

@@ -1,1 +1,0 @@
-"""What vibrates: the spectrum of the displacement."""
