@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import ConfigError
-from spikingtac.state_map.two_threads import MANY_EVENTS, divide, worth_dividing
 from spikingtac.types import EventPacket
 
 PAD_PX = 24
@@ -79,14 +78,6 @@ class GradedStateMap:
             ConfigError: The packet comes from a sensor of another size.
         """
         packet.require_map(self._start.shape)
-        rows = self._start.shape[0]
-        if worth_dividing(len(packet), MANY_EVENTS):
-            divide(rows, lambda some: self._integrate(packet, some.start, some.stop))
-        else:
-            self._integrate(packet, 0, rows)
-
-    def _integrate(self, packet: EventPacket, first: int, after: int) -> None:
-        """Add the events of the rows from ``first`` to before ``after``."""
         _integrate_kernel(
             self._memory,
             self.values,
@@ -95,8 +86,6 @@ class GradedStateMap:
             packet.p,
             self._used,
             self._dark_markers,
-            first,
-            after,
         )
 
     @property
@@ -160,10 +149,8 @@ def _integrate_kernel(
     p: NDArray[np.bool_],
     signed_steps: NDArray[np.float32],
     dark_markers: bool,
-    first: int,
-    after: int,
 ) -> None:  # pragma: no cover - compiled
-    """Add the step of each event in the rows from ``first`` to before ``after``.
+    """Add the step of each event.
 
     ``signed_steps`` is ``(height, width, 2)``, falling and rising. Arguments are plain: a tuple
     would cost a microsecond at each call.
@@ -171,8 +158,6 @@ def _integrate_kernel(
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for i in range(x.size):
         row, column = y[i], x[i]
-        if row < first or row >= after:
-            continue
         step = signed_steps[row, column, np.uint64(p[i] != dark_markers)]
         value = min(max(memory[row, column] + step, zero), one)
         level[row, column] = min(max(value + half * step, zero), one)

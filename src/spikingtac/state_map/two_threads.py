@@ -14,23 +14,12 @@ from typing import TypeVar
 
 Part = TypeVar("Part")
 
-MANY_MARKERS = 256
-"""Fewer markers are fitted in the time in which a second thread wakes, 30 to 60 us (ours)."""
-
-MANY_EVENTS = 16_384
-"""Fewer events are absorbed within that time: one takes 8 ns (ours)."""
-
 PARTS = 4
 """Parts of divided work: so few that handing them over costs little, 10 us each (ours)."""
 
 _pool: ThreadPoolExecutor | None = None
 """One thread for all trackers of the process, begun when it is first needed; trackers are copied,
 and a thread cannot be."""
-
-
-def worth_dividing(count: int, many: int) -> bool:
-    """Return whether there are many of something, and a second core for a part of them."""
-    return count >= many and _cores() > 1
 
 
 def divide(count: int, work: Callable[[slice], Part]) -> list[Part]:
@@ -72,9 +61,3 @@ def _forget() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
