@@ -82,15 +82,6 @@ def test_a_period_of_nothing_is_refused() -> None:
         BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(0, 10, SIZE), 0)
 
 
-def test_an_empty_span_has_no_window() -> None:
-    assert len(BinaryStateMap(SIZE).absorb_counted(EventPacket.empty(5, 5, SIZE), 1_000)) == 0
-
-
-def test_packets_of_another_sensor_are_refused() -> None:
-    with pytest.raises(ConfigError, match="320x240"):
-        BinaryStateMap(SIZE).absorb(EventPacket.empty(0, 10, (320, 240)))
-
-
 def test_the_order_of_events_counts_not_their_packets() -> None:
     packet = random_packet(np.random.default_rng(9), 3_000)
     whole, parts = BinaryStateMap(SIZE), BinaryStateMap(SIZE)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from spikingtac.denoise.classical import CLASSICAL_DENOISERS, Box7, Median3, NoDenoiser
+from spikingtac.denoise.classical import CLASSICAL_DENOISERS, Box7, Median3
 
 SHAPES = [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5), (7, 7), (40, 33)]
 
@@ -47,12 +47,6 @@ def test_box_equals_its_twin(shape: tuple[int, int]) -> None:
         np.testing.assert_allclose(denoiser.clean(state_map), expected, atol=1e-6)
 
 
-def test_median_of_a_binary_map_is_the_majority() -> None:
-    state_map = maps((40, 33))[1]
-    count = ndimage.correlate(state_map, np.ones((3, 3)), mode="nearest")
-    np.testing.assert_array_equal(Median3().clean(state_map), (count >= 5).astype(np.float32))
-
-
 @pytest.mark.parametrize("name", list(CLASSICAL_DENOISERS))
 def test_buffers_follow_the_shape_and_inputs_stay_untouched(name: str) -> None:
     denoiser = CLASSICAL_DENOISERS[name]()
@@ -63,8 +57,3 @@ def test_buffers_follow_the_shape_and_inputs_stay_untouched(name: str) -> None:
         assert cleaned.shape == shape
         assert cleaned.dtype == np.float32
         np.testing.assert_array_equal(state_map, before)
-
-
-def test_none_returns_what_it_was_given() -> None:
-    state_map = maps((3, 5))[0]
-    assert NoDenoiser().clean(state_map) is state_map

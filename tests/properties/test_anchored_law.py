@@ -63,10 +63,6 @@ def test_the_default_keeps_its_bounds() -> None:
     assert residues_px.tolist() == pytest.approx([0.14, 0.36, 1.14], abs=0.006)
 
 
-def test_zero_stays_zero() -> None:
-    assert mapped(np.zeros(2)).tolist() == [0.0, 0.0]
-
-
 @given(point=points)
 def test_the_map_is_radial_and_the_identity_far_out(point: np.ndarray) -> None:
     out = mapped(point)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.neighbours import Neighbourhood
-from spikingtac.markers.released_zero import FADE_PX, ReleasedZero
+from spikingtac.markers.released_zero import ReleasedZero
 
 REST_PX = np.array([[10.0, 10.0], [40.0, 10.0], [70.0, 10.0]])
 LEFT_PX = np.array([[0.6, 0.0], [-0.3, 0.4], [0.0, -0.5]])
@@ -43,13 +43,6 @@ def test_a_soft_press_from_rest_stays(seconds: float) -> None:
     )
 
 
-def test_a_press_that_begins_after_a_rest_stays() -> None:
-    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
-    pressed(zero)
-    shown_px(zero, 0.0 * LEFT_PX, 3.0)
-    np.testing.assert_allclose(shown_px(zero, LEFT_PX, 60.0), LEFT_PX, atol=1e-9)
-
-
 @pytest.mark.parametrize("left_px", [np.full((3, 2), 0.7), 6.0 * LEFT_PX, 2.0 * np.eye(3, 2)])
 def test_a_press_that_is_held_is_no_rest(left_px: np.ndarray) -> None:
     zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
@@ -71,14 +64,6 @@ def test_nothing_is_learned_while_the_skin_moves() -> None:
     zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, LEFT_PX, 1.0, speed_px_s=20.0), LEFT_PX, atol=1e-9)
-
-
-def test_far_from_rest_nothing_is_taken_off() -> None:
-    zero = ReleasedZero(REST_PX, Neighbourhood(REST_PX))
-    pressed(zero)
-    shown_px(zero, LEFT_PX, 1.0)
-    far_px = LEFT_PX + np.array([3.0 * FADE_PX, 0.0])
-    np.testing.assert_allclose(shown_px(zero, far_px, 0.1, 50.0), far_px, atol=1e-3)
 
 
 def test_markers_that_are_held_tell_nothing() -> None:

@@ -54,13 +54,6 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
     assert steps[20, 21, 0] == pytest.approx(-STEP_DEFAULT)
 
 
-def test_every_pixel_belongs_to_the_nearest_marker() -> None:
-    owner = nearest_marker(PLAIN.reference_px, PLAIN.size)
-    assert owner.shape == (40, 80)
-    assert (owner[:, :40] == 0).all()
-    assert (owner[:, 41:] == 1).all()
-
-
 @pytest.mark.parametrize("whole", [True, False])
 def test_the_first_of_equally_near_markers_owns_a_pixel(whole: bool) -> None:
     rng, size = np.random.default_rng(4), (150, 70)

@@ -2,16 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.denoise.classical import Box7, Median3, NoDenoiser
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.denoise.classical import Median3, NoDenoiser
+from spikingtac.errors import ConfigError
 from spikingtac.markers.hysteresis import PaperLaw
 from spikingtac.markers.published.blob_tracker import (
     BlobTracker,
@@ -73,26 +70,6 @@ def windows(packet: EventPacket, count: int) -> list[EventPacket]:
     ]
 
 
-def test_a_sensor_at_rest_needs_no_slides() -> None:
-    frame = tracker().estimate(0)
-    assert not frame.coasted.any()
-    assert np.abs(frame.detected_px - REST_PX).max() < 0.1
-    assert frame.confidence.min() > 0.9
-
-
-def test_moving_markers_are_followed(moving: tuple[EventPacket, np.ndarray]) -> None:
-    packet, path = moving
-    follower = tracker()
-    for window in windows(packet, STEPS):
-        follower.absorb(window)
-        frame = follower.estimate(window.t_end_us)
-        now = path[min(window.t_end_us // 1_000, len(path)) - 1]
-        assert not frame.coasted.any()
-        assert np.linalg.norm(frame.detected_px - now, axis=1).max() < 1.6
-        np.testing.assert_array_equal(frame.position_px, frame.detected_px)
-        np.testing.assert_array_equal(frame.displacement_px, frame.detected_px - REST_PX)
-
-
 def test_dark_markers_are_the_same_with_swapped_polarity(
     moving: tuple[EventPacket, np.ndarray],
 ) -> None:
@@ -104,20 +81,6 @@ def test_dark_markers_are_the_same_with_swapped_polarity(
     white.absorb(packet)
     dark.absorb(swapped)
     np.testing.assert_array_equal(white.estimate(1).detected_px, dark.estimate(1).detected_px)
-
-
-@settings(max_examples=20, deadline=None)
-@given(cuts=st.lists(st.integers(0, 10_000), max_size=12))
-def test_any_cutting_into_packets_gives_the_same(cuts: list[int]) -> None:
-    packet = short_trip()
-    whole, parts = tracker(), tracker()
-    whole.absorb(packet)
-    edges = [0, *sorted(min(cut, len(packet)) for cut in cuts), len(packet)]
-    for first, last in pairwise(edges):
-        parts.absorb(packet.part(first, last, 0, packet.t_end_us))
-    one, other = whole.estimate(1), parts.estimate(1)
-    np.testing.assert_array_equal(one.detected_px, other.detected_px)
-    np.testing.assert_array_equal(one.confidence, other.confidence)
 
 
 def test_a_vanished_marker_is_held_and_comes_back() -> None:
@@ -153,18 +116,6 @@ def test_one_blob_never_serves_two_markers() -> None:
     assert frame.coasted.tolist() == [False, True] + [False] * 10
 
 
-def test_permuted_markers_give_permuted_results(moving: tuple[EventPacket, np.ndarray]) -> None:
-    packet, _ = moving
-    order = np.random.default_rng(0).permutation(12)
-    straight = tracker()
-    mixed = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[order]), Median3())
-    for follower in (straight, mixed):
-        follower.absorb(packet)
-    np.testing.assert_array_equal(
-        straight.estimate(1).detected_px[order], mixed.estimate(1).detected_px
-    )
-
-
 def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarray]) -> None:
     packet, _ = moving
     plain = tracker()
@@ -178,17 +129,6 @@ def test_the_law_acts_on_the_position_alone(moving: tuple[EventPacket, np.ndarra
         expected = law.update(one.detected_px, REST_PX)
         np.testing.assert_array_equal(other.position_px, expected)
         np.testing.assert_array_equal(other.displacement_px, expected - REST_PX)
-
-
-def test_a_reset_forgets_all_but_the_calibration(moving: tuple[EventPacket, np.ndarray]) -> None:
-    follower = BlobTracker(BlobTrackerConfig(), calibration(), Box7(), law=PaperLaw())
-    first = follower.estimate(0)
-    follower.absorb(moving[0])
-    follower.estimate(1)
-    follower.reset()
-    again = follower.estimate(0)
-    np.testing.assert_array_equal(first.detected_px, again.detected_px)
-    np.testing.assert_array_equal(first.position_px, again.position_px)
 
 
 def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
@@ -212,25 +152,11 @@ def test_only_a_binary_map_can_be_refreshed() -> None:
         BlobTracker(BlobTrackerConfig(refresh_us=1_000), calibration(), Median3(), graded)
 
 
-def test_frames_keep_their_values() -> None:
-    follower = tracker()
-    first = follower.estimate(0)
-    kept = first.detected_px.copy()
-    follower.absorb(short_trip())
-    follower.estimate(1)
-    np.testing.assert_array_equal(first.detected_px, kept)
-
-
 def test_a_single_marker_has_no_neighbours() -> None:
     assert smallest_spacing_px(REST_PX[:1]) == np.inf
     assert smallest_spacing_px(REST_PX) == pytest.approx(33.0)
     alone = BlobTracker(BlobTrackerConfig(), calibration(rest_px=REST_PX[:1]), Median3())
     assert not alone.estimate(0).coasted.any()
-
-
-def test_a_recording_of_another_size_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="640x480"):
-        tracker().absorb(EventPacket.empty(0, 10, (640, 480)))
 
 
 @pytest.mark.parametrize(
