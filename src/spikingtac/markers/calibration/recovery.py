@@ -60,4 +60,6 @@ def with_recovery(
 def _left_over(recovering: Refined, refined: Refined) -> float:
     # Marker by marker: those that hardly move are explained as badly by both.
     seen = refined.residual > 0.0
+    if not seen.any():
+        return np.inf  # nothing moved, nothing recovers
     return float(np.median(recovering.residual[seen] / refined.residual[seen]))
