@@ -14,8 +14,7 @@ import pytest
 
 import spikingtac as st
 from spikingtac.errors import ConfigError
-from spikingtac.stream.sensor import frame_bytes, pack, unpack
-from spikingtac.types import EventPacket, MarkerFrame, SourceHealth
+from spikingtac.types import EventPacket
 from stand_ins.small_twin import calibration, touches
 
 RATE_HZ = 200.0
@@ -39,21 +38,6 @@ def wait_until(true: Callable[[], bool]) -> None:
     while not true():
         assert time.monotonic() < deadline_s, "it did not happen"
         time.sleep(0.01)
-
-
-def test_a_reading_survives_the_memory() -> None:
-    moved = np.arange(8.0).reshape(4, 2)
-    coasted = np.array([True, False, False, True])
-    health = SourceHealth(gaps=1, overflows=2, damaged=3, reconnects=4, rate_ev_s=5.5)
-    frame = MarkerFrame(-7, moved, moved, moved, coasted, np.ones(4), health)
-    message = pack(frame, 123, (0.25, 4.5))
-    assert len(message) == frame_bytes(4)
-    found = unpack(9, message, 4)
-    assert (found.t_us, found.told_ns, found.number) == (-7, 123, 9)
-    assert (found.behind_ms, found.most_behind_ms) == (0.25, 4.5)
-    assert found.health == health
-    np.testing.assert_array_equal(found.displacement_px, moved)
-    np.testing.assert_array_equal(found.coasted, coasted)
 
 
 def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
@@ -93,19 +77,6 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
     np.testing.assert_allclose(thumb.displacement_px, alone[-1].displacement_px, atol=1e-5)
     assert health["thumb"].why == ""
     assert health["thumb"].age_ms is not None
-
-
-def test_a_recording_is_played_at_its_own_speed(finger: st.Finger) -> None:
-    with st.Hand({"one": finger}) as hand:
-        wait_until(lambda: hand.health()["one"].frames > 0)
-        first = hand.latest()["one"]
-        wait_until(lambda: hand.health()["one"].frames > 300)
-        last = hand.latest()["one"]
-    assert first is not None
-    assert last is not None
-    data_s, wall_s = (last.t_us - first.t_us) * 1e-6, (last.told_ns - first.told_ns) * 1e-9
-    # A finger that begins late, since its core was busy, catches up; unpaced it takes a tenth.
-    assert wall_s > 0.6 * data_s
 
 
 def test_a_hand_without_fingers_and_without_calibration_is_refused(tmp_path: Path) -> None:

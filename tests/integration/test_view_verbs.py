@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.tracks import Tracks
 from stand_ins.viewer import record_circling
@@ -97,15 +96,6 @@ def test_demo_replaces_nobody_elses_files(
     assert theirs.read_bytes() == b"years of work"
 
 
-@pytest.mark.parametrize("name", ["x.jpg", "nowhere/x.png"])
-def test_a_picture_that_cannot_be_written_is_refused_at_once(
-    name: str, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    done = called("demo", "--headless", "--port", "0", "-o", str(tmp_path / name))
-    assert done.returncode == 2
-    assert "open http" not in done.stderr
-
-
 def test_view_of_a_folder_without_a_page_ends_where_it_ends(
     recording: Path, tmp_path: Path, called: Callable[..., Done]
 ) -> None:
@@ -130,17 +120,6 @@ def test_events_alone_make_a_picture(
         summary = json.loads(done.stdout)
         assert (summary["calibration"], summary.get("estimates", 0)) == (None, 0)
         assert picture.read_bytes()[1:4] == b"PNG"
-
-
-def test_two_fingers_without_a_page_are_both_told(
-    recording: Path, called: Callable[..., Done]
-) -> None:
-    second = "--second", str(recording / "events.raw")
-    known = "--second-calibration", str(recording / "calibration.json")
-    done = called("view", str(recording), *second, *known, "--headless", "--json")
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
-    assert summary["second"]["estimates"] == summary["estimates"] > 100
 
 
 def test_view_refuses_what_is_not_there(called: Callable[..., Done]) -> None:
@@ -169,31 +148,6 @@ def test_view_shows_what_is_left_of_a_cut_recording(
     done = called(*words)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["losses"]["truncated"] == 1
-
-
-def test_view_refuses_what_holds_no_events(
-    recording: Path, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    (tmp_path / "junk.raw").write_bytes(bytes(range(256)) * 20)
-    calibration = str(recording / "calibration.json")
-    junk = str(tmp_path / "junk.raw")
-    done = called("view", junk, "--calibration", calibration, "--headless", "--port", "0")
-    assert done.returncode == 1
-    assert "Traceback" not in done.stderr
-
-
-def test_view_refuses_a_calibration_of_another_sensor(
-    recording: Path, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    other = Calibration(
-        reference_px=np.array([[5.0, 5.0]]), radius_px=np.ones(1), grid=(1, 1), size=(10, 10)
-    )
-    other.save(tmp_path / "other.json")
-    done = called(
-        "view", str(recording), "--calibration", str(tmp_path / "other.json"), "--headless"
-    )
-    assert done.returncode == 1
-    assert "10" in done.stderr
 
 
 def test_a_taken_port_is_said(recording: Path) -> None:

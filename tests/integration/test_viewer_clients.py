@@ -221,19 +221,3 @@ def test_a_rebound_name_is_refused(port: int) -> None:
         answer = get(port, path, headers={"host": f"evil.test:{port}"})
         assert answer.status_code in (403, 404)
         assert "<html" not in answer.text
-
-
-def test_the_page_comes_with_its_policy(port: int) -> None:
-    answer = get(port)
-    assert answer.status_code == 200
-    assert "default-src 'none'" in answer.headers["content-security-policy"]
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert "http://" not in answer.text
-    assert "https://" not in answer.text
-
-
-@pytest.mark.parametrize(
-    "path", ["/../server.py", "/%2e%2e/server.py", "/..%2fserver.py", "/server.py", "/x.js"]
-)
-def test_only_the_page_is_served(port: int, path: str) -> None:
-    assert get(port, path).status_code in (400, 403, 404)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from spikingtac.stream import real_time
-from spikingtac.stream.real_time import Granted, meet_deadlines
 
 
 def test_what_was_there_before_the_watch_is_not_visited_by_collections() -> None:
@@ -64,74 +63,6 @@ def test_all_threads_keep_to_the_last_core() -> None:
         assert core == last
         assert others == [last]
     assert again == "None", "there is no choice any more"
-
-
-def test_a_product_of_matrices_on_several_threads_ends() -> None:
-    script = (
-        "import numpy\n"
-        "from spikingtac.stream.real_time import meet_deadlines\n"
-        "square = numpy.ones((700, 700))\n"
-        "meet_deadlines()\n"
-        "print((square @ square)[0, 0])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        check=True,
-        timeout=60,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "2"},
-    )
-    assert float(done.stdout) == 700.0
-
-
-def test_everything_is_asked_for_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-
-    def answer(name: str, value: object) -> None:
-        monkeypatch.setattr(real_time, name, lambda: (asked.append(name), value)[1])
-
-    answer("exempt_from_collection", None)
-    answer("lock_memory", False)
-    answer("keep_to_one_core", 3)
-    answer("take_precedence", True)
-    granted = meet_deadlines()
-    assert granted == Granted(memory=False, priority=True, core=3)
-    assert set(asked) == {
-        "exempt_from_collection",
-        "lock_memory",
-        "keep_to_one_core",
-        "take_precedence",
-    }
-    assert "memory not locked (memlock in" in granted.text()
-    assert "priority real-time, core 3 alone" in granted.text()
-    answer("take_precedence", False)
-    assert meet_deadlines() == Granted(memory=False, priority=False, core=None)
-    refused = Granted(memory=True, priority=False, core=None).text()
-    assert "memory locked, priority ordinary (rtprio in" in refused
-    assert "any core" in refused
-
-
-def test_who_is_permitted_less_gets_what_is_permitted(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    given: list[int] = []
-
-    def permit(thread: int, policy: int, param: int) -> None:
-        del thread, policy
-        if param > real_time.PRIORITY:
-            raise PermissionError
-        given.append(param)
-
-    monkeypatch.setattr(real_time, "THREADS", tmp_path)
-    monkeypatch.setattr(os, "sched_setscheduler", permit, raising=False)
-    monkeypatch.setattr(os, "sched_param", int, raising=False)
-    monkeypatch.setattr(os, "SCHED_FIFO", 1, raising=False)
-    assert real_time.take_precedence(real_time.GUARD_PRIORITY)
-    assert given == [real_time.PRIORITY]
-    monkeypatch.setattr(real_time, "PRIORITY", 5)
-    given.clear()
-    assert real_time.take_precedence(4)
-    assert given == [4]
 
 
 def test_children_end_at_ordinary_priority_and_what_was_granted_comes_back(

@@ -69,17 +69,6 @@ def test_windows_are_read_though_nobody_takes_them_and_come_in_order(watchdog: W
     assert taken == [1000 * number for number in range(50)]
 
 
-def test_what_is_skipped_does_not_come(watchdog: Watchdog) -> None:
-    stream = Stream(20)
-    pump = ThreadedSource(stream, watchdog)
-    stream.give(10)
-    until(lambda: stream.read == 10)
-    time.sleep(0.02)
-    pump.skip()
-    stream.give(10)
-    assert next(iter(pump))[0].t_start_us == 10_000
-
-
 def test_a_stall_stops_the_arm_and_wakes_the_consumer(
     watchdog: Watchdog, stops: list[float]
 ) -> None:

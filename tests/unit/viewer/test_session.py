@@ -101,11 +101,6 @@ def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, 
     assert stepped(opened)[0]["t_us"] == 1_000_000
 
 
-def test_speed_scales_time(opened: tuple[Session, Kept, Kept]) -> None:
-    opened[0].command("speed", 0.25)
-    assert stepped(opened, 24)[0]["t_us"] == pytest.approx(0.1e6, abs=1000)
-
-
 def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> None:
     stepped(opened, 10)
     opened[0].command("play", False)
@@ -124,14 +119,6 @@ def test_a_wrong_control_is_said_and_changes_nothing(opened: tuple[Session, Kept
     assert "0 to 2" in stepped(opened)[0]["notice"]
     opened[0].command("set", ["gain", 1.5])
     assert stepped(opened)[0]["notice"] == ""
-
-
-def test_the_state_map_is_sent_only_when_asked_for(opened: tuple[Session, Kept, Kept]) -> None:
-    opened[0].command("map", True)
-    _, arrays = stepped(opened, 10)
-    shown = unpack(arrays["map"], SIZE)
-    tracker = opened[0].playback.tracker
-    np.testing.assert_array_equal(shown > 0, tracker.state_map.values > 0)
 
 
 def test_at_the_end_it_stops_and_begins_again_on_demand(opened: tuple[Session, Kept, Kept]) -> None:
@@ -208,7 +195,3 @@ def test_what_came_before_a_source_was_lost_can_be_looked_at(
     assert meta["watchdog"]["health"] == "DISCONNECTED"
     assert meta["t_us"] == 50_000
     np.testing.assert_allclose(arrays["position_px"], positions_px(meta["estimate_us"]), atol=1e-4)
-
-
-def test_a_recording_has_no_watchdog(opened: tuple[Session, Kept, Kept]) -> None:
-    assert stepped(opened)[0]["watchdog"] is None

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from spikingtac.errors import ConfigError, SpikingTacError
-from spikingtac.viewer import openers as module
 from spikingtac.viewer.hosted import _another
 from spikingtac.viewer.openers import Shelf, open_from_shelf
 from stand_ins.viewer import record_circling
@@ -31,35 +30,12 @@ def test_it_names_what_lies_in_the_folder_but_no_link_out_of_it(folder: Path) ->
     assert Shelf(folder=folder).names() == ["day/second", "first"]
 
 
-def test_it_looks_no_deeper_than_it_says(folder: Path, tmp_path: Path) -> None:
-    deep = tmp_path / "a" / "b" / "c"
-    deep.mkdir(parents=True)
-    (deep / "far.raw").write_bytes(b"% evt 3.0\n")
-    (deep.parent / "near.raw").write_bytes(b"% evt 3.0\n")
-    assert Shelf(folder=tmp_path).names() == ["a/b/near.raw"]
-
-
-def test_a_long_list_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_NAMES", 3)
-    for number in range(5):
-        (tmp_path / f"{number}.raw").write_bytes(b"")
-    assert Shelf(folder=tmp_path).names() == ["0.raw", "1.raw", "2.raw"]
-
-
 @pytest.mark.parametrize(
     "name", ["../secret", "link", "/etc/passwd", "notes.txt", "", ".", "first/../../secret"]
 )
 def test_nothing_else_is_opened(folder: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="choose one of the list"):
         Shelf(folder=folder).open(name)
-
-
-def test_a_recording_that_came_later_is_there(tmp_path: Path) -> None:
-    shelf = Shelf(folder=tmp_path)
-    assert shelf.names() == []
-    (tmp_path / "new").mkdir()
-    record_circling(tmp_path / "new")
-    assert shelf.open("new").opened == "new"
 
 
 def test_the_first_one_offers_the_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
