@@ -55,7 +55,7 @@ class TableSource(FileSource):
         if first is None:
             return
         pieces = itertools.chain((first,), pieces)
-        falls = np.count_nonzero(np.diff(first[3]) < 0)
+        falls = np.count_nonzero(first[3][1:] < first[3][:-1])
         if falls > FEW_FALLS + UNSORTED_SHARE * len(first[3]):
             pieces = self._all_sorted(pieces)
         for rows in pieces:
@@ -91,7 +91,7 @@ class TableSource(FileSource):
             kept.append(tuple(column.copy() for column in rows))  # type: ignore[arg-type]
         x, y, p, t = (np.concatenate(column) for column in zip(*kept, strict=True))
         kept.clear()
-        self.losses.add("unsorted", int(np.count_nonzero(np.diff(t) < 0)))
+        self.losses.add("unsorted", int(np.count_nonzero(t[1:] < t[:-1])))
         order = np.argsort(t, kind="stable")
         for first in range(0, total, CHUNK_ROWS):
             part = order[first : first + CHUNK_ROWS]
@@ -99,10 +99,10 @@ class TableSource(FileSource):
 
     def _mildly_sorted(self, rows: Rows) -> Rows:
         x, y, p, t = rows
-        steps = np.diff(t.astype(np.float64))
-        if not len(steps) or steps.min() >= 0 or steps.min() <= -RESET_US:
+        falls = t[1:] < t[:-1]
+        if not falls.any() or np.diff(t.astype(np.float64)).min() <= -RESET_US:
             return rows
-        self.losses.add("unsorted", int(np.count_nonzero(steps < 0)))
+        self.losses.add("unsorted", int(np.count_nonzero(falls)))
         order = np.argsort(t, kind="stable")
         return x[order], y[order], p[order], t[order]
 
