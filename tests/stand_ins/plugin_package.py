@@ -10,7 +10,7 @@ import numpy as np
 
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.events.tables.arrays import ArraySource
-from spikingtac.events.formats.writers import NpzWriter
+from spikingtac.events.tables.writers import NpzWriter
 from spikingtac.types import MarkerFrame
 
 

@@ -38,19 +38,19 @@ def create_events(
 
         return RawWriter(path, size, encoding or "evt3")
     if ending == ".npz":
-        from spikingtac.events.formats.writers import NpzWriter
+        from spikingtac.events.tables.writers import NpzWriter
 
         return NpzWriter(path, size)
     if ending in (".csv", ".txt"):
-        from spikingtac.events.formats.writers import TextWriter
+        from spikingtac.events.tables.writers import TextWriter
 
         return TextWriter(path, size)
     if ending in (".h5", ".hdf5"):
-        from spikingtac.events.formats.hdf5_writer import Hdf5Writer
+        from spikingtac.events.tables.hdf5_writer import Hdf5Writer
 
         return Hdf5Writer(path, size)
     if ending == ".aedat4":
-        from spikingtac.events.formats.writers import Aedat4Writer
+        from spikingtac.events.tables.writers import Aedat4Writer
 
         return Aedat4Writer(path, size)
     foreign = with_plugins({}, plugins.WRITERS)

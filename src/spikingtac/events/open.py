@@ -227,7 +227,7 @@ _READERS = {
     "npz": ("tables.arrays", "ArraySource"),
     "text": ("tables.text", "TextSource"),
     "es": ("formats.es", "EsSource"),
-    "dat": ("formats.dat", "DatSource"),
+    "dat": ("evt.dat", "DatSource"),
     "aedat4": ("formats.aedat4", "Aedat4Source"),
     "hdf5": ("tables.hdf5", "Hdf5Source"),
     "ros": ("bags.source", "RosSource"),

@@ -17,9 +17,9 @@ from typing import BinaryIO
 import numpy as np
 
 from spikingtac.errors import FormatError
-from spikingtac.events.formats.dat import unwrapped
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.limits import refuse_piece
+from spikingtac.events.formats.time_course import unwrapped
 
 SIZES_PX = {
     "dvs128": (128, 128), "davis128": (128, 128), "davis208": (208, 192), "davis240": (240, 180),

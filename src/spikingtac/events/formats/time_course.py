@@ -168,3 +168,28 @@ def _breaks(steps: NDArray[np.int64], restarted: bool) -> NDArray[np.int64]:
         leaps[np.minimum(np.searchsorted(leaps, falls), len(leaps) - 1)] if len(leaps) else leaps
     )
     return np.unique(np.concatenate((first, following, leaps[near])))
+
+
+TIME_PERIOD_US = 1 << 32
+"""Period of a counter of 32 bits, us."""
+
+
+def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[np.int64], int, int]:
+    """Return times beyond the counter, the time at which its present period began, and its value.
+
+    The counter has wrapped where it fell from its last second to its first ones. A wrong timestamp
+    near its end falls, too, but nothing led up to it: such steps back and forth cancel.
+
+    Args:
+        t: Values of the counter of 32 bits, us.
+        epoch_us: Time at which the counter's present period began, us.
+        last: The counter's value before them.
+    """
+    steps = np.diff(t, prepend=last)
+    half = TIME_PERIOD_US // 2
+    periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
+    return (
+        t + epoch_us + periods * TIME_PERIOD_US,
+        epoch_us + int(periods[-1]) * TIME_PERIOD_US,
+        int(t[-1]),
+    )

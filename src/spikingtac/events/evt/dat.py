@@ -10,17 +10,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
 from spikingtac.events.evt.header import RawHeader, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
+from spikingtac.events.formats.time_course import unwrapped
 
 CD_TYPES = (0x00, 0x0C)
 DAT_EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
 DAT_VERSION = "2"
 CHUNK_EVENTS = 1 << 17
-TIME_PERIOD_US = 1 << 32
 
 
 class DatSource(FileSource):
@@ -63,24 +62,3 @@ class DatSource(FileSource):
                 address = events["address"]
                 x, y = address & 0x3FFF, (address >> 14) & 0x3FFF
                 yield x.astype(np.int64), y.astype(np.int64), (address >> 28) & 0xF, t
-
-
-def unwrapped(t: NDArray[np.int64], epoch_us: int, last: int) -> tuple[NDArray[np.int64], int, int]:
-    """Return times beyond the counter, the time at which its present period began, and its value.
-
-    The counter has wrapped where it fell from its last second to its first ones. A wrong timestamp
-    near its end falls, too, but nothing led up to it: such steps back and forth cancel.
-
-    Args:
-        t: Values of the counter of 32 bits, us.
-        epoch_us: Time at which the counter's present period began, us.
-        last: The counter's value before them.
-    """
-    steps = np.diff(t, prepend=last)
-    half = TIME_PERIOD_US // 2
-    periods = np.cumsum((steps < -half).astype(np.int64) - (steps > half))
-    return (
-        t + epoch_us + periods * TIME_PERIOD_US,
-        epoch_us + int(periods[-1]) * TIME_PERIOD_US,
-        int(t[-1]),
-    )
