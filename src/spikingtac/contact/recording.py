@@ -121,7 +121,7 @@ class FoundContact:
 
 
 def find_contacts(
-    sources: Sequence[EventSource], detector: ContactDetector, live: bool = False
+    sources: Sequence[EventSource], detector: ContactDetector, live: bool = False, first: int = 0
 ) -> Iterator[FoundContact]:
     """Yield each contact once it has ended, or the recording has.
 
@@ -130,12 +130,14 @@ def find_contacts(
         detector: Decides.
         live: Whether they are cameras that are read as time passes: of two, a silent one does not
             hold back what the other one tells.
+        first: The first window that counts; a camera may begin with a burst.
     """
     found: Contact | None = None
     details: ContactDetails | None = None
     age = 0
     in_step = live and len(sources) > 1
-    for window in live_windows(sources) if in_step else paired_windows(sources):
+    stream = live_windows(sources) if in_step else paired_windows(sources)
+    for window in islice(stream, first, None):
         begun = detector.update(window)
         if found is not None and (begun is not None or not detector.in_contact):
             yield FoundContact(found, packets_of(window)[0].t_end_us, details)

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spikingtac.contact.recording import _aligned
+from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
+from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
 from spikingtac.contact.window import WINDOW_US
 from spikingtac.types import EventPacket
 
@@ -40,3 +41,17 @@ def test_a_sensor_whose_silence_was_not_filled_stays_paired() -> None:
 def test_pairs_end_with_the_shorter_sensor() -> None:
     assert rows(windows(0, 1, 2), windows(0, 1)) == [(0, (1, 1)), (1, (1, 1))]
     assert rows(windows(0, 5)) == [(0, (1,)), (5, (1,))]
+
+
+def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
+    source = []
+    for number, count in enumerate([400] * 40 + [3, 5, 4] * 200 + [90] * 20):
+        start_us, zero = number * WINDOW_US, np.zeros(count, np.uint16)
+        t_us = np.full(count, start_us, np.int64)
+        source.append(EventPacket(zero, zero, zero > 0, t_us, start_us, start_us + WINDOW_US, SIZE))
+    begin, end = leading_quiet([source])  # type: ignore[list-item]
+    assert begin == 60
+    assert 540 <= end <= 640
+    detector = EventCountDetector(EventCountConfig(threshold=20))
+    (found,) = find_contacts([source], detector, first=begin)  # type: ignore[list-item]
+    assert found.contact.t_us == 641 * WINDOW_US

@@ -80,10 +80,10 @@ def run(args: Args) -> int:
     sources = _sources(args.recording, args.strict, args.second)
     calibrations = _calibrations(args, sources)
     name = config.detector or ("default" if calibrations else "event_count")
-    detector = _learn(args, replace(config, detector=name), sources, calibrations)
+    detector, first = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
     checked = _checked(sources, calibrations, args.strict)
-    found = _found(sources, checked, detector, live, args.realtime)
+    found = _found(sources, checked, detector, live, args.realtime, first)
     summary = {
         "contacts": [_contact(contact) for contact in found],
         "detector": name,
@@ -108,6 +108,7 @@ def _found(
     detector: ContactDetector,
     live: bool,
     realtime: bool,
+    first: int,
 ) -> list[FoundContact]:
     """Return the contacts; those of a camera are told as they come."""
     from spikingtac.contact.recording import find_contacts
@@ -117,7 +118,7 @@ def _found(
     if realtime:
         ask_for_real_time()
     with ending_on_interrupt(*sources), bar as advance:
-        for contact in find_contacts(checked, detector, live):
+        for contact in find_contacts(checked, detector, live, first):
             found.append(contact)
             if live:
                 remark(f"contact at {contact.contact.t_us} us")
@@ -157,8 +158,8 @@ def _learn(
     config: DetectionConfig,
     sources: Sequence[FileSource],
     calibrations: Sequence[Calibration],
-) -> ContactDetector:
-    """Build the detector from the quiet windows."""
+) -> tuple[ContactDetector, int]:
+    """Build the detector from the quiet windows; return also the first window that counts."""
     from spikingtac.contact.recording import leading_quiet, paired_windows
     from spikingtac.contact.registry import make_detector
 
@@ -173,7 +174,7 @@ def _learn(
             )
     begin, end = leading_quiet(sources) if args.quiet is None else (0, None)
     quiet = islice(paired_windows(given), begin, end)
-    return make_detector(config.detector or "default", config, calibrations, quiet)
+    return make_detector(config.detector or "default", config, calibrations, quiet), begin
 
 
 def _quiet(args: Args, learned: DetectorSummary) -> dict[str, Any]:
