@@ -36,3 +36,10 @@ from .force.series import WrenchSeries as WrenchSeries
 from .force.series import load_series as load_series
 from .elastic import SkinConfig as SkinConfig
 from .synthetic_contacts import synthetic_series as synthetic_series
+
+# What the experiments use besides
+from .force.quadratic_law import FLOOR as FLOOR
+from .force.quadratic_law import NORMAL as NORMAL
+from .force.quadratic_law import QuadraticLaw as QuadraticLaw
+from .network import OPSET as OPSET
+from .network import with_record as with_record

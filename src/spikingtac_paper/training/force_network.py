@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from spikingtac.touch.force.quadratic_law import FLOOR, NORMAL, QuadraticLaw
+from spikingtac.touch import FLOOR, NORMAL, QuadraticLaw
 from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]

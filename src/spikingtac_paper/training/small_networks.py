@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from spikingtac.touch.network import OPSET, with_record
+from spikingtac.touch import OPSET, with_record
 
 Loss = Callable[[torch.nn.Module, Any], torch.Tensor]
 
