@@ -30,6 +30,9 @@ SPREAD_SHARE = 0.1
 """Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
 SPREAD_FACTOR = 5.0
 """Times the scatter of a marker that the spread must have reached for that (ours)."""
+SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
+"""A touch moves so many markers, against the median of all, by this share of the one that moves
+most: skin moves about its place. Less is noise in single markers (ours)."""
 SPREAD_MARKERS = 0.6
 """Share of the markers that must be back (ours)."""
 FAINT_SHARE = 0.95
@@ -180,7 +183,12 @@ class TouchDetector:
         touch, self._open = self._open, None
         if touch is None or touch.home.was_return(touch.peak.strength):
             return None
-        return self._gauge.touch(touch.begin_us, None, touch.peak)
+        return self._told(touch, None)
+
+    def _told(self, touch: _Open, end_us: int | None) -> Touch | None:
+        if not touch.peak.spreads:
+            return None
+        return self._gauge.touch(touch.begin_us, end_us, touch.peak)
 
     def _repaired(self, moved: Field) -> Field:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
@@ -214,6 +222,7 @@ class TouchDetector:
         peak.spread = max(peak.spread, spread)
         if strength > peak.strength:
             peak.strength, peak.t_us, peak.field = strength, t_us, self.tracked_px
+            peak.spreads = _spreads(away)
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is not None:
             self._settling = _Settling(t_us, self._zero, strength)
@@ -224,9 +233,9 @@ class TouchDetector:
         ended = self._closed(touch, back_us, moved)
         return None if touch.home.was_return(peak.strength) else ended
 
-    def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch:
-        """Return a touch that is over; where the skin is now, is its rest."""
-        told = self._gauge.touch(touch.begin_us, end_us, touch.peak)
+    def _closed(self, touch: _Open, end_us: int, moved: Field) -> Touch | None:
+        """Return a touch that is over, None of noise; where the skin is now, is its rest."""
+        told = self._told(touch, end_us)
         self._open, self._zero = None, moved
         self._memory.clear()
         return told
@@ -276,3 +285,13 @@ class TouchDetector:
         share = -np.expm1(-elapsed_us / self._config.resting_us)
         self._zero = self._zero + share * (moved - self._zero)
         self._rest_strength += share * (strength - self._rest_strength)
+
+
+def _spreads(away: Field) -> bool:
+    """Return whether displacements ``(m, 2)`` are more than a fault of one or two markers."""
+    markers = len(away)
+    if markers <= 2 * SUPPORT_MARKERS:
+        return True
+    _, most = spread_kernel(away, (markers - 0.5) / markers)
+    _, least = spread_kernel(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
+    return least >= SUPPORT_SHARE * most

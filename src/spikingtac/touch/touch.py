@@ -151,6 +151,7 @@ class TouchPeak:
         t_us: When that was, us.
         largest_px: Largest displacement of a marker, whenever it was, px.
         spread: Largest displacement that most of the markers reach, whenever it was, px.
+        spreads: Whether at the peak more markers moved than a fault of one or two explains.
     """
 
     field: Field
@@ -158,6 +159,7 @@ class TouchPeak:
     t_us: int = 0
     largest_px: float = 0.0
     spread: float = 0.0
+    spreads: bool = True
 
 
 class PeakGauge:

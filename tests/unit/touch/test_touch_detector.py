@@ -227,3 +227,17 @@ def test_markers_at_a_sharp_rim_are_tracked_though_they_look_lost() -> None:
     assert np.abs(detector.displacement_px[27]).max() < 6.0
     assert np.abs(detector.tracked_px[50]).max() < 1.0
     assert max(steps[10:]) < 0.5
+
+
+@pytest.mark.parametrize("markers", [[27], [27, 28], [0, 1]])
+@pytest.mark.parametrize("px", [1.0, 4.0])
+def test_markers_that_err_by_themselves_touch_nothing(markers: list[int], px: float) -> None:
+    """A touch moves the skin about its place; a tracker's fault moves one or two markers."""
+
+    def frames() -> Iterator[MarkerFrame]:
+        for k, frame in enumerate(watch(lambda _: 0.0, 3.0)):
+            if 500 <= k < 1_000:
+                frame.detected_px[markers] += [px, 0.0]
+            yield frame
+
+    assert touches(frames()) == []
