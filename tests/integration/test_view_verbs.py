@@ -68,21 +68,6 @@ def test_demo_headless_ends_by_itself_with_a_summary_and_a_picture(demo: tuple[P
     assert tracks.meta["config"]["tracking"]["rate_hz"] == 1_000
 
 
-def test_demo_replaces_its_own_files_when_told_to(
-    demo: tuple[Path, Done], tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    for written in (demo[0], demo[0].with_name("demo.tracks.npz")):
-        (tmp_path / written.name).write_bytes(written.read_bytes())
-    picture, tracks = tmp_path / "demo.png", tmp_path / "demo.tracks.npz"
-    before = tracks.read_bytes()
-    short = ("demo", "--headless", "--seconds", "0.2", "--port", "0", "-o", str(picture))
-    assert called(*short).returncode == 2
-    assert tracks.read_bytes() == before
-    again = called(*short, "--overwrite")
-    assert again.returncode == 0, again.stderr
-    assert tracks.read_bytes() != before
-
-
 @pytest.mark.parametrize("ending", [".png", ".tracks.npz"])
 def test_demo_replaces_nobody_elses_files(
     ending: str, tmp_path: Path, called: Callable[..., Done]
@@ -189,20 +174,6 @@ def test_export_of_a_gif(recording: Path, tmp_path: Path, called: Callable[..., 
     assert written == 200 // 50
     with Image.open(tmp_path / "x.gif") as picture:
         assert picture.n_frames == written
-
-
-def test_an_export_replaces_nothing_unless_told_to(
-    recording: Path, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    target = tmp_path / "x.gif"
-    target.write_bytes(b"years of work")
-    export = "view", str(recording), "--export", str(target), "--seconds", "0.1"
-    refused = called(*export)
-    assert refused.returncode == 2
-    assert "--overwrite" in refused.stderr
-    assert target.read_bytes() == b"years of work"
-    assert called(*export, "--overwrite").returncode == 0
-    assert target.read_bytes().startswith(b"GIF")
 
 
 @pytest.mark.parametrize("wrong", [("--seconds", "0"), ("--seconds", "-1"), ("-o", "x.png")])
