@@ -80,28 +80,6 @@ def test_tables_with_more_columns_are_read_by_most_lines(tmp_path: Path) -> None
     assert dict(source.losses) == {"bad_record": 1}
 
 
-@pytest.mark.parametrize(
-    ("row", "encoding"),
-    [
-        ("{0:.18e},{1},{2},{3}", "utf-8"),  # numpy.savetxt
-        ("{0}.0,{1},{2},{3}", "utf-8"),  # pandas, where a value was missing
-        ('"{0}","{1}","{2}","{3}"', "utf-8"),
-        ("{0},{1},{2},{3}", "utf-8-sig"),
-    ],
-)
-@pytest.mark.parametrize("header", ["", "t,x,y,p\n"])
-def test_microseconds_stay_so_however_they_are_written(
-    tmp_path: Path, row: str, encoding: str, header: str
-) -> None:
-    times, path = np.arange(26, 400_000, 997), tmp_path / "events.csv"
-    lines = [row.format(t, k % 320, k % 240, k % 2) for k, t in enumerate(times.tolist())]
-    path.write_text(header + "\n".join(lines) + "\n", encoding=encoding)
-    source = open_events(path)
-    read = EventPacket.concatenate(list(source))
-    np.testing.assert_array_equal(read.t, times)
-    assert not dict(source.losses.kinds())
-
-
 @pytest.mark.parametrize("size", [(70_000, 4), (320, 65_537), (0, 4), (-3, 4), (65_536, 65_536)])
 def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     save(tmp_path / "a.npz", size=np.array(size))
