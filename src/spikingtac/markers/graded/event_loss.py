@@ -209,10 +209,11 @@ class EventLoss:
 def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
     """Return ``(m,)`` events of a whole stream per px of each marker's motion.
 
-    A swept pixel swings up and down once: 1 / step - 1 events of each.
+    A swept pixel swings up and down once: 1 / step - 1 events of each, and one event at least, also
+    where each sets its pixel (steps of 1, a binary map).
     """
     appearance = appearance_of(calibration)
-    swing_events = 1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0
+    swing_events = max(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
     return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
 
 
