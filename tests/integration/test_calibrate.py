@@ -15,12 +15,8 @@ from spikingtac.events.open import open_events
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration import trial_tracking
 from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
-from spikingtac.schema import build, to_mapping
-from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.render import simulate
-from spikingtac.sim.scene.scene import Scene
 from spikingtac.types import EventPacket
-from stand_ins.calibrated import corner
 from stand_ins.ideal_events import ideal_events
 from stand_ins.small_twin import slides_scene
 
@@ -118,24 +114,6 @@ def test_grids_of_many_sizes(
     assert calibration.step_on is not None
     explained = calibration.step_on / calibration.provenance["step_scale"][0]
     assert explained == pytest.approx(0.25 / np.log(6), rel=0.12)
-
-
-@pytest.mark.slow
-def test_presses_alone_of_a_sensor_like_the_recorded_one(tmp_path: Path) -> None:
-    # The first rest, before any contact, is found a pixel off; it must not outvote the others.
-    # Measured 0.30, 0.42, 0.24 and 0.29 px on the sensors 1 to 4, and 0.19, 0.37, 0.22 and 0.38 px
-    # with the fewer markers, shorter holds and pauses that are simulated here. If all rests counted
-    # alike, it would be 0.24 px here, and 0.92 px if the first one alone did.
-    tree = to_mapping(catalog.load("real-presses").with_serial(1))
-    tree["skin"]["grid"], tree["optics"]["size"] = [4, 5], [190, 150]
-    for contact in tree["contacts"]:
-        contact["pause_s"] = 0.6
-        contact["motion"]["segments"][1]["duration_s"] = 0.25
-    simulate(build(Scene, tree, "real-presses"), tmp_path / "presses", seed=1)
-    found = calibrate(open_events(tmp_path / "presses" / "events.raw"), estimate_lag=None)
-    truth_px = np.load(tmp_path / "presses" / "truth.npz")["reference_px"]
-    assert found.marker_measured is not None
-    assert errors_px(found, truth_px)[found.marker_measured].mean() < 0.23
 
 
 @pytest.mark.slow
@@ -318,17 +296,3 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(
     np.testing.assert_allclose(skin_mm, expected_mm, atol=0.02)
     assert main([*words, "--overwrite"]) == 2
     assert "give pitch_mm" in capsys.readouterr().err
-
-
-def test_a_foreign_recording_by_the_published_method(data_dir: Path) -> None:
-    # The usual method on the whole of the same recording: tests/real/test_tracking.py. The bounds
-    # are those of all 64 markers, halved: 0.04 and 0.07 px are measured in the corner.
-    truth = np.load(data_dir / "v2e" / "bootstrap.truth.npz")
-    inside = (truth["reference_px"] < CORNER_PX).all(axis=1)
-    source = corner(data_dir / "v2e" / "bootstrap.raw", (CORNER_PX, CORNER_PX))
-    calibration = calibrate(source, CalibrationConfig(method="bounding-box"), None)
-    assert calibration.grid == (4, 4)
-    error_px = errors_px(calibration, truth["reference_px"][inside])
-    assert error_px.mean() <= 0.075
-    assert error_px.max() <= 0.175
-    assert np.abs(calibration.radius_px - truth["radius_px"][inside]).mean() < 0.1

@@ -51,11 +51,6 @@ def test_unfit_numbers_are_refused(tmp_path: Path, changes: dict[str, Any]) -> N
         Calibration.load(tmp_path / "c.json")
 
 
-def test_a_plain_document_is_read(tmp_path: Path) -> None:
-    (tmp_path / "c.json").write_text(json.dumps(document()))
-    assert len(Calibration.load(tmp_path / "c.json").radius_px) == 2
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [("lag_us", 1e18), ("step_on", 1e300), ("contrast", 0.5), ("px_per_mm", 0.0), ("edge_px", 1e9)],

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.lens import Lens, fit_lens, with_lens
+from spikingtac.calibration.lens import fit_lens, with_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.sim.optics import Lens as Pinhole
@@ -59,23 +59,6 @@ def test_its_axes_are_those_of_the_image_whatever_way_the_grid_lies() -> None:
     along_x, along_y = np.diff(lens.to_mm(middle)[[0, 1, 0, 2]], axis=0)[[0, 2]]
     np.testing.assert_allclose(along_x, [1 / 15.5, 0.0], atol=2e-4)
     np.testing.assert_allclose(along_y, [0.0, 1 / 15.5], atol=2e-4)
-
-
-def test_the_coefficient_and_its_error_are_right() -> None:
-    """Of rests that the model itself distorts, two thirds of the fits lie within one sigma."""
-    truth = fit_lens(imaged_px(skin_mm()), GRID, SIZE, PITCH_MM)
-    scaled = (skin_mm() * 15.5) / truth.half_diagonal_px  # s of u = s / (1 + k s^2), solved for s
-    radius = np.hypot(*scaled.T)
-    k = truth.radial
-    grown = (1 - np.sqrt(1 - 4 * k * radius**2)) / (2 * k * radius)
-    clean_px = scaled * (grown / radius)[:, None] * truth.half_diagonal_px + 159.5
-    apart = []
-    for seed in range(40):
-        noise = np.random.default_rng(seed).normal(0.0, NOISE_PX, clean_px.shape)
-        found = fit_lens(clean_px + noise, GRID, SIZE, PITCH_MM)
-        apart.append((found.radial - k) / found.radial_sigma)
-    assert abs(np.mean(apart)) < 4 / np.sqrt(40)
-    assert 0.7 < np.std(apart) < 1.35
 
 
 @pytest.mark.parametrize(
@@ -162,15 +145,3 @@ def test_a_damaged_lens_is_refused(damage: dict, tmp_path: Path) -> None:
     tracks = tracks_of(calibration(), np.zeros((64, 2)))
     with pytest.raises(RecordingError, match="lens"):
         _ = replace(tracks, meta={**tracks.meta, "lens": document["lens"]}).displacement_mm
-
-
-def test_a_lens_without_distortion_is_one_scale() -> None:
-    lens = Lens(
-        center_px=(0.0, 0.0),
-        half_diagonal_px=10.0,
-        radial=0.0,
-        radial_sigma=0.0,
-        homography=np.diag([2.0, 2.0, 1.0]),
-        residual_mm=0.0,
-    )
-    np.testing.assert_allclose(lens.to_mm(np.array([[5.0, -10.0]])), [[1.0, -2.0]])

@@ -36,12 +36,6 @@ def test_step_maps_survive_a_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.step_on_map, steps, atol=1e-6)
 
 
-def test_a_minimal_file_has_no_maps() -> None:
-    calibration = Calibration.from_document(DOCUMENT)
-    assert calibration.step_on_map is None
-    assert calibration.step_off_map is None
-
-
 def test_steps_are_rounded_and_bounded() -> None:
     steps = np.zeros((5, 7), np.float32)
     steps[0, :3] = 0.13949, 0.9, 0.0

@@ -10,7 +10,6 @@ import pytest
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration_check import CalibrationCheck
 from spikingtac.pipeline.checked_source import CheckedSource
@@ -151,12 +150,3 @@ def test_a_checked_source_tells_once_and_passes_everything_on(recording: EventPa
     assert sum(map(len, checked)) == len(recording)
     assert sum(map(len, checked)) == len(recording), "a file is read again"
     assert len(told) == 1
-
-
-def test_what_its_listener_raises_ends_the_stream(recording: EventPacket) -> None:
-    def refuse(why: str) -> None:
-        raise CalibrationError(why)
-
-    source = PacketSource(cut(recording, 5_000), SIZE)
-    with pytest.raises(CalibrationError, match="does not fit the calibration"):
-        list(CheckedSource(source, calibration(1.5), refuse))

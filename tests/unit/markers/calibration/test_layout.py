@@ -47,12 +47,6 @@ def test_jitter_and_bending(seed: int) -> None:
     assert_sorted(tilted * 320 + np.array(SIZE) / 2, (7, 10), seed)
 
 
-def test_unequal_pitches() -> None:
-    points = lattice(6, 6, turn_deg=10.0)
-    assert_sorted((points - points.mean(axis=0)) * (1.0, 1.5) + (320, 240), (6, 6))
-    assert_sorted((points - points.mean(axis=0)) * (1.4, 0.9) + (320, 240), (6, 6))
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_missing_markers_are_named(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -39,12 +39,6 @@ def test_motion_between_two_rests(packet_us: int) -> None:
     assert watch.rests == 2
 
 
-def test_motion_goes_on_without_a_rest() -> None:
-    watch, resting = fed((0.3, 1_000), (2.0, 100_000), packet_us=10_000)
-    assert resting == [True, False]
-    assert watch.rests == 1
-
-
 def test_a_short_pause_is_no_rest() -> None:
     watch, _ = fed((1.0, 2_000), (1.0, 200_000), (0.06, 2_000), (1.0, 200_000), packet_us=5_000)
     assert watch.rests == 1

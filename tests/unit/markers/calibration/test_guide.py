@@ -83,13 +83,3 @@ def test_noise_alone_is_no_grid() -> None:
     assert advice(quiet) == [FIRST]
     assert quiet.missing
     assert not quiet.ready
-
-
-def test_begun_anew_it_knows_nothing(wide: list[EventPacket]) -> None:
-    guide = CalibrationGuide(SIZE)
-    for packet in wide:
-        guide.absorb(packet)
-    assert guide.view().grid
-    guide.reset()
-    assert guide.view().grid is None
-    assert not guide.level.any()
