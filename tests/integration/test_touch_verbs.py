@@ -43,6 +43,12 @@ def tracks_of(path: Path, places_px: np.ndarray) -> Path:
     return path
 
 
+@pytest.fixture(autouse=True)
+def without_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ridge regression is fitted at once; networks have a test of their own."""
+    monkeypatch.setattr("spikingtac.touch.force.fit.network_trainer", lambda: None)
+
+
 def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, table = arrays(tmp_path / "a.npz", 1), tmp_path / "touches.csv"
     assert main(["touch", str(source), "-o", str(table), "--json"]) == 0
@@ -120,7 +126,9 @@ def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFi
     taught = [str(arrays(tmp_path / f"{seed}.npz", seed)) for seed in (1, 2)]
     other, model = str(arrays(tmp_path / "3.npz", 3)), str(tmp_path / "force.onnx")
     assert main(["force", "fit", *taught, "-o", model, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["frames"] == 1000
+    said = capsys.readouterr()
+    assert json.loads(said.out)["frames"] == 1000
+    assert "PyTorch is not installed" in said.err
     assert main(["force", "check", other, "--force", model, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert [row["component"] for row in rows] == ["fx", "fy", "fz", "mx", "my", "mz"]
