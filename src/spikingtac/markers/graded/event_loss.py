@@ -213,7 +213,7 @@ def events_per_px(calibration: Calibration) -> NDArray[np.float64]:
     where each sets its pixel (steps of 1, a binary map).
     """
     appearance = appearance_of(calibration)
-    swing_events = max(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
+    swing_events = np.maximum(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
     return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
 
 
