@@ -214,7 +214,7 @@ def test_two_cameras_are_tracked_at_once(
         ended.set()
         sender.join()
     one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
-    assert min(len(one.t_us), len(other.t_us)) > 100  # of 1,000: a busy machine begins late
+    assert min(len(one.t_us), len(other.t_us)) > 300
     assert abs(int(one.t_us[-1]) - int(other.t_us[-1])) < 500_000
     assert found["second"]["health"]["rate_ev_s"] > 0.0
 

@@ -23,7 +23,7 @@ from spikingtac.pipeline.checked_source import CheckedSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing import Swing, SwingRuns
-from spikingtac.touch.force.model import ForceModel, Wrench
+from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
 from spikingtac.tracks import Tracks, create_tracks
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -104,9 +104,7 @@ def track_to_file(
     """
     require_same_size(source.size, calibration.size)
     tracker = make_tracker(config, calibration)
-    if force is not None:
-        force.require(calibration.reference_px, "px")
-    estimator = None if force is None else force.estimator()
+    estimator = None if force is None else _estimator(force, calibration)
     writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
@@ -143,6 +141,11 @@ def _ageing(swing: Swing | None) -> dict[str, Any]:
         "swing": None if swing is None else round(swing.share, 3),
         "ageing": swing.words() if swing is not None and swing.faded else None,
     }
+
+
+def _estimator(force: ForceModel, calibration: Calibration) -> ForceEstimator:
+    force.require(calibration.reference_px, "px")
+    return force.estimator()
 
 
 def _columns(wrench: Wrench) -> dict[str, NDArray[np.float64]]:

@@ -288,8 +288,7 @@ class Tracks:
         return np.hstack(parts) if parts else None
 
     def _measured(self) -> dict[str, NDArray[Any]]:
-        values = {name: getattr(self, name) for name in MEASURED}
-        return {name: array for name, array in values.items() if array is not None}
+        return {n: v for n in MEASURED if (v := getattr(self, n)) is not None}
 
 
 def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:
