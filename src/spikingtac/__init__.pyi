@@ -43,6 +43,16 @@ from .contact.quiet import QuietStatistics as QuietStatistics
 from .contact.sequential_detector import SequentialMotionDetector as SequentialMotionDetector
 from .contact.registry import make_detector as make_detector
 
+# Touches, slip, forces
+from .touch import find_touches as find_touches
+from .touch import find_slip as find_slip
+from .touch import fit_force as fit_force
+from .touch import load_force as load_force
+from .touch import HeldTouch as HeldTouch
+from .touch import Slip as Slip
+from .touch import ForceModel as ForceModel
+from .touch import WrenchSeries as WrenchSeries
+
 # Robot: arms, move until contact, search a hole
 from .types import Pose as Pose
 from .robot.approacher import Approach as Approach
@@ -66,5 +76,9 @@ from .plots.tracks import plot_tracks as plot_tracks
 
 # Errors
 from .errors import SpikingTacError as SpikingTacError
+from .errors import RecordingError as RecordingError
+from .errors import CalibrationError as CalibrationError
+from .errors import ConfigError as ConfigError
+from .errors import DeviceError as DeviceError
 
 __version__: str
