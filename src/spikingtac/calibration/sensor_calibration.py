@@ -105,11 +105,6 @@ class Calibration:
                     changed[name] = np.minimum(value * factor, 1.0)
         return dataclasses.replace(self, **changed)
 
-    @property
-    def steps_scaled_apart(self) -> bool:
-        """Whether tracking asked for another ratio of ON to OFF steps than events tell."""
-        return self.band_scale_on != self.band_scale_off
-
     def with_pitch(self, pitch_mm: float) -> Calibration:
         """Return a copy with the scale in which neighbouring markers lie ``pitch_mm`` apart.
 
