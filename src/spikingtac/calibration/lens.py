@@ -7,16 +7,13 @@ the skin.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-
-if TYPE_CHECKING:
-    from spikingtac.calibration.sensor_calibration import Calibration
 
 LARGEST_RADIAL = 0.9
 """Beyond 1 the model folds the image over itself inside of the sensor."""
@@ -101,24 +98,6 @@ FEWEST_MARKERS = 12
 """Twice as many numbers as are sought, and half of them again (ours)."""
 LARGEST_DOUBT = 0.01
 """Standard error of the scale at the outermost marker up to which a lens is believed (ours)."""
-
-
-def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:
-    """Return a calibration with its lens, or with the reason why there is none in its provenance.
-
-    Args:
-        calibration: Of a flat grid.
-        pitch_mm: Distance of neighbouring markers on the skin, mm.
-        staggered: Whether every second row is shifted, so that columns are not straight.
-    """
-    rest_px, grid = calibration.reference_px, calibration.grid
-    try:
-        if grid is None or staggered:
-            raise CalibrationError("without rows and columns nothing is known to be even")
-        lens = fit_lens(rest_px, grid, calibration.size, pitch_mm, calibration.marker_measured)
-    except CalibrationError as error:
-        return replace(calibration, provenance={**calibration.provenance, "no_lens": str(error)})
-    return replace(calibration, lens=lens)
 
 
 def fit_lens(

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.calibration.lens import fit_lens, with_lens
+from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
+from spikingtac.markers.calibration.calibrate import with_lens
 from spikingtac.sim.optics import Lens as Pinhole
 from spikingtac.sim.optics import distort_kernel
 from spikingtac.tracks.comparison import compare_with_truth

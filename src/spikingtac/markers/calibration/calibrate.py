@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from spikingtac.calibration.lens import with_lens
+from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.source import EventSource, refuse_path
@@ -228,3 +228,21 @@ def _explained(look: Look) -> tuple[Refined, LearnedSteps]:
 
 def _reach_px(discs: Discs) -> float:
     return float(np.median(discs.radius_px + REACH_EDGES * discs.edge_px))
+
+
+def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:
+    """Return a calibration with its lens, or with the reason why there is none in its provenance.
+
+    Args:
+        calibration: Of a flat grid.
+        pitch_mm: Distance of neighbouring markers on the skin, mm.
+        staggered: Whether every second row is shifted, so that columns are not straight.
+    """
+    rest_px, grid = calibration.reference_px, calibration.grid
+    try:
+        if grid is None or staggered:
+            raise CalibrationError("without rows and columns nothing is known to be even")
+        lens = fit_lens(rest_px, grid, calibration.size, pitch_mm, calibration.marker_measured)
+    except CalibrationError as error:
+        return replace(calibration, provenance={**calibration.provenance, "no_lens": str(error)})
+    return replace(calibration, lens=lens)
