@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.touch.field import GradientOperator
 from spikingtac.touch.lost_markers import AbsentMarkers, LostMarkers, spread_kernel
 from spikingtac.touch.onset import Backlash, OnsetMemory
 from spikingtac.touch.patch import Patch
 from spikingtac.touch.release import CalibratedRest, Release
-from spikingtac.touch.touch import PeakGauge, Touch, TouchConfig, TouchPeak
+from spikingtac.touch.touch import PeakGauge, Touch, TouchConfig, TouchPeak, spreads, strains
 from spikingtac.types import MarkerFrame
 
 Field = NDArray[np.float64]
@@ -30,9 +31,6 @@ SPREAD_SHARE = 0.1
 """Share of the peak's spread below which the skin is released, whatever few markers say (ours)."""
 SPREAD_FACTOR = 5.0
 """Times the scatter of a marker that the spread must have reached for that (ours)."""
-SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
-"""A touch moves so many markers, against the median of all, by this share of the one that moves
-most: skin moves about its place. Less is noise in single markers (ours)."""
 SPREAD_MARKERS = 0.6
 """Share of the markers that must be back (ours)."""
 FAINT_SHARE = 0.95
@@ -85,6 +83,7 @@ class TouchDetector:
         """
         self._reference = np.asarray(reference_px, np.float64)
         self._config = config or TouchConfig()
+        self._pitch_px = marker_pitch_px(self._reference)
         self._gradient = GradientOperator(self._reference)
         self._floor = self._config.least_displacement_px * self._gradient.noise_gain() / np.sqrt(2)
         self._gauge = PeakGauge(self._reference, self._config.least_displacement_px)
@@ -186,9 +185,10 @@ class TouchDetector:
         return self._told(touch, None)
 
     def _told(self, touch: _Open, end_us: int | None) -> Touch | None:
-        if not touch.peak.spreads:
+        peak = touch.peak
+        if not (peak.spreads and strains(peak, self._pitch_px)):
             return None
-        return self._gauge.touch(touch.begin_us, end_us, touch.peak)
+        return self._gauge.touch(touch.begin_us, end_us, peak)
 
     def _repaired(self, moved: Field) -> Field:
         """Replace lost markers; one that is lost or found at rest is at rest where it is now."""
@@ -222,7 +222,7 @@ class TouchDetector:
         peak.spread = max(peak.spread, spread)
         if strength > peak.strength:
             peak.strength, peak.t_us, peak.field = strength, t_us, self.tracked_px
-            peak.spreads = _spreads(away)
+            peak.spreads = spreads(away)
         end_us = touch.release.update(t_us, self._left(touch, spread, strength))
         if end_us is not None:
             self._settling = _Settling(t_us, self._zero, strength)
@@ -285,13 +285,3 @@ class TouchDetector:
         share = -np.expm1(-elapsed_us / self._config.resting_us)
         self._zero = self._zero + share * (moved - self._zero)
         self._rest_strength += share * (strength - self._rest_strength)
-
-
-def _spreads(away: Field) -> bool:
-    """Return whether displacements ``(m, 2)`` are more than a fault of one or two markers."""
-    markers = len(away)
-    if markers <= 2 * SUPPORT_MARKERS:
-        return True
-    _, most = spread_kernel(away, (markers - 0.5) / markers)
-    _, least = spread_kernel(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
-    return least >= SUPPORT_SHARE * most

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.pitch import marker_pitch_px
 from spikingtac.errors import ConfigError
 from spikingtac.touch.field import FieldGauge, FieldQuantities
+from spikingtac.touch.lost_markers import spread_kernel
 from spikingtac.touch.onset import NOTHING_UNSEEN, UnseenMotion
 from spikingtac.touch.patch import Patch, PatchEstimator
 
@@ -141,6 +142,15 @@ class TouchConfig:
         return cls(least_displacement_px=least, unseen=NOTHING_UNSEEN)
 
 
+SUPPORT_MARKERS, SUPPORT_SHARE = 3, 0.15
+"""A touch moves so many markers, against the median of all, by this share of the one that moves
+most: skin moves about its place. Less is noise in single markers (ours)."""
+COMMON_SHARE = 0.1
+"""Least change of displacement over a pitch, root mean square, as a share of the shift that all
+markers share. Trackers err by some hundredths of a shift, which strains nothing (ours: 0.02 under a
+plate that shifts the skin by 15 px; touches reach 0.8 and more)."""
+
+
 @dataclass(slots=True)
 class TouchPeak:
     """The most of an open touch so far.
@@ -160,6 +170,22 @@ class TouchPeak:
     largest_px: float = 0.0
     spread: float = 0.0
     spreads: bool = True
+
+
+def spreads(away: Field) -> bool:
+    """Return whether displacements ``(m, 2)`` are more than a fault of one or two markers."""
+    markers = len(away)
+    if markers <= 2 * SUPPORT_MARKERS:
+        return True
+    _, most = spread_kernel(away, (markers - 0.5) / markers)
+    _, least = spread_kernel(away, (markers - SUPPORT_MARKERS + 0.5) / markers)
+    return least >= SUPPORT_SHARE * most
+
+
+def strains(peak: TouchPeak, pitch_px: float) -> bool:
+    """Return whether a peak is more than a tracker's errors in a shift that all markers share."""
+    common_px = float(np.hypot(*np.median(peak.field, axis=0)))
+    return peak.strength * pitch_px >= COMMON_SHARE * common_px
 
 
 class PeakGauge:

@@ -241,3 +241,18 @@ def test_markers_that_err_by_themselves_touch_nothing(markers: list[int], px: fl
             yield frame
 
     assert touches(frames()) == []
+
+
+def test_a_shift_of_all_markers_with_a_trackers_errors_is_no_touch() -> None:
+    """Markers under a plate that shifts the skin; the tracker errs by 4 % of the shift."""
+    errors = np.random.default_rng(5).normal(0.0, 0.04, REFERENCE.shape)
+
+    def shifted(frame: MarkerFrame) -> MarkerFrame:
+        shift_px = 15.0 * pulse(1e-6 * frame.t_us - 7.0, 0.8, 1.9)
+        return dataclasses.replace(
+            frame, detected_px=frame.detected_px + shift_px * (np.array([1.0, 0.0]) + errors)
+        )
+
+    assert touches(shifted(frame) for frame in watch(lambda t: 0.0, 3.0)) == []
+    found = touches(shifted(frame) for frame in watch(lambda t: 4 * pulse(t, 0.8, 1.9), 3.0))
+    assert len(found) == 1, "a press during the shift strains the skin"
