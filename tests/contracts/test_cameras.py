@@ -78,6 +78,12 @@ def test_it_describes_itself(wired: Counterpart) -> None:
     assert wired.camera.size == (320, 320)
     json.dumps(wired.camera.describe())
     assert all(isinstance(value, int) for value in wired.camera.biases().values())
+    windows = wired.camera.roi()
+    json.dumps(windows)
+    told = {"prophesee": [[8, 16, 300, 280]]}
+    kind = Address.parse(wired.address).kind
+    assert windows == told.get(kind, windows)
+    assert all(len(window) == 4 for window in windows)
 
 
 def test_it_closes_twice(wired: Counterpart) -> None:

@@ -44,6 +44,10 @@ class HalDevice:
     def get_i_ll_biases(self) -> Any:
         return SimpleNamespace(get_all_biases=lambda: {"bias_diff_on": 25, "bias_diff_off": 28})
 
+    def get_i_roi(self) -> Any:
+        window = SimpleNamespace(x=8, y=16, width=300, height=280)
+        return SimpleNamespace(is_enabled=lambda: True, get_windows=lambda: [window])
+
     def get_i_events_stream(self) -> Any:
         return self
 

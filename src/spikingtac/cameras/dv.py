@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -18,6 +19,11 @@ AT_ONCE = 64
 """Batches that one read takes at most."""
 POLL_S = 0.0002
 """Sleep between two looks for a batch, s; the library's reader has no waiting call."""
+THRESHOLDS = {
+    "contrast_threshold_on": "getContrastThresholdOn",
+    "contrast_threshold_off": "getContrastThresholdOff",
+}
+"""Settings of a DVXplorer -> their getters."""
 
 
 class DvCamera(Camera):
@@ -43,6 +49,8 @@ class DvCamera(Camera):
             "model": reader.getCameraName(),
             "library": f"dv-processing {library.__version__}",
         }
+        serial = _told(reader, "getSerialNumber")
+        about |= {"serial": str(serial)} if serial else {}
         return cls(reader, about)
 
     def read(self, timeout_s: float) -> Rows | None:
@@ -85,6 +93,23 @@ class DvCamera(Camera):
     def describe(self) -> dict[str, Any]:
         """Return model and library."""
         return self._about
+
+    def biases(self) -> dict[str, int]:
+        """Return a DVXplorer's contrast thresholds; a DAVIS and a network stream tell none."""
+        told = {name: _told(self._reader, getter) for name, getter in THRESHOLDS.items()}
+        return {name: int(value) for name, value in told.items() if value is not None}
+
+    def roi(self) -> list[list[int]]:
+        """Return the window that sends; empty where the camera does not tell."""
+        area = _told(self._reader, "getCropArea")
+        return [] if area is None else [[int(value) for value in area]]
+
+
+def _told(reader: Any, getter: str) -> Any:
+    """Return what a getter tells; None where this kind of reader has none, or it fails."""
+    with contextlib.suppress(AttributeError, RuntimeError):
+        return getattr(reader, getter)()
+    return None
 
 
 def _network(library: Any, address: Address) -> Any:

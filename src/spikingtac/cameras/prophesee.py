@@ -97,6 +97,15 @@ class PropheseeCamera(Camera):
             return {}
         return {str(name): int(value) for name, value in facility.get_all_biases().items()}
 
+    def roi(self) -> list[list[int]]:
+        """Return the windows that send; empty where none is set, or the library does not tell."""
+        with contextlib.suppress(Exception):  # older versions lack the facility or its getters
+            facility = self._device.get_i_roi()
+            if facility.is_enabled():
+                windows = facility.get_windows()
+                return [[int(w.x), int(w.y), int(w.width), int(w.height)] for w in windows]
+        return []
+
 
 def _encoding(identity: Any) -> str:
     """Return the encoding of the stream, as EVT3 or ``EVT21;height=320;width=320``.

@@ -28,6 +28,19 @@ marker stays.)"""
 OVER_NEIGHBOURS = 4.0
 """A hot pixel sends so many times what the second busiest of its eight neighbours does. (A rim that
 moves even in the quietest windows makes several pixels busy; two hot pixels may touch.)"""
+WATCH_US = 500_000
+"""Window of the watch for pixels that become hot later, us of data time (ours)."""
+WATCH_EVENTS = 20
+"""A new hot pixel sends so many events in every window, 40 Hz (ours: rims at rest are silent)."""
+WATCH_WINDOWS = 4
+"""Windows in which it is busy and its neighbours are not, 2 s (ours). One in which they move is
+no evidence either way; one in which it is silent begins anew."""
+NEAR_PX = 2
+"""How far around it every pixel sends :data:`OVER_NEIGHBOURS` times less, px. (Stricter than at
+rest: the end of a thin arc that a vibration keeps busy has one busy neighbour. So two new hot
+pixels that touch are not found.)"""
+HOT = 255
+"""Mark of a hot pixel among the counted windows."""
 
 
 def quiet_events(
@@ -126,6 +139,116 @@ class HotPixelFilter:
         packet.require_map(self._hot.shape)
         keep = np.empty(len(packet), np.bool_)
         return packet.select(keep) if mark_kernel(self._hot, packet.x, packet.y, keep) else packet
+
+
+class HotPixelWatch:
+    """Drops the events of hot pixels, of the known ones and of those that become hot meanwhile.
+
+    A pixel that sends steadily while its neighbours are silent moves with no marker. Decisions are
+    made at fixed data times, so the packing of a stream does not matter.
+
+    Args:
+        hot_px: ``(h, 2)`` columns and rows of the known hot pixels, or None.
+        size: ``(width, height)`` of the sensor, px.
+
+    Attributes:
+        found: How many pixels became hot.
+    """
+
+    def __init__(self, hot_px: NDArray[np.int64] | None, size: tuple[int, int]) -> None:
+        self._counts = np.zeros(size[::-1], np.uint16)
+        self._windows = np.zeros(size[::-1], np.uint8)
+        if hot_px is not None:
+            self._windows[hot_mask(hot_px, size)] = HOT
+        self._until_us = np.iinfo(np.int64).min
+        self.found = 0
+
+    @property
+    def hot(self) -> NDArray[np.bool_]:
+        """``(height, width)`` which pixels are hot by now, the known ones included."""
+        return self._windows == HOT
+
+    def kept(self, packet: EventPacket) -> EventPacket:
+        """Return the packet without the events of hot pixels; itself if there is none.
+
+        Raises:
+            ConfigError: The packet comes from a sensor of another size.
+        """
+        if not len(packet):
+            return packet
+        packet.require_map(self._counts.shape)
+        keep = np.empty(len(packet), np.bool_)
+        maps = self._counts, self._windows
+        dropped, found, self._until_us = watch_kernel(
+            maps, self._until_us, (packet.x, packet.y, packet.t), keep
+        )
+        self.found += found
+        return packet.select(keep) if dropped else packet
+
+
+@njit(cache=True, nogil=True)
+def watch_kernel(
+    maps: tuple[NDArray[np.uint16], NDArray[np.uint8]],
+    until_us: int,
+    events: tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]],
+    keep: NDArray[np.bool_],
+) -> tuple[int, int, int]:
+    """Count and mark the events; return the dropped ones, new hot pixels, and the window's end.
+
+    Args:
+        maps: Events of each pixel in this window, and in how many windows it was busy alone.
+        until_us: End of this window, us.
+        events: Columns, rows and times, us.
+        keep: Filled with which events to keep.
+    """
+    counts, windows = maps
+    x, y, t = events
+    dropped = found = 0
+    for i in range(len(t)):
+        if t[i] >= until_us:
+            found += _judge_window(counts, windows)
+            counts[:] = 0
+            if t[i] - WATCH_US >= until_us:  # a whole window without any event
+                for row in range(windows.shape[0]):
+                    for column in range(windows.shape[1]):
+                        if windows[row, column] != HOT:
+                            windows[row, column] = 0
+            until_us = (t[i] // WATCH_US + 1) * WATCH_US
+        keep[i] = windows[y[i], x[i]] != HOT
+        if keep[i]:
+            counts[y[i], x[i]] += counts[y[i], x[i]] < 65_535
+        else:
+            dropped += 1
+    return dropped, found, until_us
+
+
+@njit(cache=True, nogil=True)
+def _judge_window(counts: NDArray[np.uint16], windows: NDArray[np.uint8]) -> int:
+    """Count the window where a pixel was busy alone; return how many pixels are hot by now."""
+    found = 0
+    for row in range(counts.shape[0]):
+        for column in range(counts.shape[1]):
+            if windows[row, column] == HOT:
+                continue
+            if counts[row, column] < WATCH_EVENTS:
+                windows[row, column] = 0
+            elif counts[row, column] > OVER_NEIGHBOURS * _busiest_nearby(counts, row, column):
+                windows[row, column] += 1
+                if windows[row, column] == WATCH_WINDOWS:
+                    windows[row, column] = HOT
+                    found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _busiest_nearby(counts: NDArray[np.uint16], row: int, column: int) -> int:
+    """Return the events of the busiest pixel around one."""
+    busiest = 0
+    for i in range(max(row - NEAR_PX, 0), min(row + NEAR_PX + 1, counts.shape[0])):
+        for j in range(max(column - NEAR_PX, 0), min(column + NEAR_PX + 1, counts.shape[1])):
+            if i != row or j != column:
+                busiest = max(busiest, int(counts[i, j]))
+    return busiest
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ were packed. Times are data times; nothing here reads a clock.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
 
 from spikingtac.errors import ConfigError
@@ -25,7 +25,7 @@ def follow(
     packets: Iterable[EventPacket],
     tracker: MarkerTracker,
     rate_hz: float,
-    losses: Mapping[str, int] | None = None,
+    losses: MutableMapping[str, int] | None = None,
     origin_us: int | None = None,
 ) -> Iterator[MarkerFrame]:
     """Track a stream and yield the markers at a regular rate.
@@ -39,7 +39,8 @@ def follow(
         packets: Packets in order of time, of any length.
         tracker: Any tracker, freshly made or reset.
         rate_hz: Estimates per second of data time.
-        losses: What their source counts, for the health; that of ``packets`` unless given.
+        losses: What their source counts, for the health; that of ``packets`` unless given. The
+            tracker's ``hot_pixels`` are counted there, too.
         origin_us: Time of the first estimate of the recording that ``packets`` are a part of, us:
             the part is estimated at the same times as the whole.
 
@@ -48,7 +49,8 @@ def follow(
     """
     refuse_path(packets)
     check_rate(rate_hz)
-    meter = HealthMeter(getattr(packets, "losses", {}) if losses is None else losses)
+    counted: MutableMapping[str, int] = getattr(packets, "losses", {}) if losses is None else losses
+    meter = HealthMeter(counted)
     stream = iter(packets)
     first = next((packet for packet in stream if len(packet)), None)
     if first is None:
@@ -62,6 +64,8 @@ def follow(
         for window in cut(itertools.chain([begun], stretch), edges_us):
             tracker.absorb(window)
             meter.absorb(window)
+            if hot_pixels := getattr(tracker, "hot_pixels", 0):
+                counted["hot_pixels"] = hot_pixels
             if times.includes(window.t_end_us):
                 yield tracker.estimate(window.t_end_us).with_health(meter.now())
 

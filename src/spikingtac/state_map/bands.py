@@ -71,6 +71,13 @@ class BandStateMap(GradedStateMap):
         super().repaint(levels)
         self._forget_contacts()
 
+    def restore(self, pixels: NDArray[np.bool_]) -> None:
+        """Paint ``(height, width)`` pixels as in the beginning; their last contact is not known."""
+        super().restore(pixels)
+        self._memory[pixels] += self._middle[pixels]
+        self.variance[pixels] = self._first_variance[pixels]
+        self.fired[pixels] = 0
+
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         super().reset()

@@ -118,6 +118,11 @@ class GradedStateMap:
         self._memory[:] = levels
         self.values[:] = levels
 
+    def restore(self, pixels: NDArray[np.bool_]) -> None:
+        """Paint ``(height, width)`` pixels as in the beginning."""
+        self._memory[pixels] = self._start[pixels]
+        self.values[pixels] = self._start[pixels]
+
     def reset(self) -> None:
         """Go back to the map that the object was made with."""
         self._memory[:] = self._start

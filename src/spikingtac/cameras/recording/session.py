@@ -158,7 +158,8 @@ class _Session:
         show: Callable[[Progress], object],
     ) -> None:
         self._source, self._folder, self._options, self._show = source, folder, options, show
-        self._biases = source.camera.biases()
+        settings = {"biases": source.camera.biases(), "roi": source.camera.roi()}
+        self._settings = {name: values for name, values in settings.items() if values}
         self._begun_s = self._ended_s = time.monotonic()
         self._described_s = self._shown_s = 0.0
         self._received = 0
@@ -243,7 +244,7 @@ class _Session:
             "camera": {
                 "address": str(source.address),
                 **source.camera.describe(),
-                "biases": self._biases,
+                **self._settings,
             },
             "losses": told.pop("losses"),
             "health": source_health(delivery.losses, delivery.rate_ev_s).summary(),

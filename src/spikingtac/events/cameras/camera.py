@@ -82,6 +82,10 @@ class Camera(ABC):
         """Return its biases by the maker's names; empty where it has none that can be read."""
         return {}
 
+    def roi(self) -> list[list[int]]:
+        """Return ``[x, y, width, height]`` of each window that sends, px; empty if not told."""
+        return []
+
     def truth(self) -> Mapping[str, NDArray[Any]]:
         """Return the arrays of ``truth.npz`` that do not grow; a simulation alone knows any."""
         return {}

@@ -40,12 +40,22 @@ KINDS: dict[str, str] = {
     "no_end_mark": "frames without the mark that ends their events; read to their end",
     "disconnected": "the camera was gone",
     "reconnected": "the camera came back; what happened meanwhile is missing",
+    "hot_pixels": "pixels that became hot while markers were followed; ignored since, no loss",
     "bad_record": "lines, records or chunks that do not parse or fail their checksum",
 }
 """Every kind that a source counts in its ``losses``, and what it means."""
 
 HARMLESS = frozenset(
-    {"trigger", "padding", "vendor_word", "duplicate", "before_zero", "own_clock", "other_data"}
+    {
+        "trigger",
+        "padding",
+        "vendor_word",
+        "duplicate",
+        "before_zero",
+        "own_clock",
+        "other_data",
+        "hot_pixels",
+    }
 )
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
-from spikingtac.events.hot_pixels import HotPixelFilter
+from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.band_locator import BandLocator, banded
 from spikingtac.markers.graded.corrections import OutputCorrections
 from spikingtac.markers.graded.disc_locator import VX, DiscLocator, X
@@ -95,7 +95,6 @@ class GradedTracker:
         """
         self._calibration = calibration = banded(calibration) if fit == "bands" else calibration
         self._law = law or NoLaw()
-        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._adapts = config.adapt_to_loss and fit == "disc"
         self._locator: DiscLocator | BandLocator
         if fit == "disc":
@@ -114,13 +113,17 @@ class GradedTracker:
         """The map as it stands; to be read, for a display or a picture, and not changed."""
         return self._locator.map
 
+    @property
+    def hot_pixels(self) -> int:
+        """How many pixels became hot meanwhile; their events are ignored."""
+        return self._hot.found
+
     def absorb(self, packet: EventPacket) -> None:
         """Take in every event of the next stretch of time, however long it is.
 
         Raises:
             ConfigError: The recording comes from a sensor of another size.
         """
-        packet = self._hot.kept(packet)
         # A fit looks for its disc nearby: where estimates are asked for rarely, some in between
         # keep it near.
         if self._due_us is None or self._due_us < packet.t_start_us:
@@ -132,7 +135,11 @@ class GradedTracker:
         self._take_in(packet)
 
     def _take_in(self, packet: EventPacket) -> None:
+        known = self._hot.found
+        packet = self._hot.kept(packet)
         self._locator.map.absorb(packet)
+        if self._hot.found > known:  # after the packet: no event of theirs follows
+            self._locator.map.restore(self._hot.hot)
         self._kept.count(packet, self._locator.pending)
 
     def estimate(self, t_us: int) -> MarkerFrame:
@@ -178,6 +185,7 @@ class GradedTracker:
         self._corrections.begin_at(position_px)
 
     def _start(self) -> None:
+        self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
         self._t_us: int | None = None
         self._due_us: int | None = None
         # Each task at its own phase: a step with two of them would be the slowest of all.

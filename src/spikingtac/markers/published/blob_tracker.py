@@ -18,7 +18,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
-from spikingtac.events.hot_pixels import HotPixelFilter
+from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
 from spikingtac.markers.periodic_task import PeriodicTask
@@ -125,7 +125,6 @@ class BlobTracker:
         self._config = config = _adapted(config, calibration)
         self._calibration = calibration
         self._denoiser = denoiser
-        self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._map = state_map or painted_binary_map(calibration)
         self._refreshed = _refreshable(self._map, config.refresh_us)
         self._law = law or NoLaw()
@@ -147,6 +146,11 @@ class BlobTracker:
     def state_map(self) -> StateMap:
         """The map as it stands; to be read, for a display or a picture, and not changed."""
         return self._map
+
+    @property
+    def hot_pixels(self) -> int:
+        """How many pixels became hot meanwhile; their events are ignored."""
+        return self._hot.found
 
     def absorb(self, packet: EventPacket) -> None:
         """Take in every event of the next stretch of time.
@@ -215,6 +219,7 @@ class BlobTracker:
         self._detected_px = position_px.astype(np.float64)
 
     def _start(self) -> None:
+        self._hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size)
         self._filter = self._new_filter()
         self._refreshing = PeriodicTask(self._config.refresh_us)
 

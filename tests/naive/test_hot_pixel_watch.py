@@ -1,0 +1,186 @@
+"""The watch for pixels that become hot later, against counts in plain numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.errors import ConfigError
+from spikingtac.events.hot_pixels import (
+    NEAR_PX,
+    OVER_NEIGHBOURS,
+    WATCH_EVENTS,
+    WATCH_US,
+    WATCH_WINDOWS,
+    HotPixelWatch,
+)
+from spikingtac.events.source import PacketSource
+from spikingtac.markers.graded.tracker import GradedTracker, GradedTrackerConfig
+from spikingtac.pipeline.track import track
+from spikingtac.types import EventPacket
+from stand_ins.rare_off import (
+    RADIUS_PX,
+    REST_PX,
+    presses_px,
+    rare_off_calibration,
+    rare_off_events,
+)
+from stand_ins.rare_off import SIZE as PRESSED_SIZE
+
+SIZE = (12, 9)
+CUTS = (1, 7, 250, 100_000)
+
+
+def packet(
+    x: np.ndarray, y: np.ndarray, t: np.ndarray, size: tuple[int, int] = SIZE
+) -> EventPacket:
+    order = np.argsort(t, kind="stable")
+    columns = x[order].astype(np.uint16), y[order].astype(np.uint16)
+    p = np.arange(len(t)) % 2 == 0
+    return EventPacket(*columns, p, t[order], int(t.min()), int(t.max()) + 1, size)
+
+
+def sending(x: int, y: int, rate_hz: float, span_s: tuple[float, float]) -> np.ndarray:
+    t = np.arange(span_s[0] * 1e6, span_s[1] * 1e6, 1e6 / rate_hz)
+    return np.column_stack([np.full(len(t), x), np.full(len(t), y), t]).astype(np.int64)
+
+
+def plain(events: EventPacket, known: set[tuple[int, int]]) -> tuple[list[int], int]:
+    """Return the indices of the kept events, and how many pixels became hot."""
+    hot, busy, kept = set(known), {}, []
+    windows = events.t // WATCH_US
+    places = list(zip(events.x.tolist(), events.y.tolist(), strict=True))
+    for window in range(int(windows[0]), int(windows[-1]) + 1):
+        inside = [i for i in np.flatnonzero(windows == window).tolist() if places[i] not in hot]
+        kept += inside
+        counts = {place: 0 for place in busy}
+        for i in inside:
+            counts[places[i]] = counts.get(places[i], 0) + 1
+        if window == int(windows[-1]):
+            break
+        for (x, y), count in counts.items():
+            around = [
+                counts.get((x + i, y + j), 0)
+                for i in range(-NEAR_PX, NEAR_PX + 1)
+                for j in range(-NEAR_PX, NEAR_PX + 1)
+                if (i, j) != (0, 0)
+            ]
+            if count < WATCH_EVENTS:
+                busy[x, y] = 0
+            elif count > OVER_NEIGHBOURS * max(around):
+                busy[x, y] = busy.get((x, y), 0) + 1
+        hot |= {place for place, alone in busy.items() if alone >= WATCH_WINDOWS}
+    return sorted(kept), len(hot) - len(known)
+
+
+def kept_by(watch: HotPixelWatch, events: EventPacket, cut: int) -> list[int]:
+    """Return the times of the events that are kept of packets of so many events."""
+    parts = [events.select(slice(i, i + cut)) for i in range(0, len(events), cut)]
+    return [int(t) for part in parts for t in watch.kept(part).t]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_packing_finds_what_plain_counts_find(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = 3_000
+    noise = np.column_stack([rng.integers(0, side, count) for side in (*SIZE, 8_000_000)])
+    noise = noise[(noise[:, 2] < 5_100_000) | (noise[:, 2] > 6_200_000)]
+    hot = [
+        sending(x, y, float(rng.uniform(150, 500)), (float(rng.uniform(0.0, 4.0)), 8.0))
+        for x, y in ((0, 0), (10, 2), (6, 7))
+    ]
+    x, y, t = np.concatenate([noise, *hot]).T
+    events = packet(x, y, t)
+    expected, found = plain(events, {(3, 4)})
+    assert found >= 2
+    for cut in CUTS:
+        watch = HotPixelWatch(np.array([[3, 4]]), SIZE)
+        assert kept_by(watch, events, cut) == events.t[expected].tolist()
+        assert watch.found == found
+        assert watch.hot.sum() == found + 1
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([sending(5, 4, 200.0, (0.0, 4.0))], 1),
+        ([sending(0, 0, 100.0, (0.0, 4.0)), sending(3, 0, 300.0, (0.0, 4.0))], 2),
+        ([sending(x, 4, 200.0, (0.0, 4.0)) for x in range(4, 8)], 0),
+        ([sending(5, 4, 30.0, (0.0, 4.0))], 0),
+        ([sending(5, 4, 500.0, (0.0, 1.4))], 0),
+        ([sending(5, 4, 500.0, (k, k + 0.5)) for k in range(6)], 0),
+    ],
+    ids=["one", "two, one in the corner", "a rim in motion", "too mild", "a burst", "on and off"],
+)
+def test_steady_and_alone_is_hot(rows: list[np.ndarray], expected: int) -> None:
+    x, y, t = np.concatenate([*rows, sending(11, 8, 2.0, (0.0, 6.0))]).T
+    watch = HotPixelWatch(None, SIZE)
+    watch.kept(packet(x, y, t))
+    assert watch.found == expected
+
+
+def test_nothing_hot_leaves_the_packet_alone_and_another_size_is_refused() -> None:
+    events = packet(np.array([3]), np.array([4]), np.array([5]))
+    assert HotPixelWatch(None, SIZE).kept(events) is events
+    with pytest.raises(ConfigError, match="do not fit a map"):
+        HotPixelWatch(None, (5, 5)).kept(events)
+
+
+class Pressed(PacketSource):
+    """Five times three presses; a pixel beside the first marker's rim gets hot after a second."""
+
+    def __init__(self, hot: bool) -> None:
+        once, span_us, end_us = rare_off_events(), 1_500_000, 7_500_000
+        t = np.concatenate([once.t + span_us * k for k in range(5)])
+        x, y, p = (np.tile(column, 5) for column in (once.x, once.y, once.p))
+        if hot:
+            more = np.arange(1_000_000, end_us, 2_500)
+            x = np.append(x, np.full(len(more), int(REST_PX[0, 0] + RADIUS_PX) + 2, np.uint16))
+            y = np.append(y, np.full(len(more), int(REST_PX[0, 1]), np.uint16))
+            p, t = np.append(p, np.ones(len(more), np.bool_)), np.append(t, more)
+        order = np.argsort(t, kind="stable")
+        columns = (
+            x[order].astype(np.uint16),
+            y[order].astype(np.uint16),
+            p[order].astype(np.bool_),
+            t[order],
+        )
+        super().__init__([EventPacket(*columns, 0, end_us, PRESSED_SIZE)], PRESSED_SIZE)
+
+
+def error_px(source: PacketSource, calibration: Calibration) -> float:
+    """Return the mean error of the first marker after 4 s, px."""
+    tracks = track(source, calibration, rate_hz=100.0)
+    late = tracks.t_us > 4_000_000
+    true_px = presses_px()[(tracks.t_us // 1_000) % 1_500, 0]
+    return float(np.hypot(*(tracks.detected_px[:, 0] - true_px).T)[late].mean())
+
+
+def test_a_pixel_that_becomes_hot_is_masked_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    calibration, source = rare_off_calibration(), Pressed(hot=True)
+    clean_px = error_px(Pressed(hot=False), calibration)
+    masked_px = error_px(source, calibration)
+    assert source.losses == {"hot_pixels": 1}
+    monkeypatch.setattr(HotPixelWatch, "kept", lambda self, events: events)
+    heard_px = error_px(Pressed(hot=True), calibration)
+    assert masked_px < clean_px + 0.05
+    assert heard_px > 2.0 * masked_px  # 1.37 px and 0.33 px
+
+
+@pytest.mark.parametrize("fit", ["disc", "bands"])
+def test_the_mask_depends_on_no_packing_and_a_reset_forgets_it(fit: str) -> None:
+    (whole,) = Pressed(hot=True)
+    ends: list[np.ndarray] = []
+    for pieces in (1, 50):
+        tracker = GradedTracker(GradedTrackerConfig(), rare_off_calibration(), fit=fit)
+        rest = whole
+        for at_us in np.linspace(0, whole.t_end_us, pieces + 1)[1:-1].astype(int).tolist():
+            first, rest = rest.split(at_us)
+            tracker.absorb(first)
+        tracker.absorb(rest)
+        ends.append(tracker.estimate(whole.t_end_us).detected_px)
+        assert tracker.hot_pixels == 1
+        tracker.reset()
+        assert tracker.hot_pixels == 0
+    np.testing.assert_array_equal(ends[0], ends[1])
