@@ -76,7 +76,9 @@ def plain(events: EventPacket, known: set[tuple[int, int]]) -> tuple[list[int], 
 
 def kept_by(watch: HotPixelWatch, events: EventPacket, cut: int) -> list[int]:
     """Return the times of the events that are kept of packets of so many events."""
-    parts = [events.select(slice(i, i + cut)) for i in range(0, len(events), cut)]
+    parts = [
+        events.select(np.arange(i, min(i + cut, len(events)))) for i in range(0, len(events), cut)
+    ]
     return [int(t) for part in parts for t in watch.kept(part).t]
 
 
