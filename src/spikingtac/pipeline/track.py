@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from spikingtac._version import package_version
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import Config, load_config
 from spikingtac.errors import CalibrationError
+from spikingtac.events.evt.raw_stream import is_stream
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.events.open import open_events
 from spikingtac.markers.registry import make_tracker
@@ -24,7 +27,7 @@ from spikingtac.pipeline.follow import follow
 from spikingtac.schema import to_mapping
 from spikingtac.touch.ageing import Swing, SwingRuns
 from spikingtac.touch.force.model import ForceEstimator, ForceModel, Wrench
-from spikingtac.tracks import Tracks, create_tracks
+from spikingtac.tracks import Tracks, TracksWriter, create_tracks
 from spikingtac.types import EventPacket, MarkerFrame
 
 PROGRESS_EVERY = 64
@@ -71,8 +74,10 @@ def track(
     tracker = make_tracker(tracking, calibration)
     tracks = Tracks.of(follow(packets, tracker, tracking.rate_hz), calibration)
     losses = {k: int(n) for k, n in getattr(packets, "losses", {}).items()}
+    triggers = getattr(packets, "triggers", Triggers()).columns()
     about = {"config": {"tracking": to_mapping(tracking)}, "losses": losses}
-    return replace(tracks, meta={**tracks.meta, **about, "package_version": package_version()})
+    meta = {**tracks.meta, **about, "package_version": package_version()}
+    return replace(tracks, meta=meta, **triggers)
 
 
 def track_to_file(
@@ -109,6 +114,7 @@ def track_to_file(
     counts = _Counts(len(calibration.reference_px))
     checked, runs = CheckedSource(source, calibration), SwingRuns(calibration)
     try:
+        _mark(writer, source, before=True)
         for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
             moved = frame.detected_px - calibration.reference_px
             runs.follow(moved)
@@ -118,11 +124,11 @@ def track_to_file(
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
-        health = source.counters().summary()
+        _mark(writer, source, before=False)
         provenance = provenance_of(source, config, file_digest(source.path))
-        meta = {**provenance, **calibration.scale(), "health": health}
-        found = {"calibration_misfit": checked.misfit, **_ageing(runs.swing())}
-        writer.close({**meta, **found})
+        found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
+        found |= _ageing(runs.swing())
+        writer.close({**provenance, **calibration.scale(), **found})
     except BaseException:
         writer.abandon()
         raise
@@ -130,10 +136,18 @@ def track_to_file(
         **counts.summary(),
         "rate_hz": config.rate_hz,
         "anomalies": dict(source.losses.kinds()),
-        "health": health,
         **found,
         "output": str(output),
     }
+
+
+def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool) -> None:
+    """Tell the trigger edges, known once all has been read: tables need them before their rows."""
+    if writer.marks_rows != before or (before and is_stream(source.path)):
+        return
+    if before:
+        deque(source, maxlen=0)
+    writer.mark(source.triggers.columns())
 
 
 def _ageing(swing: Swing | None) -> dict[str, Any]:

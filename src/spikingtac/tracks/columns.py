@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import MarkerFrame
 
 CSV_COLUMNS = (
@@ -52,6 +53,11 @@ VECTORS = ("detected_px", "position_px", "displacement_px")
 """Those that have an x and a y."""
 
 
+def by_attribute(values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return columns by the attributes of tracks instead of their keys in a file."""
+    return {FIELDS.get(name, name): array for name, array in values.items()}
+
+
 def stacked(frames: Sequence[MarkerFrame], markers: int) -> dict[str, NDArray[Any]]:
     """Return the values of frames by their keys in a file: ``t_us (n,)``, then ``(n, m, ...)``.
 
@@ -91,7 +97,33 @@ def long_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]
     for name in FORCES:
         if name in columns:
             rows |= _by_axis(name, np.repeat(columns[name], markers, axis=0))
+    if "trigger" in columns:
+        rows["trigger"] = np.repeat(columns["trigger"], markers)
     return rows
+
+
+def trigger_column(
+    t_us: NDArray[np.int64], triggers: Mapping[str, NDArray[Any]], since_us: int | None = None
+) -> dict[str, NDArray[Any]]:
+    """Return the column ``trigger``: the channel of the last edge since the estimate before.
+
+    Args:
+        t_us: ``(n,)`` times of the estimates, us.
+        triggers: Edges by their keys in a file, in order of time; none give no column.
+        since_us: Time of the estimate before the first one; None where there is none.
+    """
+    edges_us, channel, _ = (triggers.get(name, np.zeros(0)) for name in TRIGGERS)
+    if not len(edges_us):
+        return {}
+    before = 0 if since_us is None else np.searchsorted(edges_us, since_us, side="right")
+    passed = np.searchsorted(edges_us, t_us, side="right")
+    none = np.diff(passed, prepend=before) == 0
+    return {"trigger": np.ma.MaskedArray(channel.astype(np.int16)[passed - 1], mask=none)}
+
+
+def longest(vectors: NDArray[np.floating]) -> float:
+    """Return the length of the longest vector."""
+    return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
 
 
 def _by_axis(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -120,6 +152,10 @@ def require_shapes(values: Mapping[str, NDArray[Any]]) -> None:
     for name in FORCES:
         if name in values and values[name].shape != (*times, 3):
             raise ValueError(f"{name} has shape {values[name].shape}, not {(*times, 3)}")
+    edges = [values[name] for name in TRIGGERS if name in values]
+    shapes, kinds = {edge.shape for edge in edges}, "".join(edge.dtype.kind for edge in edges)
+    if edges and (kinds != "iub" or shapes != {(edges[0].size,)}):
+        raise ValueError(f"{', '.join(TRIGGERS)} must be rows of one length")
     for name in HEALTH_TYPES:
         if name in values and values[name].shape != times:
             raise ValueError(f"{name} has shape {values[name].shape}, not {times}")

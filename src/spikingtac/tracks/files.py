@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, write_text
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.events.formats.array_file import ColumnFile
-from spikingtac.tracks.columns import CSV_COLUMNS, long_columns, stacked
+from spikingtac.tracks.columns import CSV_COLUMNS, long_columns, stacked, trigger_column
 from spikingtac.types import MarkerFrame
 
 PARQUET_META = "spikingtac"
@@ -32,10 +32,15 @@ class TracksWriter(ABC):
         markers: How many markers each frame has.
     """
 
+    marks_rows = True
+    """Whether trigger edges mark the rows, and must be told before them."""
+
     def __init__(self, markers: int) -> None:
         self._markers = markers
         self._frames: list[MarkerFrame] = []
         self._measured: list[Mapping[str, NDArray[np.float64]]] = []
+        self._triggers: Mapping[str, NDArray[Any]] = {}
+        self._last_us: int | None = None
 
     def write(self, frame: MarkerFrame) -> None:
         """Append a frame."""
@@ -46,6 +51,10 @@ class TracksWriter(ABC):
     def measure(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
         """Add what was measured in the next frame: the same names with every frame, or never."""
         self._measured.append(columns)
+
+    def mark(self, triggers: Mapping[str, NDArray[Any]]) -> None:
+        """Tell the trigger edges by their keys in a file: where rows are marked, first."""
+        self._triggers = triggers
 
     def close(self, meta: Mapping[str, Any]) -> None:
         """Complete the file with what is known at the end; only then it appears."""
@@ -71,11 +80,16 @@ class TracksWriter(ABC):
             columns = stacked(frames, self._markers)
             for name in measured[0] if measured else ():
                 columns[name] = np.stack([row[name] for row in measured]).astype(np.float32)
+            if self.marks_rows:
+                columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
             self._append(columns)
+            self._last_us = frames[-1].t_us
 
 
 class NpzTracksWriter(TracksWriter):
     """Writes ``tracks.npz``; equal frames give equal bytes."""
+
+    marks_rows = False
 
     def __init__(self, path: Path, reference_px: NDArray[np.float64]) -> None:
         super().__init__(len(reference_px))
@@ -87,6 +101,8 @@ class NpzTracksWriter(TracksWriter):
         self._file.append(columns)
 
     def _complete(self, meta: Mapping[str, Any]) -> None:
+        for name, values in self._triggers.items():
+            self._file.set(name, values)
         self._file.set("meta", np.array(json.dumps(meta, sort_keys=True)))
         self._file.close()
 

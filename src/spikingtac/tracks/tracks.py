@@ -16,15 +16,18 @@ from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
 from spikingtac.events.formats.array_file import load_arrays
+from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
 from spikingtac.tracks.columns import (
-    FIELDS,
     FORCES,
     HEALTH_TYPES,
     VECTORS,
+    by_attribute,
     long_columns,
+    longest,
     require_shapes,
     stacked,
+    trigger_column,
 )
 from spikingtac.tracks.files import (
     CsvTracksWriter,
@@ -41,8 +44,6 @@ if TYPE_CHECKING:
 US_PER_S = 1_000_000
 DRAWING = "spikingtac.plots.tracks"
 """Module that draws tracks, found by its name: plots stand on tracks, and tracks on no plots."""
-MEASURED = FORCES
-"""Arrays that are there where a force model was given."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,6 +65,7 @@ class Tracks:
         torque_nm: ``(n, 3)`` estimated moment, Nm, where the force model knows it.
         gaps, overflows, damaged, reconnects, rate_ev_s: ``(n,)`` the health of the events as in
             :class:`~spikingtac.types.SourceHealth`; None in files of older versions.
+        trigger_t_us, trigger_channel, trigger_edge: ``(k,)`` trigger edges; None without any.
     """
 
     t_us: NDArray[np.int64]
@@ -82,6 +84,9 @@ class Tracks:
     damaged: NDArray[np.int32] | None = None
     reconnects: NDArray[np.int32] | None = None
     rate_ev_s: NDArray[np.float32] | None = None
+    trigger_t_us: NDArray[np.int64] | None = None
+    trigger_channel: NDArray[np.uint8] | None = None
+    trigger_edge: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         """Return one line for people."""
@@ -109,7 +114,7 @@ class Tracks:
         return cls(
             reference_px=calibration.reference_px.astype(np.float32),
             meta=calibration.scale(),
-            **_by_attribute(values),
+            **by_attribute(values),
         )
 
     @classmethod
@@ -125,7 +130,7 @@ class Tracks:
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")
             require_shapes(values)
-            return cls(meta=meta, **_by_attribute(values))
+            return cls(meta=meta, **by_attribute(values))
         except (RecordingError, ValueError, KeyError, TypeError, RecursionError) as error:
             other = kind_of(path) not in (None, "tracks") and told_kind(path)
             reason = other or str(error).rpartition("cannot be read as tracks: ")[2]
@@ -139,7 +144,8 @@ class Tracks:
         self._write(create_tracks(path, self.reference_px.astype(np.float64)))
 
     def _write(self, writer: TracksWriter) -> None:
-        felt = self._measured()
+        felt = self._known(FORCES)
+        writer.mark(self._known(TRIGGERS))
         try:
             for number, frame in enumerate(self.frames()):
                 if felt:
@@ -232,19 +238,21 @@ class Tracks:
             "displacement_max_px": largest_px,
             "displacement_max_marker": None if empty else int(marker),
             "displacement_max_t_us": None if empty else int(self.t_us[at]),
-            "displacement_max_mm": None if self.px_per_mm is None else _most(self.displacement_mm),
+            "displacement_max_mm": None
+            if self.px_per_mm is None
+            else longest(self.displacement_mm),
             "held_share": 0.0 if empty else float(self.coasted.mean()),
             "never_observed": np.flatnonzero(~seen.any(axis=0)).tolist() if estimates else [],
             "health": self._health_at_the_end(),
             "px_per_mm": self.px_per_mm,
-            "force_max_n": None if self.force_n is None else _most(self.force_n),
+            "force_max_n": None if self.force_n is None else longest(self.force_n),
         }
 
     def to_pandas(self) -> DataFrame:
         """Return the tracks as a table in long form: one row for each time and marker.
 
         Its columns are those of the CSV file, with ``displacement_x_mm`` and ``displacement_y_mm``
-        where the scale is known, and ``force_x_n`` and so on where the force is.
+        where the scale is known, ``force_x_n`` where the force is, ``trigger`` where any came.
 
         Raises:
             MissingExtraError: pandas is not installed.
@@ -259,7 +267,8 @@ class Tracks:
         if self.px_per_mm is not None:
             columns["displacement_mm"] = self.displacement_mm
         each = {"held": self.coasted, "confidence": self.confidence}
-        return pandas.DataFrame(long_columns({**columns, **each, **self._measured()}))
+        columns |= each | self._known(FORCES) | trigger_column(self.t_us, self._known(TRIGGERS))
+        return pandas.DataFrame(long_columns(columns))
 
     def to_parquet(self, path: str | Path) -> None:
         """Write the tracks as Parquet in long form, whatever the ending; see :meth:`save`."""
@@ -287,14 +296,5 @@ class Tracks:
         parts = [part for part in (self.force_n, self.torque_nm) if part is not None]
         return np.hstack(parts) if parts else None
 
-    def _measured(self) -> dict[str, NDArray[Any]]:
-        return {n: v for n in MEASURED if (v := getattr(self, n)) is not None}
-
-
-def _by_attribute(values: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    return {FIELDS.get(name, name): array for name, array in values.items()}
-
-
-def _most(vectors: NDArray[np.floating]) -> float:
-    """Return the length of the longest vector."""
-    return float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
+    def _known(self, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        return {name: v for name in names if (v := getattr(self, name)) is not None}

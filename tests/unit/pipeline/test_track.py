@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import spikingtac as st
+from spikingtac.events.create import create_events
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.pipeline.track import track_to_file
 from stand_ins.viewer import record_circling
 
@@ -30,6 +33,31 @@ def test_paths_and_objects_give_what_the_file_holds(folder: Path) -> None:
         np.testing.assert_array_equal(tracks.t_us, one.t_us)
         np.testing.assert_array_equal(tracks.detected_px, one.detected_px)
     assert tracks.meta["config"] == written.meta["config"]
+
+
+def test_triggers_of_the_recording_are_in_the_tracks(folder: Path, tmp_path: Path) -> None:
+    packets, edges = list(st.open_events(folder)), Triggers()
+    first_us = int(packets[0].t[0])
+    edges.append([first_us + 2_500, first_us + 7_000], 3, [True, False])
+    with create_events(tmp_path / "e.npz", packets[0].size) as writer:
+        for packet in packets:
+            writer.write(packet)
+        writer.add_triggers(edges)
+    calibration, config = st.Calibration.load(folder / "calibration.json"), st.load_config("fast")
+    tracking = config.with_tracking(rate_hz=500).tracking
+    for name in ("t.npz", "t.csv"):
+        source = st.open_events(tmp_path / "e.npz")
+        track_to_file(source, tmp_path / name, tracking, calibration)
+    for tracks in (
+        st.Tracks.load(tmp_path / "t.npz"),
+        st.track(tmp_path / "e.npz", calibration, config, rate_hz=500),
+    ):
+        found = (tracks.trigger_t_us, tracks.trigger_channel, tracks.trigger_edge)
+        for one, other in zip(found, edges.columns().values(), strict=True):
+            np.testing.assert_array_equal(one, other)
+    rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
+    marked = {(int(row["t_us"]) - first_us, row["trigger"]) for row in rows if row["trigger"]}
+    assert marked == {(4_000, "3"), (8_000, "3")}
 
 
 def test_mistakes_are_told(folder: Path) -> None:

@@ -177,6 +177,37 @@ def test_parquet_holds_the_values_with_their_types(tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "none.parquet").num_rows == 0
 
 
+def test_triggers_mark_the_row_after_them(tmp_path: Path) -> None:
+    """Across chunks, too; those after the last estimate mark no row, but stay in the archive."""
+    pytest.importorskip("pandas", reason="the extra [tables] is not installed")
+    pq = pytest.importorskip("pyarrow.parquet", reason="the extra [parquet] is not installed")
+    tracks = circling_tracks(estimates=FRAMES_PER_CHUNK + 2)
+    after_us = int(tracks.t_us[FRAMES_PER_CHUNK])
+    edges = {
+        "trigger_t_us": np.array([tracks.t_us[3], after_us - 5, after_us - 1, 10**9]),
+        "trigger_channel": np.array([0, 1, 6, 7], np.uint8),
+        "trigger_edge": np.array([True, False, True, True]),
+    }
+    replace(tracks, **edges).save(tmp_path / "t.npz")
+    marked = Tracks.load(tmp_path / "t.npz")
+    for name, values in edges.items():
+        np.testing.assert_array_equal(getattr(marked, name), values)
+    expected: list[int | None] = [None] * len(tracks.t_us)
+    expected[3], expected[FRAMES_PER_CHUNK] = 0, 6
+    for ending in ("csv", "parquet"):
+        marked.save(tmp_path / f"t.{ending}")
+    rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
+    in_csv = [row["trigger"] for row in rows[::64]]
+    assert in_csv == ["" if channel is None else str(channel) for channel in expected]
+    assert pq.read_table(tmp_path / "t.parquet")["trigger"].to_pylist()[63::64] == expected
+    in_pandas = marked.to_pandas()["trigger"][::64]
+    assert [None if np.isnan(v) else v for v in in_pandas] == expected
+    assert "trigger" not in tracks.to_pandas().columns
+    replace(tracks, **edges | {"trigger_edge": np.ones(2, bool)}).save(tmp_path / "odd.npz")
+    with pytest.raises(RecordingError, match="rows of one length"):
+        Tracks.load(tmp_path / "odd.npz")
+
+
 @pytest.mark.parametrize("ending", ["npz", "csv", "parquet"])
 def test_what_is_given_up_leaves_nothing(tmp_path: Path, ending: str) -> None:
     if ending == "parquet":

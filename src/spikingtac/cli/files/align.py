@@ -36,7 +36,10 @@ class Args(WriteArgs):
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
     """How the two clocks are aligned: host (one host recorded both), motion (both saw the same
-    motion), or auto: by the host where it is known, otherwise by the motion."""
+    motion), triggers (both cameras timed the edges of one line), or auto: by the host where it is
+    known, otherwise by the motion."""
+    trigger_channel: int | None = None
+    """Trigger input of that line, where both recordings hold several; it means --by triggers."""
     poses: Path | None = None
     """CSV of a robot's poses: a header with t_us, t_ms, t_s or timestamp; columns of numbers."""
     poses_clock: PoseClock = "auto"
@@ -107,7 +110,8 @@ def _two(args: Args, second: Path) -> dict[str, Any]:
     from spikingtac.events.open import open_events
 
     other = SecondFinger(args.first, second)
-    time_map, host_later_us = map_between(args.first, other, args.by)
+    by = args.by if args.trigger_channel is None else "triggers"
+    time_map, host_later_us = map_between(args.first, other, by, args.trigger_channel)
     told: dict[str, Any] = {"time_base": time_map.summary(), "host_later_us": host_later_us}
     if args.output is None:
         return told

@@ -13,6 +13,7 @@ from spikingtac.events.clocks.recorded import RecordedClock, clock_beside
 from spikingtac.events.clocks.retimed import RetimedSource
 from spikingtac.events.clocks.second import is_same_folder
 from spikingtac.events.clocks.shared_motion import course_of, through_motion
+from spikingtac.events.clocks.shared_triggers import SyncLine, through_triggers
 from spikingtac.events.clocks.time_map import TimeMap
 from spikingtac.events.evt.raw import RawParts, parts_of
 from spikingtac.events.formats.file_source import FileSource, ReadOptions
@@ -20,9 +21,9 @@ from spikingtac.events.manifest import MANIFEST, name_of, read_manifest
 from spikingtac.events.open import RECORDING_NAME, open_events
 from spikingtac.events.recording import RecordingWriter
 
-By = Literal["auto", "host", "motion"]
-"""How two clocks meet: at the host that recorded both, or in what both sensors felt; auto takes the
-host where the manifests know it."""
+By = Literal["auto", "host", "motion", "triggers"]
+"""How two clocks meet: at the host that recorded both, in what both sensors felt, or in a line
+whose edges both cameras timed; auto takes the host where the manifests know it, else the motion."""
 PoseClock = Literal["auto", "unix", "monotonic", "sensor", "motion"]
 """What the times of poses are: time of day, the host's monotonic clock, the sensor's own, or not
 known, to be found by motion; auto tells the first two by their size."""
@@ -51,12 +52,20 @@ class SecondFinger:
             self.source, self.clock = open_events(second), clock_beside(second)
 
 
-def map_between(first: Path, second: SecondFinger, by: By) -> tuple[TimeMap, float | None]:
+def map_between(
+    first: Path, second: SecondFinger, by: By, channel: int | None = None
+) -> tuple[TimeMap, float | None]:
     """Return the map from the second clock to the first, and how far the host's is from it.
 
+    Args:
+        first: Recording whose clock is the time base.
+        second: The other finger.
+        by: How the clocks meet.
+        channel: Trigger input of the sync line; None for the only one that both hold.
+
     Returns:
-        The map; and where it was found by motion and the host knew one too, how much later the
-        host's map puts the middle, us: what the cameras' transports differ by.
+        The map; and where it was not found by the host and the host knew one too, how much later
+        the host's map puts the middle, us: what the cameras' transports differ by.
 
     Raises:
         ConfigError: The host was asked for, and the manifests know none in common.
@@ -69,9 +78,13 @@ def map_between(first: Path, second: SecondFinger, by: By) -> tuple[TimeMap, flo
             "these recordings know no host in common (record both with: spikingtac record); "
             "find their clocks by what both felt: --by motion"
         )
-    if by_host is not None and by != "motion":
+    if by_host is not None and by in ("auto", "host"):
         return by_host, None
-    found = through_motion(course_of(second.source), course_of(open_events(first)))
+    if by == "triggers":
+        lines = SyncLine.of(second.source), SyncLine.of(open_events(first))
+        found = through_triggers(*lines, channel)
+    else:
+        found = through_motion(course_of(second.source), course_of(open_events(first)))
     if by_host is None:
         return found, None
     middle_us = np.array([round(found.own_us)])

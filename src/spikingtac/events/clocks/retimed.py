@@ -8,6 +8,7 @@ import numpy as np
 
 from spikingtac.events.clocks.live_map import LiveMap
 from spikingtac.events.clocks.time_map import TimeMap
+from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 
 
@@ -38,7 +39,7 @@ class RetimedSource(FileSource):
         return self._source.size
 
     def _columns(self) -> Iterator[Rows]:
-        self._source.losses, self._source.triggers = self.losses, self.triggers
+        self._source.losses, self._source.triggers = self.losses, Triggers()
         for x, y, p, own_us in self._source.columns():
             self.progress = self._source.progress
             t = self._map(np.asarray(own_us))
@@ -46,7 +47,16 @@ class RetimedSource(FileSource):
                 keep = t >= 0
                 self.losses.add("before_zero", int(len(t) - np.count_nonzero(keep)))
                 x, y, p, t = x[keep], y[keep], p[keep], t[keep]
+            self._place_triggers()
             yield x, y, p, t
+        self._place_triggers()
+
+    def _place_triggers(self) -> None:
+        """Put the trigger edges met so far on the other clock, too."""
+        edges = self._source.triggers
+        if len(edges):
+            self.triggers.append(self._map(edges.t_us), edges.channel, edges.edge)
+            edges.clear()
 
 
 def _words(time_map: TimeMap) -> str:

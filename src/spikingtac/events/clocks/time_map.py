@@ -40,7 +40,8 @@ class TimeMap:
         drift_ppm: How much faster the base clock runs, parts per million.
         error_us: Standard error of a mapped time at that moment, us.
         drift_error_ppm: Standard error of the drift; None where none could be learned.
-        learned_from: ``host`` (arrivals at one host), ``motion`` (what both saw) or ``taps``.
+        learned_from: ``host`` (arrivals at one host), ``motion`` (what both saw), ``triggers``
+            (a line that both timed) or ``taps``.
     """
 
     own_us: float = 0.0

@@ -59,6 +59,9 @@ HARMLESS = frozenset(
 )
 """Kinds that lose nothing; ``strict`` does not refuse them."""
 
+TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
+"""Columns of trigger edges in archives, where there are any."""
+
 JUMP_US = 1_000_000
 """A leap forward by so much is counted; sensors send events and time words far more often."""
 
@@ -118,6 +121,11 @@ class Triggers:
         chosen = Triggers()
         chosen.append(self.t_us[keep], self.channel[keep], self.edge[keep])
         return chosen
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns by their keys in archives; none where there are no edges."""
+        columns = (self.t_us, self.channel, self.edge)
+        return dict(zip(TRIGGERS, columns, strict=True)) if len(self) else {}
 
     def channels(self) -> dict[str, dict[str, int]]:
         """Return count, first and last time of each channel, us, by the channel's number."""

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.array_file import ARCHIVE_DAMAGE, PACKINGS
+from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.formats.limits import refuse_piece
 from spikingtac.events.tables.columns import Order, order_named, order_of_values
 from spikingtac.events.tables.table_source import CHUNK_ROWS, TableSource, rows_of
 from spikingtac.file_kinds import told_kind
 
-TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_edge")
-"""Columns of trigger edges, where there are any."""
 TABLE_WIDTHS = (4, 5)
 """Columns of an array of numbers that may be events."""
 _SIZES = ("size", "resolution", "sensor_size")

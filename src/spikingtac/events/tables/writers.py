@@ -12,7 +12,6 @@ from spikingtac.atomic_files import WholeFile
 from spikingtac.events.formats.aedat4 import EVENT, PACKET_HEAD, SIGNATURE
 from spikingtac.events.formats.array_file import ColumnFile
 from spikingtac.events.formats.codec import EventWriter, Triggers
-from spikingtac.events.tables.arrays import TRIGGERS
 from spikingtac.types import EventPacket
 
 _TYPES = {"t": np.dtype("<i8"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("?")}
@@ -50,9 +49,7 @@ class NpzWriter(EventWriter):
 
     def add_triggers(self, triggers: Triggers) -> None:
         """Append trigger edges; the file has their columns only where there are any."""
-        if len(triggers):
-            columns = (triggers.t_us, triggers.channel, triggers.edge)
-            self._file.append(dict(zip(TRIGGERS, columns, strict=True)))
+        self._file.append(triggers.columns())
 
     def close(self) -> None:
         """Complete the file; further calls do nothing."""
