@@ -26,6 +26,8 @@ LEAST_FOR_DRIFT = 3
 """Moments from which on a drift has an error that can be told."""
 LEAST_TO_REJECT = 8
 """Moments from which on some are left out: of fewer, which one is mistaken cannot be told."""
+MOST_ROUNDS = 50
+"""Rounds of leaving moments out: those at the very limit may come and go for ever."""
 ONE_SIGMA = 0.8413
 """Share of a normal distribution below one standard deviation."""
 
@@ -171,7 +173,7 @@ def _line(own: NDArray[np.float64], shift: NDArray[np.float64]) -> tuple[float, 
     if len(own) < LEAST_TO_REJECT:
         return _slope(own, shift), keep
     slope = _middle_slope(own, shift)
-    while True:
+    for _ in range(MOST_ROUNDS):
         rest = shift - slope * own
         rest -= np.median(rest[keep])
         sigma = SIGMA_PER_MAD * float(np.median(np.abs(rest[keep])))
@@ -182,6 +184,7 @@ def _line(own: NDArray[np.float64], shift: NDArray[np.float64]) -> tuple[float, 
         if (fewer == keep).all():
             return refined, keep
         keep, slope = fewer, refined
+    return slope, keep
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
