@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import ast
-import io
-import tokenize
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import pytest
 
-from stand_ins.source_trees import SOURCES
+from stand_ins.source_trees import SOURCES, code_lines
 
 PROJECT = SOURCES.parent
-LAYOUT = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
-    tokenize.ENDMARKER, tokenize.ENCODING,
-}  # fmt: skip
-"""Tokens that are no code."""
-Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 @dataclass(frozen=True)
@@ -41,26 +33,13 @@ MOST = {
 """Folder -> what it may hold."""
 
 
-def docstring_lines(tree: ast.Module) -> set[int]:
-    lines: set[int] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, Documented) and ast.get_docstring(node, clean=False) is not None:
-            first = node.body[0]
-            lines |= set(range(first.lineno, (first.end_lineno or first.lineno) + 1))
-    return lines
-
-
 def size_of(folder: Path) -> Size:
     files = lines = statements = 0
     for path in folder.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         tree = ast.parse(text)
-        code: set[int] = set()
-        for token in tokenize.generate_tokens(io.StringIO(text).readline):
-            if token.type not in LAYOUT:
-                code |= set(range(token.start[0], token.end[0] + 1))
         files += 1
-        lines += len(code - docstring_lines(tree))
+        lines += code_lines(text)
         statements += sum(isinstance(node, ast.stmt) for node in ast.walk(tree))
     return Size(files, lines, statements)
 

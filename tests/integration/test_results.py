@@ -46,14 +46,14 @@ def test_compare_gives_the_error_between_tracks_and_to_a_truth(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = told(capsys, "compare", "one.npz", "other.npz", "--plot", "c.png", "--table", "c.csv")
-    assert found["error_mean_px"] == pytest.approx(0.5, abs=1e-3)
-    assert found["error_mean_mm"] == pytest.approx(0.5 / 15.5, abs=1e-4)
+    assert found["difference_mean_px"] == pytest.approx(0.5, abs=1e-3)
+    assert found["difference_mean_mm"] == pytest.approx(0.5 / 15.5, abs=1e-4)
     assert (folder / "c.png").is_file()
     assert len((folder / "c.csv").read_text().splitlines()) == 65
     for truth in ("truth.npz", "."):
         assert told(capsys, "compare", "one.npz", truth)["error_mean_px"] < 1e-3
     assert main(["compare", "one.npz", "other.npz"]) == 0
-    assert "error mean px" in capsys.readouterr().out
+    assert "difference mean px" in capsys.readouterr().out
 
 
 def test_compare_refuses_what_is_neither(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ from spikingtac.events.recording import RecordingWriter
 from spikingtac.tracks import create_tracks
 from spikingtac.types import EventPacket
 
-NAMES = ("a.raw", "a.npz", "a.csv", "a.es", "a.aedat4", "a.h5")
+NAMES = ("a.raw", "a.npz", "a.csv", "a.aedat4", "a.h5")
 SIZE = (320, 240)
 
 

@@ -4,7 +4,7 @@
 from .arm import Arm as Arm
 from .arm import ArmState as ArmState
 from .arm import TruthfulArm as TruthfulArm
-from .arm import open_arm as open_arm
+from .open import open_arm as open_arm
 from .ur import URArm as URArm
 from .ur import URConfig as URConfig
 from .verified_stop import StopConfig as StopConfig

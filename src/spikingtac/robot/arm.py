@@ -7,7 +7,6 @@ point, which stands at the tip of the probe at rest.
 from __future__ import annotations
 
 import enum
-import importlib
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,10 +17,6 @@ from spikingtac.types import Pose
 
 SPEED_LIMIT_MM_S = 1000.0
 """Largest tool speed that is accepted, mm/s (UR3 manual, 1 m/s)."""
-
-
-TWIN_ARM = "spikingtac.sim.twin_arm"
-"""Module of the simulated arm."""
 
 
 class ArmState(enum.Enum):
@@ -106,21 +101,3 @@ def checked_target(target_mm: NDArray[np.float64], speed_mm_s: float) -> NDArray
             f"the speed is {speed_mm_s} mm/s, valid is above 0 up to {SPEED_LIMIT_MM_S}"
         )
     return target
-
-
-def open_arm(address: str) -> Arm:
-    """Return the arm at an address: a simulated one at ``twin:``, else a UR arm on the network.
-
-    Raises:
-        ConfigError: The address is empty, or ``twin:`` is followed by something.
-        MissingExtraError: The arm's library is not installed.
-        DeviceError: The controller does not answer, or refuses.
-    """
-    kind, colon, rest = address.partition(":")
-    if not address or (kind == "twin" and (rest or not colon)):
-        raise ConfigError(f"no arm {address!r} (valid: twin:, or the address of a UR arm)")
-    if kind == "twin":  # loaded by name: the twin is built on this module
-        return importlib.import_module(TWIN_ARM).RealTimeArm()
-    from spikingtac.robot.ur import URArm
-
-    return URArm(address)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from spikingtac.batch import begin_run
 from spikingtac.sim import TRAJECTORIES
 from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
+from spikingtac_paper.harness.report import Report, Row, lines_of, rows_of, write_report
 from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
 from spikingtac_paper.point_tracking.ablation import (
     ABLATION_SCENES,
@@ -82,7 +82,6 @@ def run(options: RunOptions) -> dict[str, Any]:
     rows = rows_of(records, POINT_METRICS, PUBLISHED, paper_case=ALL)
     scenes = {record["trial"]["case"]: record["key"] for record in records}
     about = provenance(options.command("experiment", NAME), settings | {"methods": names})
-    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
     report = Report(
         experiment=NAME,
         title="Point tracking" + (": ablations" if options.ablations else ""),
@@ -90,19 +89,24 @@ def run(options: RunOptions) -> dict[str, Any]:
         rows=rows,
         first=FIRST,
         findings=lines_of(rows, FIRST, ("default",)),
-        figures=[]
-        if options.ablations
-        else [
-            (
-                f"{metric} of each of the ten sequences (simulated)",
-                dot_figure(rows, labels, [one for one in DRAWN if one in names], metric),
-            )
-            for metric in ("return_mean_px", "error_mean_px")
-        ],
+        figures=[] if options.ablations else _figures(rows, names),
         methods={name: known[name].about for name in names if name in known}
         | {TRUTH: "the true positions: their return distance is the residual of the gel"},
     )
     return write_report(report, options.output, trials=len(jobs))
+
+
+def _figures(rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str, Any]]:
+    """Return the figures of the ten sequences, each with its caption."""
+    labels = {scene: f"{number}\n{scene}" for number, scene in enumerate(TRAJECTORIES, 1)}
+    drawn = [one for one in DRAWN if one in names]
+    return [
+        (
+            f"{metric} of each of the ten sequences (simulated)",
+            dot_figure(rows, labels, drawn, metric),
+        )
+        for metric in ("return_mean_px", "error_mean_px")
+    ]
 
 
 def _trials(options: RunOptions, seeds: range) -> Iterator[tuple[Trial, tuple[str, ...]]]:

@@ -124,7 +124,7 @@ def _require_readable(args: Args) -> None:
 
 def start(args: Args) -> ContactProcess:
     """Start the process that watches the stream and stops the arm."""
-    from spikingtac.robot.arm import open_arm
+    from spikingtac.robot.open import open_arm
     from spikingtac.stream.arrivals import stream_arrivals
     from spikingtac.stream.guard import ContactProcess
     from spikingtac.stream.host import Factory
