@@ -23,12 +23,12 @@ class Size:
 
 
 MOST = {
-    "src/spikingtac": Size(565, 41_000, 36_200),
-    "src/spikingtac_paper": Size(110, 8_700, 6_800),
-    "src/spikingtac_hardware": Size(14, 1_600, 1_450),
-    "integrations": Size(6, 300, 280),
-    "tests": Size(400, 34_000, 29_000),
-    "benchmarks": Size(12, 1_500, 1_300),
+    "src/spikingtac": Size(402, 38_600, 34_200),
+    "src/spikingtac_paper": Size(82, 7_510, 5_960),
+    "src/spikingtac_hardware": Size(13, 1_580, 1_430),
+    "integrations": Size(5, 235, 220),
+    "tests": Size(356, 30_300, 26_150),
+    "benchmarks": Size(4, 930, 720),
 }
 """Folder -> what it may hold."""
 
