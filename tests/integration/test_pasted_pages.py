@@ -29,13 +29,17 @@ def without_a_screen() -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def small_scenes() -> Iterator[None]:
-    """The scenes that the pages name, on a sensor of sixteen markers: a quarter of the time."""
+    """The scenes that the pages name, on a sensor of sixteen markers, and forces by regression.
+
+    The whole sensor takes four times as long, and a network's training minutes more.
+    """
     twist = to_mapping(catalog.load("finger-torsion"))
     for part, settings in SENSOR.items():
         twist[part] |= settings
     scenes = {"bootstrap": slides_scene(), "finger-torsion": build(Scene, twist, "small twin")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(catalog, "load", lambda name: scenes[name])
+        patch.setattr("spikingtac.touch.force.fit.network_trainer", lambda: None)
         yield
 
 

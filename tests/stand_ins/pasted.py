@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -65,6 +67,13 @@ def paste(page: Path, begin: str = "", ready: Collection[str] = ()) -> int:
                 rest += SHORT if "--export" in rest else ("--headless", *SHORT, "--port", "0")
             elif verb == "simulate":
                 rest += SHORTER[rest[0]]
-            assert main([verb, *rest]) == 0, piece
+            assert _run(verb, rest) == 0, piece
         ran += 1
     return ran
+
+
+def _run(verb: str, rest: list[str]) -> int:
+    """Run a verb; one on the twin as a program, whose scene is that of its camera's process."""
+    if not any(word.startswith("twin:") for word in rest):
+        return main([verb, *rest])
+    return subprocess.run([sys.executable, "-m", "spikingtac", verb, *rest]).returncode
