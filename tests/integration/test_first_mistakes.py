@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.cli.demo import Args
 from spikingtac.cli.main import main
 from spikingtac.cli.registry import verbs
-from spikingtac.cli.twin.demo import Args
 from spikingtac.errors import RecordingError
 from spikingtac.events.open import open_events
 from spikingtac.tracks import create_tracks

@@ -40,17 +40,7 @@ VERBS: dict[str, str] = {
     "cameras": "list the cameras that are plugged in, and the ways to reach one",
     "doctor": "check this machine: extras, CPU governor, USB, cameras, clock; measure a camera",
 }
-"""Verb -> one line of help."""
-
-FOLDERS: dict[str, tuple[str, ...]] = {
-    "files": ("info", "convert", "export", "record", "align"),
-    "robot": ("probe", "guard"),
-    "sensing": ("calibrate", "track", "contact", "touch", "force"),
-    "system": ("cameras", "doctor"),
-    "twin": ("demo", "simulate"),
-    "viewing": ("view", "ros2", "foxglove", "plot", "compare"),
-}
-"""Folder of :mod:`spikingtac.cli` -> its verbs; each module has ``Args`` and ``run(args)``."""
+"""Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``."""
 
 OVERVIEW = """\
 usage: spikingtac VERB [options]
@@ -95,10 +85,7 @@ def overview() -> str:
 
 def module_of(verb: str) -> str:
     """Return the full name of the module of a verb."""
-    if verb not in VERBS:
-        return added_verbs()[verb]
-    folder = next(folder for folder, verbs in FOLDERS.items() if verb in verbs)
-    return f"spikingtac.cli.{folder}.{verb}"
+    return f"spikingtac.cli.{verb}" if verb in VERBS else added_verbs()[verb]
 
 
 def _first_line(module: str) -> str:

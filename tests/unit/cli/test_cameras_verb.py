@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from spikingtac.cameras import found
+from spikingtac.cli import machine
 from spikingtac.cli.main import main
-from spikingtac.cli.system import machine
 from spikingtac.events.cameras.kinds import KINDS
 from stand_ins.camera_counterparts import with_module
 

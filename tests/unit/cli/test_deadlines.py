@@ -61,7 +61,7 @@ def test_track_asks_before_it_follows(
     asked: bool, recording: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[str] = []
-    module = "spikingtac.cli.sensing.track"
+    module = "spikingtac.cli.track"
     monkeypatch.setattr(f"{module}.require_live", lambda _: calls.append("checked"))
     monkeypatch.setattr(f"{module}.ask_for_real_time", lambda: calls.append("asked"))
     output = recording.with_name("tracks.npz")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.files import convert, info
+from spikingtac.cli import convert, info
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.events import create_events, open_events

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.cli.viewing import view
+from spikingtac.cli import view
 from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
 from spikingtac.viewer.web import show as show_module
 

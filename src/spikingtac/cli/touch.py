@@ -13,14 +13,14 @@ from spikingtac.atomic_files import require_free
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark, warn
-from spikingtac.cli.sensing.touch_rows import (
+from spikingtac.cli.touch_rows import (
     print_rows,
     print_vibration,
     touch_row,
     vibration_row,
     write_rows,
 )
-from spikingtac.cli.sensing.touch_watch import WatchArgs, Watched, track, watch
+from spikingtac.cli.touch_watch import WatchArgs, Watched, track, watch
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.robot.probe_result import ProbedHole, TrueHole
-from spikingtac.cli.robot.probe_search import (
+from spikingtac.cli.probe_result import ProbedHole, TrueHole
+from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     ProbeArgs,
     probing_style,

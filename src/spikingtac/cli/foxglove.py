@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.viewing.publishing import (
+from spikingtac.cli.publishing import (
     PublishArgs,
     feed_of,
     publish_until,

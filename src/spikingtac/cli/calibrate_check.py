@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from spikingtac.cli.calibrate_args import Args
 from spikingtac.cli.many import means_many, require_folder, run_many
 from spikingtac.cli.messages import emit_json, progress, remark
-from spikingtac.cli.sensing.calibrate_args import Args
 
 EXIT_FOREIGN = 1
 """The input is at fault: it does not fit the calibration."""

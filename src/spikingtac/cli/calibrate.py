@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spikingtac.cli.calibrate_args import Args
+from spikingtac.cli.calibrate_check import run_check
 from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.many import means_many
 from spikingtac.cli.messages import emit_json, emit_table, progress, remark
-from spikingtac.cli.sensing.calibrate_args import Args
-from spikingtac.cli.sensing.calibrate_check import run_check
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:

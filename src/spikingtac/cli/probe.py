@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from spikingtac.cli.messages import emit_json, emit_table, remark
-from spikingtac.cli.robot.probe_search import ProbeArgs as Args
+from spikingtac.cli.probe_search import ProbeArgs as Args
 
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
-    from spikingtac.cli.robot import probe_arm, probe_twin
-    from spikingtac.cli.robot.probe_result import output_paths, write
-    from spikingtac.cli.robot.probe_search import check
+    from spikingtac.cli import probe_arm, probe_twin
+    from spikingtac.cli.probe_result import output_paths, write
+    from spikingtac.cli.probe_search import check
 
     check(args)
     paths = output_paths(args.output, args.overwrite)

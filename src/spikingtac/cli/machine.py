@@ -98,7 +98,7 @@ def _libraries() -> Iterator[Finding]:
     else:
         yield Finding("libraries", "ok", "complete")
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[2]
+    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[1]
     # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
     standing = next(path for path in (folder, *folder.parents) if path.exists())
     yield _noted(

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.viewing.publishing import (
+from spikingtac.cli.publishing import (
     PublishArgs,
     feed_of,
     publish_until,

@@ -12,7 +12,7 @@ import tyro
 
 from spikingtac.cli.messages import emit_json, remark, warn
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.robot.termination import ended_by_sigterm
+from spikingtac.cli.termination import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 

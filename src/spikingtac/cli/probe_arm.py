@@ -9,15 +9,15 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.robot.probe_result import ProbedHole
-from spikingtac.cli.robot.probe_search import (
+from spikingtac.cli.probe_result import ProbedHole
+from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     ProbeArgs,
     probing_style,
     resolved_config,
     search,
 )
-from spikingtac.cli.robot.termination import ended_by_sigterm
+from spikingtac.cli.termination import ended_by_sigterm
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of

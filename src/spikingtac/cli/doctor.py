@@ -7,9 +7,9 @@ from typing import Annotated
 
 import tyro
 
+from spikingtac.cli.machine import delivery, inspect_machine
 from spikingtac.cli.messages import emit_json, emit_table
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.system.machine import delivery, inspect_machine
 from spikingtac.errors import ConfigError
 
 EXIT_MACHINE = 3

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli import probe_arm, probe_twin
 from spikingtac.cli.main import main
-from spikingtac.cli.robot import probe_arm, probe_twin
-from spikingtac.cli.robot.probe import Args, run
-from spikingtac.cli.robot.probe_result import output_paths
+from spikingtac.cli.probe import Args, run
+from spikingtac.cli.probe_result import output_paths
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqConfig, RobotiqGripper
 from spikingtac.sim.rig.walls import HoleWall, NoWall

@@ -1,1 +1,0 @@
-"""Verbs that move a robot."""

@@ -1,1 +1,0 @@
-"""Verbs that turn events into results."""

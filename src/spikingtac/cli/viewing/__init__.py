@@ -1,1 +1,0 @@
-"""Verbs that show recordings and results."""
