@@ -68,11 +68,11 @@ def test_the_readme_makes_every_file_before_it_is_used() -> None:
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     shell = text[text.index("## From the command line") :].split("```")[1]
     made = set(re.findall(r"-o (\S+)", shell))
-    python = text[text.index("## In twenty lines") :].split("```")[1]
-    used = set(re.findall(r'(?:load|open_events)\("([^"]+)"\)', python)) - {"default"}
+    python = text[text.index("## In ten lines") :].split("```")[1]
+    used = set(re.findall(r'(?:load|track)\("([^"]+)"', python)) - {"default"}
     assert used
     assert used <= made
-    assert text.index("## From the command line") < text.index("## In twenty lines")
+    assert text.index("## From the command line") < text.index("## In ten lines")
 
 
 def test_links_lead_somewhere() -> None:
