@@ -1,6 +1,6 @@
 """Skins under drawn contacts, and how cameras see them: what laws of touch are fitted to.
 
-Contacts are drawn by ``spikingtac_paper.touch.slides`` and stepped without a camera. No
+Contacts are drawn by ``spikingtac_paper.touch.contacts`` and stepped without a camera. No
 contact scene is drawn from.
 """
 
@@ -18,8 +18,7 @@ from spikingtac.sim.optics import Optics, OpticsConfig
 from spikingtac.sim.scene.scene import Scene, SkinConfig
 from spikingtac.sim.scene.source import SceneSource
 from spikingtac.sim.states import SkinState, image_radius_px
-from spikingtac_paper.touch.bodies import Body
-from spikingtac_paper.touch.slides import KINDS, draw_slide
+from spikingtac_paper.touch.contacts import KINDS, Body, draw_contact
 
 Field = NDArray[np.float64]
 
@@ -57,7 +56,7 @@ def drawn(work: Path, number: int, draw: Draw) -> Path:
     path = work / f"skin_{number:05d}.npz"
     if not path.exists():
         rng = np.random.default_rng(draw.first_seed + number)
-        slide = draw_slide(rng, bodies=draw.bodies, kinds=KINDS, gels=draw.gels)
+        slide = draw_contact(rng, bodies=draw.bodies, kinds=KINDS, gels=draw.gels)
         scene = moved_scene(slide.scene, rng)
         frames = [state for state, _ in SceneSource(scene, number).frames()][::EVERY]
         np.savez(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.touch.patch import FEATURES, SIDE, PatchFeatures
-from spikingtac_paper.touch.bodies import BOTH_RADII, Body
+from spikingtac_paper.touch.contacts import BOTH_RADII, Body
 from spikingtac_paper.training.small_networks import Schedule, export, fit
 
 Field = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Contacts on the twin that the slip model is fitted to, as camera and tracker see them.
 
-They are drawn by ``spikingtac_paper.touch.slides``. What the experiment scores is drawn from
+They are drawn by ``spikingtac_paper.touch.contacts``. What the experiment scores is drawn from
 other seeds, with a body that is not drawn here.
 """
 
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from spikingtac.sim.gel.gel import GelConfig
 from spikingtac.touch.slip.stream import FEATURES, FeatureStream
-from spikingtac_paper.touch.slides import CARRY, KINDS, VARIED_KINDS, draw_slide
-from spikingtac_paper.touch.watched_slides import WatchedSlide, watch_slide
+from spikingtac_paper.touch.contacts import CARRY, KINDS, VARIED_KINDS, draw_contact
+from spikingtac_paper.touch.slip import WatchedContact, watch_contact
 
 Field = NDArray[np.float64]
 
@@ -64,8 +64,8 @@ def contact(folder: Path, sample: Sample, number: int, *, carried: bool = False)
     if not path.exists():
         seed = (FIRST_CARRIED_SEED if carried else FIRST_SEED) + number
         kinds = (CARRY,) if carried else sample.kinds
-        slide = draw_slide(np.random.default_rng(seed), kinds=kinds, gels=sample.gels)
-        watched = watch_slide(slide, seed)
+        slide = draw_contact(np.random.default_rng(seed), kinds=kinds, gels=sample.gels)
+        watched = watch_contact(slide, seed)
         np.savez(
             path,
             features=features_of(watched).astype(np.float32),
@@ -78,7 +78,7 @@ def contact(folder: Path, sample: Sample, number: int, *, carried: bool = False)
     return path
 
 
-def features_of(watched: WatchedSlide) -> Field:
+def features_of(watched: WatchedContact) -> Field:
     """Return the features ``(n, FEATURES)`` of every frame; nan where there are none."""
     stream = FeatureStream(watched.reference_px)
     out = np.full((len(watched.t_us), FEATURES), np.nan)

@@ -9,9 +9,8 @@ import pytest
 
 import spikingtac as st
 from spikingtac.cli.main import main
-from spikingtac_paper.touch.slides import draw_slide
-from spikingtac_paper.touch.slip_scores import GROSS_SHARE, LATE_US
-from spikingtac_paper.touch.watched_slides import watch_slide
+from spikingtac_paper.touch.contacts import draw_contact
+from spikingtac_paper.touch.slip import GROSS_SHARE, LATE_US, watch_contact
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
@@ -71,7 +70,7 @@ def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A finger is dragged over the twin, at 40 mm/s, until nothing of its contact sticks."""
     seed = 2
-    watched = watch_slide(draw_slide(np.random.default_rng(seed), kinds=("slide",)), seed)
+    watched = watch_contact(draw_contact(np.random.default_rng(seed), kinds=("slide",)), seed)
     path, table = tmp_path / "slide.npz", tmp_path / "touches.csv"
     detected_px = watched.reference_px + watched.moved_px
     np.savez(path, t_us=watched.t_us, reference_px=watched.reference_px, detected_px=detected_px)

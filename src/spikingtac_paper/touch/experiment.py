@@ -2,40 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from types import ModuleType
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from spikingtac.batch import begin_run
 from spikingtac_paper.harness.report import Metric, Report, lines_of, rows_of, write_report
-from spikingtac_paper.harness.run import RunOptions, provenance, select_methods
-from spikingtac_paper.touch import (
-    recorded_forces,
-    twin_patches,
-    twin_slip,
-    twin_touches,
-    twin_wrench,
-)
+from spikingtac_paper.harness.run import Record, RunOptions, provenance, select_methods
+from spikingtac_paper.touch import forces, patches, slip, touches
 
 NAME = "touch"
-TOUCH_SEEDS, SEEDS = 3, 1
-"""Seeds of the touches, and of the other simulated parts, unless their number is given: three each
-would make a run three times as long."""
-SIMULATED = {
-    twin_wrench: twin_wrench.wrench_records,
-    twin_touches: twin_touches.touch_records,
-    twin_patches: twin_patches.patch_records,
-    twin_slip: twin_slip.slip_records,
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A simulated part of the experiment, repeated for each seed.
+
+    Attributes:
+        methods: Name -> one line about it.
+        records: From names of methods, seed and whether the run is quick to records.
+        full_seeds: Seeds of a full run, unless their number is given. Three of each part would make
+            it three times as long.
+    """
+
+    methods: Mapping[str, str]
+    records: Callable[[list[str], int, bool], list[Record]]
+    full_seeds: int = 1
+
+    def seeds(self, options: RunOptions) -> range:
+        """Return the seeds of a run."""
+        own = 1 if options.quick else self.full_seeds
+        return range(options.seed, options.seed + (options.seeds or own))
+
+
+PARTS = {
+    "wrench": Part(forces.TWIN_METHODS, forces.wrench_records),
+    "touches": Part(touches.METHODS, touches.touch_records, full_seeds=3),
+    "patch": Part(patches.METHODS, patches.patch_records),
+    "slip": Part(slip.METHODS, slip.slip_records),
 }
-"""The simulated parts, each with what makes its records of one seed."""
-PARTS = (recorded_forces, *SIMULATED)
-METHODS: dict[str, str] = {name: about for part in PARTS for name, about in part.METHODS.items()}
+METHODS: dict[str, str] = {**forces.RECORDED_METHODS}
+for _part in PARTS.values():
+    METHODS |= _part.methods
 METRICS: tuple[Metric, ...] = (
-    *recorded_forces.METRICS,
-    *twin_wrench.METRICS,
-    *twin_touches.METRICS,
-    *twin_patches.METRICS,
-    *twin_slip.METRICS,
+    *forces.METRICS,
+    *touches.METRICS,
+    *patches.METRICS,
+    *slip.METRICS,
 )
 FIRST = ("force/pooled", "wrench/all", "wrench-typical/all", "wrench-noisy/all", "touches/all",
          "patch/all", "slip/all", "held/all")  # fmt: skip
@@ -45,21 +58,19 @@ FIRST = ("force/pooled", "wrench/all", "wrench-typical/all", "wrench-noisy/all",
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary.
 
-    Every simulated part is repeated for each seed; see :data:`TOUCH_SEEDS`.
-
     Raises:
         ConfigError: A method is unknown, a seed is none of this experiment's, or the folder holds
             other results.
     """
     names = select_methods(METHODS, options.methods)
-    if _chosen(twin_slip, names):
-        twin_slip.require_seeds(_seeds(options, twin_slip))
+    if slip.METHODS.keys() & names:
+        slip.require_seeds(PARTS["slip"].seeds(options))
     settings = {
         "experiment": NAME,
         "quick": options.quick,
         "first_seed": options.seed,
-        "seeds": len(_seeds(options, twin_slip)),
-        "touch_seeds": len(_seeds(options, twin_touches)),
+        "seeds": len(PARTS["slip"].seeds(options)),
+        "touch_seeds": len(PARTS["touches"].seeds(options)),
         "methods": names,
     }
     begin_run(options.output, settings, options.resume, options.overwrite)
@@ -77,24 +88,15 @@ def run(options: RunOptions) -> dict[str, Any]:
     return write_report(report, options.output, trials=len(records))
 
 
-def _chosen(part: ModuleType, names: Sequence[str]) -> list[str]:
-    """Return the methods of a part that are to run."""
-    return [name for name in part.METHODS if name in names]
-
-
-def _seeds(options: RunOptions, part: ModuleType) -> range:
-    own = TOUCH_SEEDS if part is twin_touches and not options.quick else SEEDS
-    return range(options.seed, options.seed + (options.seeds or own))
-
-
-def _records(options: RunOptions, names: Sequence[str]) -> list[dict[str, Any]]:
+def _records(options: RunOptions, names: list[str]) -> list[Record]:
     records = []
     if options.data is not None:
-        records += recorded_forces.force_records(options.data, _chosen(recorded_forces, names))
-    options.report_progress(1, len(PARTS))
-    for done, (part, records_of) in enumerate(SIMULATED.items(), 2):
-        chosen = _chosen(part, names)
-        for seed in _seeds(options, part) if chosen else ():
-            records += records_of(chosen, seed, options.quick)
-        options.report_progress(done, len(PARTS))
+        chosen = [name for name in forces.RECORDED_METHODS if name in names]
+        records += forces.force_records(options.data, chosen)
+    for done, part in enumerate(PARTS.values(), 1):
+        options.report_progress(done, len(PARTS) + 1)
+        chosen = [name for name in part.methods if name in names]
+        for seed in part.seeds(options) if chosen else ():
+            records += part.records(chosen, seed, options.quick)
+    options.report_progress(1, 1)
     return records

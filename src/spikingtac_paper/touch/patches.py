@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac import follow, make_tracker
-from spikingtac.config import load_config
-from spikingtac.sim import (
-    ContactConfig,
-    IndenterConfig,
-    MotionConfig,
-    Scene,
-    SceneSource,
-    SegmentConfig,
+from spikingtac.calibration import marker_pitch_px
+from spikingtac.sim import ContactConfig, MotionConfig, Scene, SceneSource, SegmentConfig
+from spikingtac.touch import (
+    SQUARE,
+    GradientOperator,
+    Patch,
+    Touch,
+    TouchDetector,
+    patch_of_cells,
 )
-from spikingtac.touch import GradientOperator, Patch, Touch, TouchDetector
-from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.touch.baselines import region_above
-from spikingtac_paper.touch.bodies import LONG, TESTED
-from spikingtac_paper.touch.true_calibration import true_calibration
+from spikingtac_paper.touch.contacts import LONG, TESTED
+from spikingtac_paper.touch.watched import record, watch
 
 Field = NDArray[np.float64]
 
@@ -39,7 +36,6 @@ PLACE_MM = 4.0
 WIDE_MM = 3.0
 """Narrower diameter from which a patch is asked to be right, mm."""
 ASKED = 0.7
-RATE_HZ = 1_000.0
 STRAIN_SHARE, EVENT_SHARE = 0.6, 0.75
 """Shares of the largest value from which a marker belongs to the simpler methods' regions (ours:
 the best of 0.2 to 0.8 on 240 other presses)."""
@@ -99,13 +95,10 @@ def patch_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, 
         camera = CAMERAS[number % len(CAMERAS)]
         press = watch_press(scene, camera, own)
         size = "narrow" if press.width_mm < WIDE_MM else "all"
-        groups = [f"patch/{size}"] + [f"patch/{camera}"] * (size == "all")
+        cases = [f"patch/{size}-{body}", f"patch/{size}"]
+        cases += [f"patch/{camera}"] * (size == "all")
         for method in methods:
-            trial = {"case": f"patch/{size}-{body}", "groups": groups, "seed": seed,
-                     "source": "twin"}  # fmt: skip
-            records.append(
-                {"method": method, "trial": trial, "scores": patch_scores(press, REGIONS[method])}
-            )
+            records.append(record(method, cases, seed, patch_scores(press, REGIONS[method])))
     return records
 
 
@@ -118,54 +111,37 @@ def draw_press(rng: np.random.Generator) -> tuple[str, Scene]:
         SegmentConfig(kind="hold", duration_s=0.2),
         SegmentConfig(kind="lift", height_mm=0.2, duration_s=0.2),
     )
-    yaw_deg = float(rng.uniform(0.0, 180.0)) if body.turned else 0.0
-    motion = MotionConfig(x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg, height_mm=0.2, segments=segments)
-    indenter = IndenterConfig(kind=body.kind, settings=body.sizes(rng))
-    contact = ContactConfig(indenter=indenter, motion=motion)
+    yaw = body.yaw_deg(rng)
+    motion = MotionConfig(x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw, height_mm=0.2, segments=segments)
+    contact = ContactConfig(indenter=body.indenter(rng), motion=motion)
     about = f"a press of a {body.name}"
     return body.name, Scene(about=about, lead_in_s=0.15, lead_out_s=0.2, contacts=(contact,))
-
-
-class _Packets:
-    """The events of a press, with its touched cells and counts per marker kept on the way."""
-
-    def __init__(self, source: SceneSource) -> None:
-        self._source, self.size = source, source.size
-        width, height = source.size
-        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-        away = ((pixels[:, :, None] - source.reference_px) ** 2).sum(axis=3)
-        self._nearest = away.argmin(axis=2)
-        self.counts: list[tuple[int, NDArray[np.int64]]] = []
-        self.cells: list[tuple[int, NDArray[np.uint8]]] = []
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        for step in self._source.steps():
-            packet, told = step.packet, step.truth
-            marker = self._nearest[packet.y, packet.x]
-            count = np.bincount(marker, minlength=len(self._source.reference_px))
-            self.counts.append((packet.t_end_us, count))
-            times = told.contact_t_us.tolist()
-            self.cells += zip(times, told.touching_cells.copy(), strict=True)
-            yield packet
 
 
 def watch_press(scene: Scene, camera: str, seed: int) -> WatchedPress:
     """Return a press seen by a camera and the tracker ``default``."""
     source = SceneSource(scene.with_camera(camera), seed)
-    packets, reference = _Packets(source), source.reference_px
+    reference, nearest = source.reference_px, _nearest_marker(source)
+    counts: list[tuple[int, NDArray[np.int64]]] = []
+    cells: list[tuple[int, NDArray[np.uint8]]] = []
+
+    def note(step: Any) -> None:
+        packet, told = step.packet, step.truth
+        near = np.bincount(nearest[packet.y, packet.x], minlength=len(reference))
+        counts.append((packet.t_end_us, near))
+        cells.extend(zip(told.contact_t_us.tolist(), told.touching_cells.copy(), strict=True))
+
     detector, fields, touches = TouchDetector(reference), {}, []
-    tracker = make_tracker(load_config("default").tracking, true_calibration(source))
-    for frame in follow(packets, tracker, RATE_HZ):
+    for frame in watch(source, note):
         touches.append(detector.update(frame))
         if detector.touching:
             fields[frame.t_us] = detector.displacement_px
     touches.append(detector.finish())
     touch = next((one for one in touches if one is not None), None)
     peak_us, begin_us = (0, 0) if touch is None else (touch.peak_us, touch.begin_us)
-    events = [count for t_us, count in packets.counts if begin_us < t_us <= peak_us]
-    grid = scene.gel.grid
-    _, bits = min(packets.cells, key=lambda row: abs(row[0] - peak_us))
-    cells_px = _on_image(np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm), axis=-1), source)
+    events = [count for t_us, count in counts if begin_us < t_us <= peak_us]
+    _, bits = min(cells, key=lambda row: abs(row[0] - peak_us))
+    cells_px, cell_px2 = _cells_px(source)
     return WatchedPress(
         reference_px=reference,
         touch=touch,
@@ -173,31 +149,36 @@ def watch_press(scene: Scene, camera: str, seed: int) -> WatchedPress:
         events=np.sum(events, axis=0) if events else np.ones(len(reference)),
         cells_px=cells_px,
         touched=np.unpackbits(bits)[: len(cells_px)].astype(np.bool_),
-        cell_px2=_cell_px2(cells_px.reshape(grid.cells, grid.cells, 2)),
+        cell_px2=cell_px2,
         px_per_mm=scene.optics.px_per_mm,
     )
 
 
-def _on_image(places_mm: Field, source: SceneSource) -> Field:
-    """Return places ``(n, n, 2)`` of the skin in the image, ``(n * n, 2)``, by the markers.
+def _nearest_marker(source: SceneSource) -> NDArray[np.int64]:
+    """Return ``(height, width)`` which marker is the nearest of each pixel."""
+    width, height = source.size
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    away = ((pixels[:, :, None] - source.reference_px) ** 2).sum(axis=3)
+    return away.argmin(axis=2)
+
+
+def _cells_px(source: SceneSource) -> tuple[Field, Field]:
+    """Return where the cells of the skin lie in the image ``(n, 2)``, px, and their areas, px2.
 
     A cubic polynomial through the resting markers follows the lens to a hundredth of a pixel.
     """
-    map_px, *_ = np.linalg.lstsq(
-        _cubic(source.scene.skin.rest_mm()), source.reference_px, rcond=None
-    )
-    return _cubic(places_mm.reshape(-1, 2)) @ map_px
+    grid, rest_mm = source.scene.gel.grid, source.scene.skin.rest_mm()
+    map_px, *_ = np.linalg.lstsq(_cubic(rest_mm), source.reference_px, rcond=None)
+    places_mm = np.stack(np.meshgrid(grid.axis_mm, grid.axis_mm), axis=-1)
+    cells_px = _cubic(places_mm.reshape(-1, 2)) @ map_px
+    square: Field = cells_px.reshape(grid.cells, grid.cells, 2)
+    (xx, xy), (yx, yy) = (np.gradient(square[..., axis]) for axis in (0, 1))
+    return cells_px, np.abs(xy * yx - yy * xx).ravel()
 
 
 def _cubic(places: Field) -> Field:
     x, y = places.T
     return np.column_stack([x**i * y**j for i in range(4) for j in range(4 - i)])
-
-
-def _cell_px2(places_px: Field) -> Field:
-    """Return the areas ``(n * n,)`` of the cells of a grid whose centres are ``(n, n, 2)``, px."""
-    down, along = np.gradient(places_px, axis=0), np.gradient(places_px, axis=1)
-    return np.abs(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]).ravel()
 
 
 def _model_patch(press: WatchedPress) -> Patch:
@@ -213,6 +194,19 @@ def _strained(press: WatchedPress) -> Patch:
 
 def _eventful(press: WatchedPress) -> Patch:
     return region_above(press.reference_px, press.events, EVENT_SHARE)
+
+
+def region_above(reference_px: Field, values: Field, share: float) -> Patch:
+    """Return the markers whose value is at least a share of the largest, each with its square.
+
+    Args:
+        reference_px: ``(m, 2)`` markers at rest, px.
+        values: ``(m,)`` what is seen at each, not negative.
+        share: The share.
+    """
+    inside = values >= share * float(values.max())
+    corners = reference_px[inside, None] + marker_pitch_px(reference_px) * SQUARE
+    return patch_of_cells(corners, np.maximum(values[inside], 1e-12))
 
 
 REGIONS: dict[str, Callable[[WatchedPress], Patch]] = {

@@ -1,8 +1,8 @@
-"""Contacts that stick, slip in part and slip: random bodies, loads, motions and frictions."""
+"""Drawn contacts that stick, slip in part and slip: bodies, loads, motions and frictions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,8 +17,64 @@ from spikingtac.sim import (
     Scene,
     SegmentConfig,
 )
-from spikingtac_paper.touch.bodies import TAUGHT, Body
 
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body and the ranges of its sizes and depth.
+
+    Attributes:
+        name: What it is.
+        kind: Name of the indenter.
+        sizes_mm: Range of each of its drawn sizes, mm, by the settings that it is given to.
+        depth_mm: Range of the depth, mm.
+        turned: Whether its heading is drawn, too.
+    """
+
+    name: str
+    kind: str
+    sizes_mm: Mapping[tuple[str, ...], tuple[float, float]]
+    depth_mm: tuple[float, float]
+    turned: bool = False
+
+    def indenter(self, rng: np.random.Generator) -> IndenterConfig:
+        """Return the body with drawn sizes."""
+        settings: dict[str, float] = {}
+        for names, span_mm in self.sizes_mm.items():
+            settings |= dict.fromkeys(names, float(rng.uniform(*span_mm)))
+        return IndenterConfig(kind=self.kind, settings=settings)
+
+    def yaw_deg(self, rng: np.random.Generator) -> float:
+        """Return a drawn heading, degrees; 0 for a body that is alike from all sides."""
+        return float(rng.uniform(0.0, 180.0)) if self.turned else 0.0
+
+
+BOTH_RADII = ("radius_x_mm", "radius_y_mm")
+"""Settings of a body that is round about its axis."""
+ROUND = (
+    Body("ball", "ball", {BOTH_RADII: (3.0, 8.0)}, (0.4, 0.9)),
+    Body("punch", "punch", {("radius_mm",): (2.0, 4.5)}, (0.2, 0.45)),
+    Body("finger", "finger", {BOTH_RADII: (6.0, 8.0)}, (1.2, 2.2)),
+)
+"""Bodies that are alike from all sides."""
+_CAP_MM = {
+    ("radius_x_mm",): (5.0, 20.0),
+    ("radius_y_mm",): (5.0, 20.0),
+    ("half_height_mm",): (5.0, 12.0),
+}
+_ROD_MM = {("radius_mm",): (2.0, 6.0), ("length_mm",): (2.0, 8.0)}
+LONG = (
+    Body("ellipsoid", "ball", _CAP_MM, (0.4, 0.8), turned=True),
+    Body("rod", "probe", _ROD_MM, (0.3, 0.8), turned=True),
+)
+"""Bodies that are longer in one direction."""
+TAUGHT = (*ROUND, *LONG)
+"""Bodies that the slip model is fitted to."""
+TESTED = (*ROUND, Body("spoon", "spoon", {}, (0.4, 0.8)))
+"""Bodies that it is tested on: the spoon was never seen."""
+
+FRICTIONS = (0.25, 0.95)
+"""Range of the coefficients of friction, unless some are given."""
 SPEEDS_MM_S = (2.0, 80.0)
 """Range of the drags' speeds, mm/s; their logarithms are uniform."""
 FAST_MM_S = 20.0
@@ -28,10 +84,11 @@ SLIDE_MM = (2.5, 4.5)
 SHORT_MM = (0.2, 1.2)
 """Range of the drags that are to stick, mm per unit of friction."""
 TURN_DEG = (15.0, 60.0)
+"""Range of the twists' angles, degrees."""
 TWIST_MM_S, SLOW_TWIST_MM_S = (1.0, 8.0), (1.0, 3.0)
 """Ranges of the twists' speeds at their rim, mm/s."""
 TWIST_ARM_MM = 3.0
-"""Where that rim is, mm."""
+"""Radius of that rim, mm."""
 LEAST_SPEED_MM_S = 4.0
 """Slowest motion there and back, mm/s: slower ones take too long."""
 PLACE_MM = 2.5
@@ -47,18 +104,8 @@ SLOW_MM_S = (1.5, 6.0)
 """Range of the speeds of motions that are slow by their kind, mm/s."""
 ROLL_MM, ROLLS_MM = 7.0, (3.0, 15.0)
 """Radius of a rolling body, and range where it is drawn, mm."""
-KINDS = (
-    "slide",
-    "slide",
-    "stick",
-    "twist",
-    "rub",
-    "short-rub",
-    "circle",
-    "roll",
-    "deepen",
-    "twice",
-)
+KINDS = ("slide", "slide", "stick", "twist", "rub", "short-rub", "circle", "roll", "deepen",
+         "twice")  # fmt: skip
 """What is drawn from: slides count twice."""
 VARIED_KINDS = (*KINDS, "slow-slide", "slow-twist", "slow-circle", "any-roll")
 """What half of the slip model is fitted to: more slow motions, and rolls of any radius."""
@@ -67,7 +114,7 @@ CARRY = "carry"
 HOLD = "hold"
 """A body that is pressed and held still for long; drawn only where it is asked for."""
 HOLD_S = 20.0
-"""How long, s."""
+"""Duration of that, s."""
 IN_PLACE = ("twist", "circle", "slow-twist", "slow-circle", CARRY, HOLD)
 """Kinds in which a body stays about where it was pressed."""
 CARRY_MOVES = 10
@@ -81,14 +128,14 @@ CARRY_REST_S = (0.1, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Slide:
+class DrawnContact:
     """One drawn contact.
 
     Attributes:
         kind: What the body does, of :data:`KINDS`.
         body: Its name.
         friction: Coefficient of friction.
-        speed_mm_s: Peak speed of the drag, mm/s (of a twist: at the rim of 3 mm).
+        speed_mm_s: Peak speed of the drag, mm/s (of a twist: at its rim).
         scene: The scene.
     """
 
@@ -99,44 +146,36 @@ class Slide:
     scene: Scene
 
 
-def draw_slide(
+def draw_contact(
     rng: np.random.Generator,
     bodies: Sequence[Body] = TAUGHT,
     frictions: Sequence[float] = (),
     kinds: Sequence[str] = KINDS,
     gels: Sequence[GelConfig] = (GelConfig(),),
-) -> Slide:
+) -> DrawnContact:
     """Return a random contact.
 
     Args:
         rng: Where it is drawn from.
         bodies: Bodies to choose from.
-        frictions: Coefficients to choose from; uniform between 0.25 and 0.95 unless given.
+        frictions: Coefficients to choose from; uniform in :data:`FRICTIONS` unless given.
         kinds: Motions to choose from.
         gels: Gels to choose from; the contract's unless given. Friction is the contact's own.
     """
     gel = gels[int(rng.integers(len(gels)))] if len(gels) > 1 else gels[0]
     body = bodies[int(rng.integers(len(bodies)))]
-    friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(0.25, 0.95))
+    friction = float(rng.choice(frictions)) if frictions else float(rng.uniform(*FRICTIONS))
     kind = str(rng.choice(kinds))
     speed = float(np.exp(rng.uniform(*np.log(SPEEDS_MM_S))))
     depth = float(rng.uniform(*body.depth_mm))
     motion = _Motion(rng, friction, speed, depth)
     press = SegmentConfig(kind="press", depth_mm=depth, duration_s=float(rng.uniform(0.15, 0.5)))
     wait = SegmentConfig(kind="hold", duration_s=float(rng.uniform(0.05, 0.4)))
-    middle = _DRAWN[kind](motion)
+    segments = (press, wait, *_DRAWN[kind](motion), *RELEASE)
     x, y = rng.uniform(-PLACE_MM, PLACE_MM, 2) - 0.5 * motion.way * (kind not in IN_PLACE)
-    settings = body.sizes(rng)
-    yaw_deg = float(rng.uniform(0.0, 180.0)) if body.turned else 0.0
-    contact = ContactConfig(
-        indenter=IndenterConfig(kind=body.kind, settings=settings),
-        motion=MotionConfig(
-            x_mm=float(x),
-            y_mm=float(y),
-            yaw_deg=yaw_deg,
-            height_mm=0.2,
-            segments=(press, wait, *middle, *RELEASE),
-        ),
+    indenter, yaw = body.indenter(rng), body.yaw_deg(rng)
+    course = MotionConfig(
+        x_mm=float(x), y_mm=float(y), yaw_deg=yaw, height_mm=0.2, segments=segments
     )
     scene = Scene(
         about=f"{kind} of a {body.name}",
@@ -144,9 +183,9 @@ def draw_slide(
         lead_out_s=0.1,
         mechanics_hz=500.0 if motion.speed > FAST_MM_S or kind.endswith("twist") else 250.0,
         gel=replace(gel, friction=FrictionConfig(static=friction)),
-        contacts=(contact,),
+        contacts=(ContactConfig(indenter=indenter, motion=course),),
     )
-    return Slide(kind, body.name, friction, motion.speed, scene)
+    return DrawnContact(kind, body.name, friction, motion.speed, scene)
 
 
 class _Motion:
@@ -174,20 +213,11 @@ class _Motion:
             **settings,  # type: ignore[arg-type]
         )
 
-    def shorten(self) -> None:
-        """Let the way be one on which most contacts stick."""
-        self.way = self.rng.uniform(*SHORT_MM) * self.friction * self.along
-
 
 _Drawn = Callable[[_Motion], list[SegmentConfig]]
 
 
 def _slide(motion: _Motion) -> list[SegmentConfig]:
-    return [motion.segment("slide")]
-
-
-def _stick(motion: _Motion) -> list[SegmentConfig]:
-    motion.shorten()
     return [motion.segment("slide")]
 
 
@@ -203,31 +233,27 @@ def _rub(motion: _Motion) -> list[SegmentConfig]:
     return [motion.segment("rub", 0.6, repeats=2)]
 
 
-def _short_rub(motion: _Motion) -> list[SegmentConfig]:
-    motion.shorten()
-    return _rub(motion)
-
-
 def _circle(motion: _Motion) -> list[SegmentConfig]:
     motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
+    radius_mm = float(motion.rng.uniform(0.3, 1.0))
     return [
         SegmentConfig(
-            kind="circle",
-            radius_mm=float(motion.rng.uniform(0.3, 1.0)),
-            turns=1.0,
-            heading_deg=motion.heading_deg,
+            kind="circle", radius_mm=radius_mm, turns=1.0, heading_deg=motion.heading_deg,
             speed_mm_s=motion.speed,
         )
-    ]
+    ]  # fmt: skip
 
 
-def _roll(motion: _Motion, radius_mm: float = ROLL_MM) -> list[SegmentConfig]:
+def _roll(motion: _Motion, drawn: bool = False) -> list[SegmentConfig]:
+    radius_mm = float(motion.rng.uniform(*ROLLS_MM)) if drawn else ROLL_MM
     motion.speed = max(motion.speed, LEAST_SPEED_MM_S)
     return [motion.segment("roll", 0.7, radius_mm=radius_mm)]
 
 
-def _any_roll(motion: _Motion) -> list[SegmentConfig]:
-    return _roll(motion, float(motion.rng.uniform(*ROLLS_MM)))
+def _short(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
+    """Return a motion on a way on which most contacts stick."""
+    motion.way = motion.rng.uniform(*SHORT_MM) * motion.friction * motion.along
+    return drawn(motion)
 
 
 def _slowly(motion: _Motion, drawn: _Drawn) -> list[SegmentConfig]:
@@ -265,10 +291,10 @@ def _hold(motion: _Motion) -> list[SegmentConfig]:
 
 _DRAWN: dict[str, _Drawn] = {
     "slide": _slide,
-    "stick": _stick,
+    "stick": partial(_short, drawn=_slide),
     "twist": _twist,
     "rub": _rub,
-    "short-rub": _short_rub,
+    "short-rub": partial(_short, drawn=_rub),
     "circle": _circle,
     "roll": _roll,
     "deepen": _deepen,
@@ -276,7 +302,7 @@ _DRAWN: dict[str, _Drawn] = {
     "slow-slide": partial(_slowly, drawn=_slide),
     "slow-circle": partial(_slowly, drawn=_circle),
     "slow-twist": partial(_twist, speeds_mm_s=SLOW_TWIST_MM_S),
-    "any-roll": _any_roll,
+    "any-roll": partial(_roll, drawn=True),
     CARRY: _carry,
     HOLD: _hold,
 }

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac import follow, make_tracker
-from spikingtac.config import load_config
 from spikingtac.sim import SceneSource, load_scene
 from spikingtac.touch import TouchDetector
-from spikingtac.types import EventPacket
 from spikingtac_paper.harness.report import Metric
-from spikingtac_paper.touch.baselines import event_touches
-from spikingtac_paper.touch.true_calibration import true_calibration
+from spikingtac_paper.touch.watched import record, watch
 
 SCENES = ("finger-presses", "finger-slides", "finger-torsion", "spoon-rubs", "comb-slides",
           "spoon-circles", "finger-circles", "drag-release", "finger-rolls", "mixed")  # fmt: skip
 QUICK_SCENES = ("finger-slides", "spoon-rubs")
 WINDOW_US = 10_000
 """Window of the event counts, us."""
+EVENT_SIGMAS = 6.0
+"""Deviations above the quiet mean at which a window of events is a touch."""
+QUIET_WINDOWS = 30
+"""Windows from the start of a recording that are quiet."""
 BEGIN_MS, END_MS = 10.0, 100.0
 """Errors of begin and end that count as in time, ms."""
 US_PER_MS = 1e3
@@ -36,61 +35,66 @@ METRICS = (
     Metric("end_in_time", "1", "share of the found ones whose end errs by 100 ms at most"),
 )
 
-
-class _Watched:
-    """A scene's events, with what is needed of its truth kept on the way."""
-
-    def __init__(self, name: str, seed: int) -> None:
-        self.source = SceneSource(load_scene(name), seed)
-        self.size = self.source.size
-        self.contact: list[tuple[int, bool]] = []
-        self.counts: list[NDArray[np.int64]] = []
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        for step in self.source.steps():
-            pressed = step.truth.in_contact.tolist()
-            self.contact += zip(step.truth.contact_t_us.tolist(), pressed, strict=True)
-            self.counts.append(step.packet.t // WINDOW_US)
-            yield step.packet
-
-    def true_touches(self) -> list[tuple[int, int]]:
-        """Return begin and end of every contact, us."""
-        times = np.array([t_us for t_us, _ in self.contact])
-        pressed = np.concatenate([[False], [on for _, on in self.contact], [False]])
-        edges = np.flatnonzero(np.diff(pressed.astype(np.int8))).reshape(-1, 2)
-        return [(int(times[a]), int(times[min(b, len(times) - 1)])) for a, b in edges]
+Spans = list[tuple[int, int]]
+"""Begin and end of touches, us."""
 
 
 def touch_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
     """Return the scores of every method on every scene."""
     records = []
     for name in QUICK_SCENES if quick else SCENES:
-        watched = _Watched(name, seed)
-        found = {"touches": _felt(watched)}
-        windows = np.bincount(np.concatenate(watched.counts))
-        found["event-threshold"] = event_touches(windows, WINDOW_US)
-        truth = watched.true_touches()
+        truth, found = _felt(name, seed)
         for method in methods:
-            trial = {"case": f"touches/{name}", "groups": ["touches/all"], "seed": seed,
-                     "source": "twin"}  # fmt: skip
             scores = touch_scores(truth, found[method])
-            records.append({"method": method, "trial": trial, "scores": scores})
+            records.append(record(method, (f"touches/{name}", "touches/all"), seed, scores))
     return records
 
 
-def _felt(watched: _Watched) -> list[tuple[int, int]]:
-    source, config = watched.source, load_config("default").tracking
-    detector, last_us, out = TouchDetector(source.reference_px), 0, []
-    for frame in follow(watched, make_tracker(config, true_calibration(source)), config.rate_hz):
+def _felt(name: str, seed: int) -> tuple[Spans, dict[str, Spans]]:
+    """Return the true touches of a scene, and those that each method finds."""
+    source = SceneSource(load_scene(name), seed)
+    detector, last_us, found = TouchDetector(source.reference_px), 0, []
+    times_us: list[int] = []
+    pressed: list[bool] = []
+    windows: list[NDArray[np.int64]] = []
+
+    def note(step: Any) -> None:
+        times_us.extend(step.truth.contact_t_us.tolist())
+        pressed.extend(step.truth.in_contact.tolist())
+        windows.append(step.packet.t // WINDOW_US)
+
+    for frame in watch(source, note):
         last_us = frame.t_us
         touch = detector.update(frame)
         if touch is not None:
-            out.append((touch.begin_us, touch.end_us or last_us))
+            found.append((touch.begin_us, touch.end_us or last_us))
     open_touch = detector.finish()
-    return out if open_touch is None else [*out, (open_touch.begin_us, last_us)]
+    if open_touch is not None:
+        found.append((open_touch.begin_us, last_us))
+    truth = [(times_us[a], times_us[min(b, len(times_us) - 1)]) for a, b in _runs(pressed)]
+    by_events = event_touches(np.bincount(np.concatenate(windows)), WINDOW_US)
+    return truth, {"touches": found, "event-threshold": by_events}
 
 
-def touch_scores(truth: list[tuple[int, int]], found: list[tuple[int, int]]) -> dict[str, float]:
+def _runs(flags: Any) -> Spans:
+    """Return first and last-but-one index of each run of true flags."""
+    edges = np.flatnonzero(np.diff(np.array([False, *flags, False], np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def event_touches(counts: NDArray[np.int64], window_us: int) -> Spans:
+    """Return begin and end, us, of the stretches in which events exceed their quiet rate.
+
+    Args:
+        counts: ``(n,)`` events in each window; the first are quiet.
+        window_us: Length of a window, us.
+    """
+    quiet = counts[:QUIET_WINDOWS]
+    threshold = float(quiet.mean()) + EVENT_SIGMAS * max(float(quiet.std()), 1.0)
+    return [(a * window_us, b * window_us) for a, b in _runs(counts > threshold)]
+
+
+def touch_scores(truth: Spans, found: Spans) -> dict[str, float]:
     """Compare found touches with true ones, both as begin and end in us, each with one other."""
     pairs = _pairs(truth, found)
     scores = {"missed": float(len(truth) - len(pairs)), "extra": float(len(found) - len(pairs))}
@@ -102,7 +106,7 @@ def touch_scores(truth: list[tuple[int, int]], found: list[tuple[int, int]]) -> 
     return scores
 
 
-def _pairs(truth: list[tuple[int, int]], found: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _pairs(truth: Spans, found: Spans) -> list[tuple[int, int]]:
     """Return which true touch is which found one, by number: as many as can be, longest overlaps.
 
     A found touch that spans two true ones is one of them; the other is missed.

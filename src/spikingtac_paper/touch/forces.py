@@ -1,0 +1,218 @@
+"""Forces of a real gel, each series predicted from the others, and wrenches on the twin's gel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikingtac.sim import SceneSource, load_scene
+from spikingtac.touch import (
+    SkinConfig,
+    WrenchSeries,
+    fit_force,
+    load_series,
+    network_trainer,
+    r_squared,
+    synthetic_series,
+)
+from spikingtac_paper.harness.report import Metric
+from spikingtac_paper.touch.watched import record, watch
+
+Field = NDArray[np.float64]
+
+FOLDER = "force"
+"""Folder of the series of a real gel below that of the recordings."""
+FORCES = ("fx", "fy", "fz")
+NOISE_PX = 0.1
+"""Error of a marker's place, per axis, px: that of the tracker ``default`` (ours)."""
+STEPS = 3
+"""Every so many steps of the gel are used."""
+RATE_HZ = 250.0
+"""Estimates per second: those of the gel's steps."""
+TESTED_SEED = 100
+"""Seed of the tested scenes, from that of the taught ones on."""
+N_MM_PER_NM = 1e3
+TAUGHT = tuple(
+    f"train-{kind}" for kind in ("presses", "slides", "torsion", "rubs", "circles", "drag")
+)
+TESTED = ("finger-presses", "finger-slides", "finger-torsion", "comb-slides", "spoon-circles",
+          "finger-rolls", "mixed", "drag-release")  # fmt: skip
+QUICK_TESTED = TESTED[:3]
+CAMERAS = ("typical", "noisy")
+"""Cameras through which the tested contacts are also seen, and tracked by ``default``."""
+RECORDED_METHODS = {
+    "network": "the force network (needs torch), in-plane displacements only",
+    "ridge": "the ridge regression on the field's shape, in-plane displacements only",
+    "mean-displacement": "a linear function of the mean displacement and its length",
+}
+TWIN_METHODS = {
+    "physics": "contacts drawn from the skin's equations; stiffness and lens are known, no label",
+    "labelled": "learned from labelled contacts of a ball and a punch",
+    "physics-and-labels": "learned from both kinds of contacts together",
+    "mean-displacement": RECORDED_METHODS["mean-displacement"],
+}
+METRICS = (
+    *(Metric(f"r2_{one}", "R2", f"coefficient of determination of {one}, series not learned")
+      for one in FORCES),
+    *(Metric(f"mae_{one}_n", "N", f"mean absolute error of {one}, series not learned")
+      for one in FORCES),
+    *(Metric(f"coverage90_{one}", "1", f"share of labels of {one} in the 90 % intervals")
+      for one in FORCES),
+    Metric("rms_normal", "1", "rms error of the normal force over its range in the case"),
+    Metric("rms_shear", "1", "rms error of the shear forces over the larger range of the two"),
+    Metric("rms_torque", "1", "rms error of the torque about the normal over its range"),
+)  # fmt: skip
+
+
+class MeanDisplacement:
+    """Linear regression of the wrench on the markers' mean displacement and its length."""
+
+    def __init__(self, series: Iterable[WrenchSeries]) -> None:
+        """Learn from labelled series."""
+        taught = list(series)
+        features = np.concatenate([self._features(one) for one in taught])
+        wrench = np.concatenate([one.wrench for one in taught])
+        self._weights = np.linalg.lstsq(features, wrench, rcond=None)[0]
+
+    def estimate(self, series: WrenchSeries) -> Field:
+        """Return the wrench ``(n, c)`` of a series."""
+        return self._features(series) @ self._weights
+
+    @staticmethod
+    def _features(series: WrenchSeries) -> Field:
+        mean = series.displacement.mean(axis=1)
+        length = np.sqrt((series.displacement**2).sum(axis=2)).mean(axis=1)
+        return np.column_stack([mean, length, np.ones(len(mean))])
+
+
+def force_records(folder: Path, methods: list[str]) -> list[dict[str, Any]]:
+    """Return the scores of every method on every recorded series and on all pooled."""
+    series = [load_series(path) for path in sorted((folder / FOLDER).glob("*.npz"))]
+    records = []
+    for method in methods:
+        parts = []
+        for left_out in series if len(series) > 1 else ():
+            taught = [one for one in series if one is not left_out]
+            parts.append((left_out.wrench[:, :3], *_predicted(method, taught, left_out)))
+            case = f"{FOLDER}/{left_out.name.removesuffix('.npz')}"
+            records.append(record(method, [case], 0, _force_scores(*parts[-1]), "recorded"))
+        if parts:
+            pooled = _force_scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            records.append(record(method, [f"{FOLDER}/pooled"], 0, pooled, "recorded"))
+    return records
+
+
+def _predicted(
+    method: str, taught: list[WrenchSeries], left_out: WrenchSeries
+) -> tuple[Field, Field]:
+    """Return forces ``(n, 3)`` of a series and their 90 % half-widths, nan where none is stated."""
+    if method == "mean-displacement":
+        estimate = MeanDisplacement(one.in_image() for one in taught).estimate(left_out.in_image())
+        return estimate[:, :3], np.full((len(estimate), 3), np.nan)
+    model = fit_force(taught, network_trainer() if method == "network" else None)
+    values, widths = model.estimate(left_out)
+    return values[:, :3], widths[:, :3]
+
+
+def _force_scores(truth: Field, estimate: Field, width: Field) -> dict[str, float]:
+    scores = {}
+    for k, name in enumerate(FORCES):
+        error = np.abs(truth[:, k] - estimate[:, k])
+        scores[f"r2_{name}"] = r_squared(truth[:, k], estimate[:, k])
+        scores[f"mae_{name}_n"] = float(error.mean())
+        if np.isfinite(width).all():
+            scores[f"coverage90_{name}"] = float((error <= width[:, k]).mean())
+    return scores
+
+
+def wrench_records(methods: list[str], seed: int, quick: bool) -> list[dict[str, Any]]:
+    """Return the scores of every method on every scene of the twin and on all together."""
+    names, own = QUICK_TESTED if quick else TESTED, seed + TESTED_SEED
+    tested = {"wrench": [gel_series(name, own) for name in names]}
+    for camera in CAMERAS:
+        tested[f"wrench-{camera}"] = [tracked_series(name, own, camera) for name in names]
+    taught = [gel_series(name, seed) for name in TAUGHT]
+    records = []
+    for method in methods:
+        estimate_of = _estimator(method, taught, tested["wrench"][0].reference)
+        for group, series in tested.items():
+            estimates = [estimate_of(one)[:, :6] for one in series]
+            truth = [one.wrench for one in series]
+            parts = [*zip(names, truth, estimates, strict=True),
+                     ("all", np.concatenate(truth), np.concatenate(estimates))]  # fmt: skip
+            for name, true, told in parts:
+                records.append(
+                    record(method, [f"{group}/{name}"], seed, _wrench_scores(true, told))
+                )
+    return records
+
+
+def gel_series(name: str, seed: int) -> WrenchSeries:
+    """Return a scene's markers, as a tracker would see them, and its wrench."""
+    source = SceneSource(load_scene(name), seed)
+    rng = np.random.default_rng(seed)
+    times, moved, wrench = [], [], []
+    for number, (state, image) in enumerate(source.frames()):
+        if number % STEPS:
+            continue
+        away = image.center_px - source.reference_px
+        times.append(state.t_us)
+        moved.append(away + rng.normal(0.0, NOISE_PX, away.shape))
+        wrench.append(np.concatenate([state.force_n, state.torque_n_mm / N_MM_PER_NM]))
+    t_us = np.array(times, np.int64)
+    return WrenchSeries(t_us, source.reference_px, np.array(moved), np.array(wrench), "px", name)
+
+
+def tracked_series(name: str, seed: int, camera: str) -> WrenchSeries:
+    """Return what `default` tracks of a scene through a camera's preset, and the wrench."""
+    source = SceneSource(load_scene(name).with_camera(camera), seed)
+    true_us: list[NDArray[np.int64]] = []
+    wrench: list[Field] = []
+
+    def note(step: Any) -> None:
+        true_us.append(step.truth.contact_t_us)
+        wrench.append(np.hstack([step.truth.force_n, step.truth.torque_n_mm / N_MM_PER_NM]))
+
+    frames = [(frame.t_us, frame.detected_px) for frame in watch(source, note, RATE_HZ)]
+    t_us, places = (np.array(column) for column in zip(*frames, strict=True))
+    known_us, known = np.concatenate(true_us), np.concatenate(wrench)
+    at_frames = np.column_stack([np.interp(t_us, known_us, column) for column in known.T])
+    moved = places - source.reference_px
+    return WrenchSeries(t_us, source.reference_px, moved, at_frames, "px", name)
+
+
+def _estimator(
+    method: str, taught: list[WrenchSeries], reference: Field
+) -> Callable[[WrenchSeries], Field]:
+    """Return what gives a method's wrenches ``(n, c)`` of a series."""
+    if method == "mean-displacement":
+        return MeanDisplacement(taught).estimate
+    drawn = [] if method == "labelled" else _drawn(reference)
+    model = fit_force([*drawn] if method == "physics" else [*taught, *drawn])
+    return lambda series: model.estimate(series)[0]
+
+
+def _drawn(reference: Field) -> list[WrenchSeries]:
+    """Return contacts drawn from the equations of the tested skin."""
+    scene = load_scene(TESTED[0])
+    skin = SkinConfig(
+        shear_modulus_kpa=scene.gel.shear_modulus_kpa,
+        thickness_mm=scene.gel.thickness_mm,
+        camera_distance_mm=scene.optics.distance_mm,
+    )
+    size_px, size_mm = (np.ptp(rest, axis=0).mean() for rest in (reference, scene.skin.rest_mm()))
+    return synthetic_series(skin, reference, float(size_px / size_mm))
+
+
+def _wrench_scores(truth: Field, estimate: Field) -> dict[str, float]:
+    rms = np.sqrt(((truth - estimate) ** 2).mean(axis=0))
+    spread = np.ptp(truth, axis=0)
+    scores = {"rms_normal": float(rms[2] / spread[2])}
+    if spread[:2].max() > 0.1 * spread[2]:
+        scores["rms_shear"] = float(rms[:2].max() / spread[:2].max())
+        scores["rms_torque"] = float(rms[5] / spread[5])
+    return scores
