@@ -16,6 +16,7 @@ import re
 import sys
 import textwrap
 import typing
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,23 +43,43 @@ import spikingtac as st
 These names are public: they are imported when they are first used, and do not change without an
 entry in the changelog. Everything else may. This page is made by `scripts/reference_pages.py`.
 """
+SENTENCE = re.compile(r"(?<=[a-z0-9)`])\. (?=[A-Z`])")
+"""End of a first sentence: the page gives that of each argument, ``help`` gives the rest."""
+SHARED = 3
+"""Number of verbs from which on an option with one description is described once."""
+TABLE_HEAD = ["| argument | what it is | default |", "| --- | --- | --- |"]
 SECTION = re.compile(r"^(Args|Attributes|Returns|Yields|Raises|Example|Examples):$", re.M)
 
 
 def cli_page() -> str:
-    """Return the page of the command line: a table of arguments for each verb."""
-    parts = [CLI_HEAD]
-    for verb in verbs():
+    """Return the page of the command line: a table of arguments for each verb.
+
+    An option that several verbs describe alike is described once.
+    """
+    tables = {verb: _table(verb) for verb in verbs()}
+    verbs_of = Counter(row for rows in tables.values() for row in rows)
+    shared = {row for row, count in verbs_of.items() if count >= SHARED and row.startswith("| `-")}
+    parts = [
+        CLI_HEAD,
+        "## Options of several verbs\n",
+        "\n".join([*TABLE_HEAD, *sorted(shared)]) + "\n",
+    ]
+    for verb, rows in tables.items():
         arguments = importlib.import_module(module_of(verb)).Args
         parts.append(f"## {verb}\n\n{textwrap.dedent(inspect.getdoc(arguments) or '').strip()}\n")
-        # Positional arguments first: only their names are in capitals.
-        rows = sorted(
-            (_row(arguments, field) for field in dataclasses.fields(arguments)),
-            key=lambda row: row.startswith("| `-"),
-        )
-        head = ["| argument | what it is | default |", "| --- | --- | --- |"]
-        parts.append("\n".join([*head, *rows]) + "\n")
+        own = [row for row in rows if row not in shared]
+        if own:
+            parts.append("\n".join([*TABLE_HEAD, *own]) + "\n")
+        if also := [row.split("|")[1].strip() for row in rows if row in shared]:
+            parts.append(f"Also: {', '.join(also)}.\n")
     return "\n".join(parts)
+
+
+def _table(verb: str) -> list[str]:
+    """Return a row for each argument, the positional ones (in capitals) first."""
+    arguments = importlib.import_module(module_of(verb)).Args
+    rows = (_row(arguments, field) for field in dataclasses.fields(arguments))
+    return sorted(rows, key=lambda row: row.startswith("| `-"))
 
 
 def api_page() -> str:
@@ -141,7 +162,7 @@ def _plain(docstring: str) -> str:
         if title.startswith("Example"):
             parts.append(f"```python\n{body.strip()}\n```\n")
         else:
-            items = [f"- {item}" for item in _items(body.replace("``", "`"))]
+            items = [f"- {SENTENCE.split(i)[0]}" for i in _items(body.replace("``", "`"))]
             parts.append(f"{title}:\n\n" + "\n".join(items) + "\n")
     return "\n".join(parts)
 
