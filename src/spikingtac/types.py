@@ -32,8 +32,8 @@ class EventPacket:
 
     Invariants, checked once where data enters and trusted afterwards: columns of equal length,
     ``t`` never decreasing and inside ``[t_start_us, t_end_us)``, ``x < width``, ``y < height``.
-    Kernels index maps by x and y, so a packet whose columns nobody has checked is looked at before
-    its first event is used (:meth:`sound`); what is cut out of a checked packet is checked.
+    Kernels index maps by x and y. A packet whose columns nobody has checked is therefore checked
+    before its first event is used (:meth:`sound`). Parts of a checked packet are checked.
 
     Attributes:
         x: ``uint16[n]`` column, px.

@@ -35,9 +35,9 @@ class Args(WriteArgs):
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
-    """How the two clocks are aligned: host (one host recorded both), motion (both saw the same
-    motion), triggers (both cameras timed the edges of one line), or auto: by the host where it is
-    known, otherwise by the motion."""
+    """What aligns the two clocks: host (one host recorded both), motion (both saw the same motion),
+    or triggers (both cameras timed the edges of one line). Auto takes the host where it is known,
+    otherwise the motion."""
     trigger_channel: int | None = None
     """Trigger input of that line, where both recordings hold several; it means --by triggers."""
     poses: Path | None = None

@@ -44,7 +44,7 @@ class Args:
     """Series of one sensor; for apply one file of tracks."""
     wrench: tuple[Path, ...] = ()
     """Forces of each file where it holds none: truth.npz or the folder of a simulation, or the CSV
-    of a force sensor (t_us or t_s, fx, fy, fz, mx, my, mz), whose clock is aligned by itself."""
+    of a force sensor (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
     force: Path = MODEL
     """check, apply: the model."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None

@@ -28,7 +28,7 @@ class Args(ManyArgs):
     """Follow every marker through a recording and write its displacement over time.
 
     Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
-    all results and a report: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
+    all results: spikingtac track DAY --calibration C -o DAY_tracks --workers 4
     """
 
     recordings: Annotated[

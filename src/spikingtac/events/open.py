@@ -51,8 +51,8 @@ def open_events(
     """Open an event file, a recording folder or a camera, for reading in packets.
 
     Args:
-        path: File, or folder with ``events.raw``; a named pipe, or ``-`` for standard input, is
-            read as RAW while it comes, once; the address of a camera, as
+        path: File, or folder with ``events.raw``. A named pipe, or ``-`` for standard input, is
+            read as RAW while it comes, once. The address of a camera, as
             ``udp:7777?encoding=evt2&size=320x320``, is read for as long as it sends.
         strict: Raise at the first damage instead of mending and counting it.
         chunk_events: About how many events a packet holds.

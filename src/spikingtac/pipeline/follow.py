@@ -31,7 +31,7 @@ def follow(
     """Track a stream and yield the markers at a regular rate.
 
     The first estimate is at the first event, the last one at most a period before the end of the
-    stream. Silence in between is filled with estimates too, up to a minute: after a longer one (a
+    stream. Silence in between is filled with estimates too, up to a minute. After a longer one (a
     leap of the clock) the estimates continue at the next event, at the same regular times.
     Every frame carries the health of the stream.
 
