@@ -55,6 +55,11 @@ EXTRAS = {
     "cameras": ("openmv", "dv_processing", "neuromorphic_drivers"),
 }
 """Extra -> the modules that it brings."""
+INTEGRATIONS = {
+    "spikingtac_mujoco": "./integrations/mujoco",
+    "lerobot_camera_spikingtac": "./integrations/lerobot_camera_spikingtac",
+}
+"""Module of a distribution beside the package -> where it is installed from."""
 _SOCKET_LIMIT = Path("/proc/sys/net/core/rmem_max")
 _CLOCK = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
 _USB = Path("/sys/bus/usb/devices")
@@ -112,6 +117,10 @@ def _libraries() -> Iterator[Finding]:
         absent = _absent(modules)
         todo = f"pip install 'spikingtac[{extra}]' if you need it"
         yield _noted(f"extra [{extra}]", not absent, absent or "installed", todo)
+    for module, folder in INTEGRATIONS.items():
+        absent = _absent((module,))
+        todo = f"pip install {folder} in a copy of the repository if you need it"
+        yield _noted(f"integration {module}", not absent, absent or "installed", todo)
     for name, kind in KINDS.items():  # those of extras are told with the extras
         if kind.module and not kind.extra:
             found = f"{kind.about}: {'' if is_installed(name) else 'not '}installed"

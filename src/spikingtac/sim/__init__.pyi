@@ -30,7 +30,9 @@ from .gel.gel import Gel as Gel
 from .gel.gel import GelConfig as GelConfig
 from .gel.indenters import Indenter as Indenter
 from .gel.indenters import IndenterConfig as IndenterConfig
+from .gel.indenters import SoftLayer as SoftLayer
 from .gel.indenters import make_indenter as make_indenter
+from .gel.layer import GridConfig as GridConfig
 
 # Optics: from the skin to the sensor
 from .optics import DiscConfig as DiscConfig

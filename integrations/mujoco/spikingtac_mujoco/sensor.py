@@ -1,0 +1,263 @@
+"""The simulated sensor at run time: what touches the pad, the gel under it, and what is seen of it.
+
+The pad's plate rests on springs. A body that presses moves the plate, and how far it stands below
+the undeformed skin is the indentation. The twin's gel turns it into pressure, shear, slip and
+creep; the plate's springs follow its stiffness and force, so that MuJoCo's contact force and the
+gel's agree to 2 % once nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+import spikingtac as st
+from spikingtac.sim import FrictionConfig, Gel, GelConfig, GridConfig, Optics, SkinState
+from spikingtac_mujoco.observers import EventObserver, MarkerObserver
+from spikingtac_mujoco.pad import AXES, FRICTION, Mount
+from spikingtac_mujoco.shapes import MM_PER_M, BodyIndenter
+
+Floats = NDArray[np.float64]
+Fidelity = Literal["markers", "events", "ideal"]
+
+CELLS: dict[str, int] = {"markers": 32, "events": 64, "ideal": 32}
+"""Cells of the gel along a side: half of the twin's, where speed counts."""
+STIFFNESS_N_M = (300.0, 60_000.0)
+"""Least and largest stiffness of the springs, N/m (ours): below that of the lightest touch, and
+that of a pad that is touched all over."""
+SHEAR_SHARE = 0.5
+"""Lateral over normal stiffness (ours; 0.2 to 0.4 on the twin: too stiff follows, too soft
+swings)."""
+SIDEWAYS = np.array([True, True, False, False, False, True])
+"""Joints along which the skin has no zero of its own: a cell sticks where it was first touched."""
+MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+"""The wrench on a pad that faces this one, turned by half a turn about the site's y axis."""
+FOLLOW = 0.5
+"""Share of the way to the gel's stiffness in a step (ours): a sudden change drives the body."""
+LEAST_TURN_MM2 = 4.0
+"""Least mean square radius of a contact, for the springs of the hinges, mm² (ours)."""
+DAMPING_S = 0.01
+"""Damping over stiffness of the springs, s (ours; with half of it a ball bounces on)."""
+STILL_MM = 0.02
+"""Least indentation for a secant, mm."""
+LONGEST_STEP_S = 0.02
+"""Longest step of the gel, s: friction and creep take a traction as constant in it."""
+HELD_PADS, SETTLE_S, SETTLE_STEPS = 2.0, 4.0, 8
+"""A held object lies between two pads, of which one is the sensor; how long it has been held before
+time zero, s, and in how many steps."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the sensor tells at one time, and what is behind it (simulated).
+
+    Attributes:
+        t_us: Time, us.
+        displacement_px: ``(m, 2)`` displacement of the markers as it is told, px.
+        coasted: ``(m,)`` True where a marker is predicted, not observed.
+        true_px: ``(m, 2)`` true displacement of the markers, px.
+        skin: The skin: ``force_n`` (x right, y down, z into the sensor), ``in_contact``, ``patch``.
+    """
+
+    t_us: int
+    displacement_px: Floats
+    coasted: NDArray[np.bool_]
+    true_px: Floats
+    skin: SkinState
+
+    @property
+    def slipping(self) -> float:
+        """Share of the touched skin that slips, 0 to 1."""
+        patch = self.skin.patch
+        touching, sticking = np.unpackbits(patch.touching), np.unpackbits(patch.sticking)
+        return (
+            1.0 - float(sticking.sum()) / max(1.0, float(touching.sum())) if touching.any() else 0.0
+        )
+
+
+class Sensor:
+    """One sensor of a compiled model.
+
+    Args:
+        model: The model, compiled after :func:`add_sensor`. The springs of the pad's joints are
+            changed as the sensor is used.
+        mount: What :func:`add_sensor` returned.
+        fidelity: ``markers``: displacements with the tracker's measured noise, delay and losses;
+            ``events``: the twin's event camera and the real tracker; ``ideal``: the true ones.
+        followers: Pads that face this one across an object (turned about the site's y axis) and
+            carry the same load: the second finger of a gripper, which nobody looks at.
+
+    Attributes:
+        mount: The pad.
+        reference_px: ``(m, 2)`` markers at rest, px.
+        observer: What sees the skin; with ``events`` its ``packet`` holds the latest events.
+
+    Raises:
+        ConfigError: The model has no such pad, or the fidelity is unknown.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        mount: Mount,
+        fidelity: Fidelity = "markers",
+        followers: Sequence[Mount] = (),
+    ) -> None:
+        if fidelity not in CELLS:
+            raise st.ConfigError(f"fidelity is {fidelity!r}, valid are {', '.join(CELLS)}")
+        try:
+            self._geom, self._site = model.geom(mount.geom).id, model.site(mount.site).id
+            self._plate = model.body(mount.body).id
+            pads = [[model.joint(name) for name in pad.joints] for pad in (mount, *followers)]
+        except KeyError as error:
+            raise st.ConfigError(
+                f"the model has no pad {mount.geom!r}; compile it after add_sensor"
+            ) from error
+        self._model, self.mount, self._fidelity = model, mount, fidelity
+        self._joints = np.array([[joint.id for joint in six] for six in pads])
+        self._optics = Optics(mount.finger.optics, mount.finger.serial)
+        self._held = [g for g in self._geoms(self._plate) if g != self._geom]
+        self._indenters: dict[int, BodyIndenter] = {}
+        self._build_gel(FRICTION)
+        self.reference_px = self._optics.project(self._state).center_px
+
+    def _geoms(self, body: int) -> list[int]:
+        return np.flatnonzero(self._model.geom_bodyid == body).tolist()
+
+    def _build_gel(self, friction: float) -> None:
+        """Take a gel with this friction, at rest."""
+        if getattr(self, "_friction", None) != friction:
+            grid = GridConfig(cells=CELLS[self._fidelity])
+            config = GelConfig(friction=FrictionConfig(static=friction), grid=grid)
+            self._gel, self._axis_mm = Gel(config, self.mount.rest_mm), grid.axis_mm
+        self._friction = friction
+        self._gel.reset()
+        self._state = self._gel.step(1e-3, None, None)
+
+    def reset(self, data: mujoco.MjData, seed: int = 0) -> Reading:
+        """Return to a skin at rest, or, where the pad holds something, to one long held.
+
+        Args:
+            data: State of the model, after ``mj_forward``.
+            seed: Seed of what is random in the sensor.
+        """
+        self._body: int | None = self._plate if self._held else None
+        self._t_s, self._zero, self._spring = data.time, np.zeros(6), self._stiffness_at_rest()
+        self._build_gel(self._friction)
+        if self._held:
+            for _ in range(SETTLE_STEPS):
+                self._advance(data, SETTLE_S / SETTLE_STEPS)
+            self._zero = self._wrench()
+        self._couple(data)
+        if self._fidelity == "events":
+            self.observer = EventObserver(self.mount, self._optics, seed)
+        else:
+            ideal = self._fidelity == "ideal"
+            self.observer = MarkerObserver(self.mount, self._optics, seed, ideal)
+        return self._read(first=True)
+
+    def step(self, data: mujoco.MjData) -> Reading:
+        """Advance the sensor to the time of the model and return what it tells.
+
+        Call it every 2 to 10 ms of the model's time, after ``mj_step``.
+
+        Raises:
+            ValueError: The time has not advanced, or by more than 20 ms.
+        """
+        dt_s = data.time - self._t_s
+        if not 0.0 < dt_s <= LONGEST_STEP_S * (1.0 + 1e-9):
+            raise ValueError(
+                f"the model is {1e3 * dt_s:g} ms after the sensor's last step, valid are up to "
+                f"{1e3 * LONGEST_STEP_S:g} ms; call reset(data) after a reset of the model"
+            )
+        self._t_s = data.time
+        self._advance(data, dt_s)
+        self._couple(data)
+        return self._read()
+
+    def _read(self, first: bool = False) -> Reading:
+        state = replace(self._state, t_us=round(self._t_s * 1e6))
+        seen = self.observer.begin(state) if first else self.observer.observe(state)
+        return Reading(state.t_us, *seen, state)
+
+    def _advance(self, data: mujoco.MjData, dt_s: float) -> None:
+        """Step the gel under the body that touches."""
+        if not self._held and not self._gel.in_contact:
+            self._find_touch(data)
+        touch = (None, None) if self._body is None else self._indenter(data, self._body)
+        self._state = self._gel.step(dt_s, *touch)
+
+    def _find_touch(self, data: mujoco.MjData) -> None:
+        """Find the body that presses deepest on the pad, and the friction between them."""
+        self._body = None
+        pairs = data.contact.geom.reshape(-1, 2)
+        mine = np.flatnonzero((pairs == self._geom).any(axis=1))
+        if not len(mine):
+            return
+        first = mine[data.contact.dist[mine].argmin()]
+        other = pairs[first].sum() - self._geom
+        self._body = int(self._model.geom_bodyid[other])
+        friction = round(float(data.contact.friction[first, 0]), 3)
+        if friction != self._friction and self._gel.resting:
+            self._build_gel(friction)
+
+    def _indenter(self, data: mujoco.MjData, body: int) -> tuple[BodyIndenter, st.Pose]:
+        """Return a body and its pose in the frame of the skin, mm."""
+        if body not in self._indenters:
+            collides = self._model.geom_contype | self._model.geom_conaffinity
+            geoms = self._held or [g for g in self._geoms(body) if collides[g]]
+            self._indenters[body] = BodyIndenter(self._model, geoms, self.mount.pad_mm / 2.0)
+        indenter = self._indenters[body]
+        frame = np.array(AXES) @ data.site_xmat[self._site].reshape(3, 3).T
+        rotation = frame @ data.xmat[body].reshape(3, 3)
+        place = frame @ (data.xpos[body] - data.site_xpos[self._site]) * MM_PER_M
+        indenter.place_mm = place.copy()
+        place[2] -= indenter.center_mm(rotation)
+        return indenter, st.Pose(position_mm=place, rotation=rotation, frame="skin")
+
+    def _wrench(self) -> Floats:
+        """Return force and moment on the skin, N and N m."""
+        pads = HELD_PADS if self._held else 1.0
+        wrench = np.concatenate((self._state.force_n, self._state.torque_n_mm / MM_PER_M))
+        return pads * wrench - self._zero
+
+    def _couple(self, data: mujoco.MjData) -> None:
+        """Make the springs as stiff as the gel, and place them so that they push with its force.
+
+        The normal springs have their zero at the undeformed skin instead.
+        """
+        model = self._model
+        self._spring += FOLLOW * (self._stiffness() - self._spring)
+        placed = np.ones(6, bool) if self._held else SIDEWAYS & self._gel.in_contact
+        for number, joints in enumerate(self._joints):
+            qpos, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+            model.jnt_stiffness[joints] = self._spring.reshape(-1, *model.jnt_stiffness.shape[1:])
+            damping = self._spring * DAMPING_S
+            model.dof_damping[dofs] = damping.reshape(-1, *model.dof_damping.shape[1:])
+            wrench = self._wrench() * (MIRROR if number else 1.0)
+            zero = data.qpos[qpos] - wrench / self._spring
+            model.qpos_spring[qpos] = np.where(placed, zero, 0.0)
+
+    def _stiffness(self) -> Floats:
+        """Return the stiffness of the gel along the six joints, N/m and N m/rad."""
+        pressure = self._gel.pressure_mpa
+        if not self._state.in_contact:
+            return self._stiffness_at_rest()
+        share = pressure / pressure.sum()
+        depth_mm = max(STILL_MM, float(self._gel.displacement_mm[2].max()))
+        normal = np.clip(MM_PER_M * float(self._state.force_n[2]) / depth_mm, *STIFFNESS_N_M)
+        normal *= HELD_PADS if self._held else 1.0
+        lateral = SHEAR_SHARE * normal
+        square_mm2 = np.array([share.sum(axis=1), share.sum(axis=0)]) @ self._axis_mm**2
+        square_mm2 = np.maximum(square_mm2, LEAST_TURN_MM2)
+        turn = np.append(normal * square_mm2, lateral * square_mm2.sum()) / MM_PER_M**2
+        return np.array([lateral, lateral, normal, *turn])
+
+    def _stiffness_at_rest(self) -> Floats:
+        turn = LEAST_TURN_MM2 / MM_PER_M**2
+        return STIFFNESS_N_M[0] * np.array([1.0, 1.0, 1.0, turn, turn, 2.0 * turn])

@@ -1,0 +1,211 @@
+"""Bodies of a MuJoCo model as indenters of the gel: their height over the cells of the skin.
+
+The gel asks for the height of a body along its normal at every cell. Each primitive is a closed
+form (the last intersection of a line along the normal), a mesh is a buffer of depth over its
+triangles; both are one loop over the cells in compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+import spikingtac as st
+from spikingtac.sim import SoftLayer
+
+Floats = NDArray[np.float64]
+
+MM_PER_M = 1e3
+NO_SURFACE_MM = -1e6
+"""Height where there is no body, far away from any skin, mm."""
+REACH_MM = 1e5
+"""Height of the reference point over the body's origin, mm: above any body, so that the gel never
+takes one for out of reach."""
+BULGE_MM = 1.0
+"""Parts of a mesh that lie further than this above the skin never touch it, mm (ours)."""
+TINY = 1e-12
+GEOM = mujoco.mjtGeom
+PLANE, SPHERE, CAPSULE = int(GEOM.mjGEOM_PLANE), int(GEOM.mjGEOM_SPHERE), int(GEOM.mjGEOM_CAPSULE)
+ELLIPSOID, CYLINDER = int(GEOM.mjGEOM_ELLIPSOID), int(GEOM.mjGEOM_CYLINDER)
+BOX, MESH = int(GEOM.mjGEOM_BOX), int(GEOM.mjGEOM_MESH)
+SHAPES = (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH)
+
+
+@njit(cache=True)
+def quadric_top(a: float, b: float, c: float) -> float:
+    """Return the larger root of ``a z² + 2 b z + c``, or "not a number"."""
+    root = b * b - a * c
+    if root < 0.0 or a < TINY:
+        return np.nan
+    return (math.sqrt(root) - b) / a
+
+
+@njit(cache=True)
+def round_top(kind: int, size: Floats, axis: Floats, x: float, y: float) -> float:
+    """Return the height of a capsule or a cylinder over a point, mm."""
+    radius, half = size[0], size[1]
+    best = NO_SURFACE_MM
+    across = x * axis[0] + y * axis[1]
+    top = quadric_top(
+        1.0 - axis[2] ** 2, -across * axis[2], x * x + y * y - across**2 - radius * radius
+    )
+    if abs(across + top * axis[2]) <= half:  # False for "not a number"
+        best = top
+    for end in (-half, half):
+        if kind == CAPSULE:
+            rest = radius * radius - (x - end * axis[0]) ** 2 - (y - end * axis[1]) ** 2
+            if rest >= 0.0:
+                best = max(best, end * axis[2] + math.sqrt(rest))
+        elif abs(axis[2]) > TINY:
+            top = (end - across) / axis[2]
+            if x * x + y * y + top * top - end * end <= radius * radius:
+                best = max(best, top)
+    return best
+
+
+@njit(cache=True)
+def box_top(size: Floats, rotation: Floats, x: float, y: float) -> float:
+    """Return the height of a box over a point, mm."""
+    low, high = -np.inf, np.inf
+    for i in range(3):
+        start, slope = rotation[0, i] * x + rotation[1, i] * y, rotation[2, i]
+        if abs(slope) < TINY:
+            if abs(start) > size[i]:
+                return NO_SURFACE_MM
+            continue
+        one, other = (-size[i] - start) / slope, (size[i] - start) / slope
+        low, high = max(low, min(one, other)), min(high, max(one, other))
+    return high if low <= high else NO_SURFACE_MM
+
+
+@njit(cache=True)
+def ellipsoid_top(size: Floats, rotation: Floats, x: float, y: float) -> float:
+    """Return the height of an ellipsoid over a point, mm."""
+    a = b = 0.0
+    c = -1.0
+    for i in range(3):
+        start, slope = (rotation[0, i] * x + rotation[1, i] * y) / size[i], rotation[2, i] / size[i]
+        a, b, c = a + slope * slope, b + slope * start, c + start * start
+    top = quadric_top(a, b, c)
+    return NO_SURFACE_MM if math.isnan(top) else top
+
+
+@njit(cache=True)
+def top_kernel(
+    kind: int,
+    size: Floats,
+    rotation: Floats,
+    center: Floats,
+    x_mm: Floats,
+    y_mm: Floats,
+    out: Floats,
+) -> None:
+    """Raise ``out (n,)`` to the height of one primitive over the points, mm.
+
+    Args:
+        kind: MuJoCo's type of the geom.
+        size: ``(3,)`` its size, mm.
+        rotation: ``(3, 3)`` its orientation.
+        center: ``(3,)`` its centre, mm.
+        x_mm: ``(n,)`` points.
+        y_mm: ``(n,)`` points.
+        out: Heights so far.
+    """
+    axis = rotation[:, 2].copy()
+    for i in range(len(x_mm)):
+        x, y = x_mm[i] - center[0], y_mm[i] - center[1]
+        top = NO_SURFACE_MM
+        if kind == BOX:
+            top = box_top(size, rotation, x, y)
+        elif kind in (CAPSULE, CYLINDER):
+            top = round_top(kind, size, axis, x, y)
+        elif kind == PLANE:
+            top = -(axis[0] * x + axis[1] * y) / axis[2] if axis[2] > TINY else NO_SURFACE_MM
+        else:
+            top = ellipsoid_top(size, rotation, x, y)
+        out[i] = max(out[i], center[2] + top)
+
+
+@njit(cache=True)
+def mesh_kernel(corners: Floats, floor_mm: float, x_mm: Floats, y_mm: Floats, out: Floats) -> None:
+    """Raise ``out (n,)`` to the height of triangles ``(t, 3, 3)`` over the points, mm."""
+    left, right, top, bottom = x_mm.min(), x_mm.max(), y_mm.min(), y_mm.max()
+    for t in range(len(corners)):
+        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+        if max(a[2], b[2], c[2]) < floor_mm or max(a[0], b[0], c[0]) < left:
+            continue
+        if min(a[0], b[0], c[0]) > right or max(a[1], b[1], c[1]) < top:
+            continue
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+        if min(a[1], b[1], c[1]) > bottom or abs(area) < TINY:
+            continue
+        for i in range(len(x_mm)):
+            x, y = x_mm[i], y_mm[i]
+            u = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area
+            v = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area
+            if u >= 0.0 and v >= 0.0 and u + v <= 1.0:
+                out[i] = max(out[i], a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]))
+
+
+class BodyIndenter:
+    """All geoms of a body that collide, as one rigid indenter (:class:`spikingtac.sim.Indenter`).
+
+    Args:
+        model: The model.
+        geoms: Numbers of the geoms.
+        pad_mm: ``(2,)`` half sides of the pad: the body has no surface beside it, mm.
+
+    Attributes:
+        place_mm: ``(3,)`` place of the body's origin from the centre of the skin, mm.
+    """
+
+    soft: SoftLayer | None = None
+
+    def __init__(self, model: mujoco.MjModel, geoms: list[int], pad_mm: Floats) -> None:
+        self._parts = []
+        for g in geoms:
+            kind, size = int(model.geom_type[g]), model.geom_size[g] * MM_PER_M
+            if kind not in SHAPES:
+                name = GEOM(kind).name.removeprefix("mjGEOM_").lower()
+                raise st.ConfigError(
+                    f"geom {model.geom(g).name!r} touches the pad and is a {name}; the sensor "
+                    "feels planes, spheres, capsules, ellipsoids, cylinders, boxes and meshes"
+                )
+            turn, mesh = np.empty(9), np.empty((0, 3, 3))
+            mujoco.mju_quat2Mat(turn, model.geom_quat[g])
+            if kind == MESH:
+                mesh = _triangles_mm(model, int(model.geom_dataid[g]))
+            size = np.full(3, size[0]) if kind == SPHERE else size
+            self._parts.append((kind, size, turn.reshape(3, 3), model.geom_pos[g] * MM_PER_M, mesh))
+        self._pad_mm = pad_mm
+        self.place_mm = np.zeros(3)
+
+    def center_mm(self, rotation: Floats) -> float:
+        """Return the height of the body's origin over its reference point, mm."""
+        return -REACH_MM
+
+    def heights_mm(self, x_mm: Floats, y_mm: Floats, rotation: Floats) -> Floats:
+        """Return the height over points from the body's origin, below the reference point, mm."""
+        out = np.full(x_mm.shape, NO_SURFACE_MM)
+        for kind, size, turn, place, mesh in self._parts:
+            turn, center = rotation @ turn, rotation @ place
+            if kind == MESH:
+                floor_mm = -self.place_mm[2] - BULGE_MM
+                mesh_kernel(mesh @ turn.T + center, floor_mm, x_mm, y_mm, out)
+            else:
+                top_kernel(kind, size, turn, center, x_mm, y_mm, out)
+        beside = np.abs(x_mm + self.place_mm[0]) > self._pad_mm[0]
+        beside |= np.abs(y_mm + self.place_mm[1]) > self._pad_mm[1]
+        return np.where(beside, NO_SURFACE_MM, out - REACH_MM)
+
+
+def _triangles_mm(model: mujoco.MjModel, mesh: int) -> Floats:
+    """Return the corners ``(t, 3, 3)`` of a mesh in its own frame, mm."""
+    first, faces = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+    corners = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
+    triangles = model.mesh_face[faces : faces + int(model.mesh_facenum[mesh])]
+    return corners[triangles] * MM_PER_M

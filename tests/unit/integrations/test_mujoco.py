@@ -1,0 +1,189 @@
+"""The sensor in MuJoCo: contact forces, friction, the tasks, and what is refused."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spikingtac as st
+
+mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("gymnasium")
+FOLDER = Path(__file__).resolve().parents[3] / "integrations" / "mujoco"
+
+PRESS = """<mujoco>
+<option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
+<asset><mesh name="block" vertex="-4 -4 -4 4 -4 -4 -4 4 -4 4 4 -4 -4 -4 4 4 -4 4 -4 4 4 4 4 4"
+ scale=".001 .001 .001"/></asset>
+<worldbody><body name="finger"><geom size=".01" mass=".5" contype="0" conaffinity="0"/>
+<joint name="base" type="slide" axis="0 1 0" damping="1"/><site name="tip"/></body>
+<body name="body" pos="0 0 {height}"><joint name="x" type="slide" axis="1 0 0" damping="2"/>
+<joint name="z" type="slide" axis="0 0 1" damping="2"/>
+<geom {geom} mass=".2" friction="{mu}"/></body>
+</worldbody><actuator><motor joint="x"/></actuator>
+<keyframe><key name="home" qpos=".001 .002 .003"/></keyframe></mujoco>"""
+WEIGHT_N = 0.2 * 9.81
+SHAPES = {
+    "ball": ('type="sphere" size=".01"', 0.0101),
+    "standing rod": ('type="capsule" size=".008 .01"', 0.0181),
+    "cylinder": ('type="cylinder" size=".01 .012" euler="90 0 0"', 0.0101),
+    "block": ('type="box" size=".004 .004 .004"', 0.0041),
+    "stone": ('type="ellipsoid" size=".012 .014 .01"', 0.0101),
+    "mesh": ('type="mesh" mesh="block"', 0.0041),
+}
+
+
+@pytest.fixture(scope="module")
+def module() -> Any:
+    sys.path.insert(0, str(FOLDER))
+    yield importlib.import_module("spikingtac_mujoco")
+    sys.path.remove(str(FOLDER))
+
+
+def pressed(module: Any, shape: str, mu: float, force_n: float, fidelity: str = "ideal") -> Any:
+    """Let a body lie on a skin that looks up, drag it along x, and return its last reading."""
+    geom, height = SHAPES[shape]
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=geom, height=height, mu=mu))
+    mount = module.add_sensor(spec, site="tip", friction=mu)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    sensor = module.Sensor(model, mount, fidelity)
+    sensor.reset(data)
+    reading = None
+    for k in range(120):
+        data.ctrl[0] = force_n * min(1.0, max(0.0, (k - 50) / 40))
+        mujoco.mj_step(model, data, nstep=10)
+        reading = sensor.step(data)
+    return reading
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_gel_carries_what_mujoco_presses_and_drags(module: Any, shape: str) -> None:
+    reading = pressed(module, shape, 0.9, 0.5)
+    np.testing.assert_allclose(reading.skin.force_n[[0, 2]], [0.5, WEIGHT_N], rtol=0.05)
+    assert reading.true_px[:, 0].mean() > 0.3
+
+
+def test_a_body_slips_on_the_skin_as_in_mujoco(module: Any) -> None:
+    reading = pressed(module, "block", 0.2, 0.45)
+    assert reading.slipping == pytest.approx(1.0)
+    assert reading.skin.force_n[0] < 0.25 * reading.skin.force_n[2]
+
+
+def test_markers_err_as_the_tracker_does_on_events(module: Any) -> None:
+    errors = {}
+    for fidelity in ("markers", "events"):
+        reading = pressed(module, "block", 0.9, 0.5, fidelity)
+        off = np.linalg.norm(reading.displacement_px - reading.true_px, axis=1)
+        errors[fidelity] = off.mean()
+    assert 0.02 < errors["markers"] < 0.3
+    assert 0.4 < errors["markers"] / errors["events"] < 2.5
+
+
+def test_keyframes_keep_their_joints(module: Any) -> None:
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    module.add_sensor(spec, site="tip")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    assert [data.joint(name).qpos[0] for name in ("base", "x", "z")] == [0.001, 0.002, 0.003]
+    assert data.joint("tip_slide_x").qpos[0] == 0.0
+
+
+def test_a_calibration_gives_the_markers(module: Any) -> None:
+    place = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), axis=-1).reshape(-1, 2) * 30.0
+    calibration = st.Calibration(
+        reference_px=place + 100.0, radius_px=np.full(20, 7.0), grid=(4, 5), size=(320, 320)
+    )
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    with pytest.raises(st.ConfigError, match="no scale"):
+        module.add_sensor(spec, site="tip", calibration=calibration)
+    mount = module.add_sensor(spec, site="tip", calibration=calibration.with_pitch(2.0))
+    np.testing.assert_allclose(mount.pad_mm, [10.0, 8.0], atol=0.01)
+    np.testing.assert_allclose(np.ptp(mount.rest_mm, axis=0), [8.0, 6.0], atol=0.01)
+
+
+def test_what_is_wrong_is_said(module: Any, tmp_path: Path) -> None:
+    with pytest.raises(st.ConfigError, match=r"gone\.xml"):
+        module.load_spec(tmp_path / "gone.xml")
+    (tmp_path / "bad.xml").write_text("<mujoco><nothing/></mujoco>")
+    with pytest.raises(st.ConfigError, match="no model"):
+        module.load_spec(tmp_path / "bad.xml")
+    spec = mujoco.MjSpec.from_string(PRESS.format(geom=SHAPES["ball"][0], height=1, mu=1))
+    with pytest.raises(st.ConfigError, match=r"no site 'palm'; it has 'tip'"):
+        module.add_sensor(spec, site="palm")
+    with pytest.raises(st.ConfigError, match="the pad is 40 x 20 mm, valid are 4 to 24"):
+        module.add_sensor(spec, site="tip", pad_mm=(40.0, 20.0))
+    bare = spec.compile()
+    mount = module.add_sensor(spec, site="tip")
+    with pytest.raises(st.ConfigError, match="compile it after add_sensor"):
+        module.Sensor(bare, mount)
+    with pytest.raises(st.ConfigError, match="valid are markers, events, ideal"):
+        module.Sensor(spec.compile(), mount, "photons")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    sensor = module.Sensor(model, mount)
+    sensor.reset(data)
+    mujoco.mj_step(model, data, nstep=30)
+    with pytest.raises(ValueError, match="30 ms after the sensor's last step"):
+        sensor.step(data)
+
+
+@pytest.mark.parametrize("name", ["PegInHole", "GripWithoutSlip", "StopOnTouch"])
+def test_a_task_is_sound_and_repeats(module: Any, name: str) -> None:
+    import gymnasium
+    from gymnasium.utils.env_checker import check_env
+
+    env = gymnasium.make(f"spikingtac/{name}-v0").unwrapped
+    check_env(env, skip_render_check=True)
+    runs = []
+    for _ in range(2):
+        observation, _ = env.reset(seed=3)
+        for k in range(40):
+            observation, reward, *_ = env.step(np.full(env.action_space.shape, np.sin(k)))
+        runs.append((observation["touch"], observation["state"], reward))
+    np.testing.assert_array_equal(runs[0][0], runs[1][0])
+    np.testing.assert_array_equal(runs[0][1], runs[1][1])
+    assert runs[0][2] == runs[1][2]
+
+
+@pytest.mark.parametrize("name", ["PegInHole", "GripWithoutSlip", "StopOnTouch"])
+def test_touch_does_the_task(module: Any, name: str) -> None:
+    import gymnasium
+    from spikingtac_mujoco.policies import POLICIES, run
+
+    env = gymnasium.make(f"spikingtac/{name}-v0").unwrapped
+    found = run(env, POLICIES[name]("markers"), 0)
+    assert found["success"]
+    assert found.get("excess", 0.0) < 2.0
+
+
+def test_episodes_become_a_data_set(module: Any, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    from spikingtac_mujoco.export import export_episodes
+
+    told = export_episodes("StopOnTouch", tmp_path / "set", 1)
+    assert told["total_episodes"] == 1
+    assert told["features"][-1] == "action"
+
+
+def test_pictures_are_drawn_or_refused_with_what_is_missing(
+    module: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from spikingtac_mujoco import gl
+    from spikingtac_mujoco.draw import Camera, skin_image, write_gif
+
+    reading = pressed(module, "ball", 0.9, 0.2)
+    image = skin_image(np.mgrid[0:8, 0:8].reshape(2, -1).T * 37.0, reading, ["simulated"])
+    assert image.std() > 5.0
+    write_gif(tmp_path / "skin.gif", [image, image[::-1]])
+    assert (tmp_path / "skin.gif").read_bytes()[:3] == b"GIF"
+    monkeypatch.setenv("MUJOCO_GL", gl.OFF)
+    with pytest.raises(st.ConfigError, match="libegl1 or libosmesa6"):
+        Camera(mujoco.MjModel.from_xml_string("<mujoco/>"))
