@@ -26,8 +26,8 @@ MOST = {
     "src/spikingtac": Size(402, 38_600, 34_200),
     "src/spikingtac_paper": Size(82, 7_510, 5_960),
     "src/spikingtac_hardware": Size(13, 1_580, 1_430),
-    "integrations": Size(5, 235, 220),
-    "tests": Size(356, 30_300, 26_150),
+    "integrations": Size(25, 1_830, 1_700),
+    "tests": Size(356, 30_350, 26_160),
     "benchmarks": Size(4, 930, 720),
 }
 """Folder -> what it may hold."""

@@ -76,7 +76,7 @@ def _errors(
         "largest px": round(float(np.linalg.norm(true, axis=2).max()), 1),
         "mean error px": round(float(off.mean()), 3),
         "95 % px": round(float(np.percentile(off, 95.0)), 3),
-        "predicted": float(np.mean([reading.coasted for reading in readings])),
+        "predicted": round(float(np.mean([reading.coasted for reading in readings])), 5),
         "largest N": round(float(np.linalg.norm(force_n, axis=1).max()), 2),
         "error across N": round(float(error_n[:2].mean()), 4),
         "error down N": round(float(error_n[2]), 3),
