@@ -122,7 +122,7 @@ def test_kernels_equal_their_python_source(encoder, decoder, twin) -> None:
             source = (read_only(words.view("<u4").reshape(-1, 2)), 1)
         with np.errstate(over="ignore"):
             results.append(
-                (kernel(*source, *out, state), state.tolist(), [a.tolist() for a in out])
+                (kernel(*source, Columns(*out), state), state.tolist(), [a.tolist() for a in out])
             )
     assert results[0] == results[1]
 

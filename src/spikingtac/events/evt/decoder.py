@@ -12,8 +12,10 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from spikingtac.events.evt.wire import TIME_HIGH, TimeWords, WordFormat, WordView, time_words
 from spikingtac.events.formats.codec import JUMP_US, RESET_US
 from spikingtac.types import LossCounters
 
@@ -187,29 +189,6 @@ class Columns(NamedTuple):
         )
 
 
-class TimeWords(NamedTuple):
-    """The words of upper time in a chunk.
-
-    Attributes:
-        position: Index of each among the words.
-        value: What each says.
-        wrapped: Whether the lower time fell from before it to after it, so that a step is due.
-    """
-
-    position: NDArray[np.int64]
-    value: NDArray[np.int64]
-    wrapped: NDArray[np.bool_]
-
-    @classmethod
-    def empty(cls, length: int) -> Self:
-        """Return room for ``length`` words."""
-        return cls(np.empty(length, np.int64), np.empty(length, np.int64), np.empty(length, bool))
-
-    def first(self, count: int) -> TimeWords:
-        """Return the first ``count`` of them."""
-        return TimeWords(self.position[:count], self.value[:count], self.wrapped[:count])
-
-
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """Return a view that is not to be written.
 
@@ -230,45 +209,61 @@ class WordDecoder:
 
     Attributes:
         name: Name of the encoding.
+        form: How the format divides the time.
         word: Type of a word on the wire.
         events_per_word: Most events that a word can stand for.
-        low_bits: Bits of the lower time.
-        high_bits: Bits of the upper time.
         state: The kernel's state, see above.
         mended: Time words replaced so far.
     """
 
     UNKNOWN_TYPE = 2
     name: str
+    form: WordFormat
     word: np.dtype[Any]
     events_per_word: int
-    low_bits: int
-    high_bits: int
 
     def __init__(self, size: tuple[int, int], continuous: bool = False) -> None:
         self.state = new_state(size, continuous)
+        self.size = size
         self.mended = 0
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
         raise NotImplementedError
 
-    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
+    def view(self, words: NDArray[Any]) -> WordView:
+        """Return what each word says."""
         raise NotImplementedError
 
-    def expected_high(self, data: NDArray[np.uint8]) -> int:
+    def heads(self, words: NDArray[Any]) -> NDArray[Any]:
+        """Return the part of each word that holds its type."""
+        return words
+
+    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
+        length = self.word.itemsize
+        if len(data) < length:
+            return np.empty(0, np.uint8)
+        words = np.ascontiguousarray(sliding_window_view(data, length)).view(self.word).ravel()
+        view = self.view(words)
+        far = view.is_high & (abs(view.time - self._expected_high(data)) > self.form.far_steps)
+        odd = view.outside | view.rare | far
+        return np.where(view.unknown, self.UNKNOWN_TYPE, odd).astype(np.uint8)
+
+    def _expected_high(self, data: NDArray[np.uint8]) -> int:
         """Return the upper time that the words of a chunk should be near."""
         if self.state[HIGH] >= 0:
             return int(self.state[HIGH])
         end = len(data) // self.word.itemsize * self.word.itemsize
-        times = self.time_words(data[:end].view(self.word).copy()).value
+        times = time_words(self.view(data[:end].view(self.word))).value
         return int(np.median(times)) if len(times) else 0
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
         """Return the upper times (and mend what else can be mended in place)."""
-        raise NotImplementedError
+        return time_words(self.view(words))
 
     def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
         """Write mended upper times back into the words."""
-        raise NotImplementedError
+        heads = self.heads(words)
+        type_bits = 8 * heads.itemsize - 4
+        heads[times.position] = (TIME_HIGH << type_bits) | times.value

@@ -2,93 +2,102 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.events.evt import evt2, evt3_salvage
 from spikingtac.events.evt.decoder import NONE, Integer
-from spikingtac.events.evt.evt3_salvage import ADDR_X, ADDR_Y, BASE_X, TIME_LOW, VECT_8, VECT_12
-
-VECTOR_WIDTH_PX = 32
-"""Pixels that one word of EVT2.1 covers, or a base of EVT3 and its 12 + 12 + 8 vectors."""
+from spikingtac.events.evt.wire import (
+    ADDR_X,
+    ADDR_Y,
+    BASE_X,
+    EVT2,
+    EVT3,
+    TIME_HIGH,
+    TIME_LOW,
+    TRIGGER,
+    VECT_8,
+    VECT_12,
+    VECTOR_WIDTH_PX,
+    WordFormat,
+)
 
 VECTOR_WORDS = 3
 REPEAT_BITS = 8
 """The upper time is repeated after 2^8 us, as sensors do: what is lost is found again sooner."""
+SILENCE_STEP = 1 << 10
+"""Upper times that one time word of EVT2 stands for in silence: there is one in 65,536 us."""
+EVT3_WORDS = 5
+"""Most words that an event of EVT3 takes."""
+
+Times = NDArray[np.int64]
+Pixels = NDArray[np.uint16]
+Signs = NDArray[np.bool_]
 
 
-class WordEncoder(ABC):
+class WordEncoder:
     """Turns packets of one stream into words.
 
     Attributes:
         name: Of the encoding, as in a file's header.
-        time_bits: Of the counter on the wire, us.
+        form: How the format divides the time.
         word: Type of a word.
     """
 
     name: str
-    time_bits: int
+    form: WordFormat
     word: np.dtype[Any]
 
-    @abstractmethod
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[Any]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
+    @property
+    def time_bits(self) -> int:
+        """Bits of the counter on the wire, us."""
+        return self.form.low_bits + self.form.high_bits
 
-    @abstractmethod
+    def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
+        """Return the words for events in order of time (``t`` counted from the file's base)."""
+        raise NotImplementedError
+
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
         """Return the words for a trigger edge that follows what was encoded before."""
+        raise NotImplementedError
 
 
 class Evt2Encoder(WordEncoder):
     """Turns packets into EVT2 words."""
 
     name = "evt2"
-    time_bits = evt2.TIME_LOW_BITS + evt2.TIME_HIGH_BITS
+    form = EVT2
     word = np.dtype(np.uint32)
     _shift = 0
 
     def __init__(self) -> None:
         self._high = NONE
 
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[Any]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
+    def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
+        """Return the words for events; see :class:`WordEncoder`."""
         address = x.astype(np.int64) << 11 | y
         return self._with_times(t, p.astype(np.int64) << 28 | (t & 0x3F) << 22 | address)
 
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
-        """Return the words for a trigger edge that follows what was encoded before."""
-        head = evt2.TRIGGER << 28 | (t_us & 0x3F) << 22 | channel << 8 | int(rising)
+        """Return the words for a trigger edge; see :class:`WordEncoder`."""
+        head = TRIGGER << 28 | (t_us & 0x3F) << 22 | channel << 8 | int(rising)
         return self._with_times(np.array([t_us]), np.array([head << self._shift]).astype(self.word))
 
-    def _with_times(self, t: NDArray[np.int64], words: NDArray[Any]) -> NDArray[Any]:
+    def _with_times(self, t: Times, words: NDArray[Any]) -> NDArray[Any]:
         """Put time words before the events whose upper time is new, a few for a long silence."""
         if not len(t):
             return np.empty(0, self.word)
-        high = t >> evt2.TIME_LOW_BITS
+        high = t >> EVT2.low_bits
         before = np.concatenate(([self._high], high[:-1]))
         new = np.flatnonzero(high != before)
         steps = np.where(before[new] == NONE, 1, high[new] - before[new])
-        counts = (steps - 1) // evt2.SILENCE_STEP + 1
+        counts = (steps - 1) // SILENCE_STEP + 1
         number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + 1
-        times = np.repeat(before[new], counts) + number * evt2.SILENCE_STEP
+        times = np.repeat(before[new], counts) + number * SILENCE_STEP
         times = np.where(number == np.repeat(counts, counts), np.repeat(high[new], counts), times)
-        heads = (evt2.TIME_HIGH << 28 | times & 0xFFFFFFF).astype(self.word)
+        heads = (TIME_HIGH << 28 | times & 0xFFFFFFF).astype(self.word)
         self._high = int(high[-1])
         return np.insert(
             words.astype(self.word), np.repeat(new, counts), heads << self.word.type(self._shift)
@@ -102,14 +111,8 @@ class Evt21Encoder(Evt2Encoder):
     word = np.dtype(np.uint64)
     _shift = 32
 
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[Any]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
+    def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
+        """Return the words for events; see :class:`WordEncoder`."""
         if not len(t):
             return np.empty(0, self.word)
         begins = np.ones(len(t), np.bool_)
@@ -132,48 +135,34 @@ class Evt3Encoder(WordEncoder):
     """
 
     name = "evt3"
-    time_bits = evt3_salvage.TIME_LOW_BITS + evt3_salvage.TIME_HIGH_BITS
+    form = EVT3
     word = np.dtype(np.uint16)
-    _words_per_event = 5
 
     def __init__(self) -> None:
         self._state = np.full(5, NONE, np.int64)
 
-    def encode(
-        self,
-        t: NDArray[np.int64],
-        x: NDArray[np.uint16],
-        y: NDArray[np.uint16],
-        p: NDArray[np.bool_],
-    ) -> NDArray[Any]:
-        """Return the words for events in order of time (``t`` counted from the file's base)."""
+    def encode(self, t: Times, x: Pixels, y: Pixels, p: Signs) -> NDArray[Any]:
+        """Return the words for events; see :class:`WordEncoder`."""
         if not len(t):
             return np.empty(0, self.word)
-        words = self._room(int(t[0]), int(t[-1]), self._words_per_event * len(t))
+        words = self._room(int(t[0]), int(t[-1]), EVT3_WORDS * len(t))
         return words[: encode_evt3_kernel(t, x, y, p, words, self._state)]
 
     def trigger(self, t_us: int, channel: int, rising: bool) -> NDArray[Any]:
-        """Return the words for a trigger edge that follows what was encoded before."""
-        words = self._room(t_us, t_us, self._words_per_event)
+        """Return the words for a trigger edge; see :class:`WordEncoder`."""
+        words = self._room(t_us, t_us, EVT3_WORDS)
         count = time_words_kernel(t_us, words, 0, self._state)
-        words[count] = evt3_salvage.TRIGGER << 12 | channel << 8 | int(rising)
+        words[count] = TRIGGER << 12 | channel << 8 | int(rising)
         return words[: count + 1]
 
     def _room(self, first_us: int, last_us: int, words: int) -> NDArray[Any]:
         known = int(self._state[0])
-        first = first_us >> evt3_salvage.TIME_LOW_BITS if known == NONE else known
-        return np.empty(words + (last_us >> evt3_salvage.TIME_LOW_BITS) - first + 1, self.word)
+        first = first_us >> EVT3.low_bits if known == NONE else known
+        return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 
 @njit(cache=True, nogil=True)
-def encode_evt3_kernel(
-    t: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    out: NDArray[np.uint16],
-    state: NDArray[np.int64],
-) -> Any:
+def encode_evt3_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, out: Pixels, state: Times) -> Any:
     """Write words to ``out``; ``state`` is (high, low, row, next vector base, its polarity)."""
     n, i = 0, 0
     while i < len(t):
@@ -196,19 +185,17 @@ def encode_evt3_kernel(
 
 
 @njit(cache=True, nogil=True)
-def time_words_kernel(
-    t: Integer, out: NDArray[np.uint16], n: Integer, state: NDArray[np.int64]
-) -> Any:
+def time_words_kernel(t: Integer, out: Pixels, n: Integer, state: Times) -> Any:
     """Write the words that lead to a time; return the number of words by then."""
     high = t >> 12
     if high != state[0]:
         first = high if state[0] < 0 else state[0] + 1
         for value in range(first, high + 1):
-            out[n] = (evt3_salvage.TIME_HIGH << 12) | (value & 0xFFF)
+            out[n] = (TIME_HIGH << 12) | (value & 0xFFF)
             n += 1
         state[0] = high
     elif (t & 0xFFF) >> REPEAT_BITS != state[1] >> REPEAT_BITS:
-        out[n] = (evt3_salvage.TIME_HIGH << 12) | (high & 0xFFF)
+        out[n] = (TIME_HIGH << 12) | (high & 0xFFF)
         n += 1
     state[1] = t & 0xFFF
     out[n] = (TIME_LOW << 12) | state[1]
@@ -216,13 +203,7 @@ def time_words_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _run_kernel(
-    t: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    i: Integer,
-) -> tuple[int, Any]:
+def _run_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, i: Integer) -> tuple[int, Any]:
     """Return the end and the mask of the events that one vector from event ``i`` can hold."""
     mask, last = 1, i + 1
     while (
@@ -240,13 +221,7 @@ def _run_kernel(
 
 @njit(cache=True, nogil=True)
 def _vector_kernel(
-    x: Integer,
-    p: Any,
-    mask: Integer,
-    joined: Any,
-    out: NDArray[np.uint16],
-    n: Integer,
-    state: NDArray[np.int64],
+    x: Integer, p: Any, mask: Integer, joined: Any, out: Pixels, n: Integer, state: Times
 ) -> Any:
     if not joined:
         out[n] = (BASE_X << 12) | (np.int64(p) << 11) | x

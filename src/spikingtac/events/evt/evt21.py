@@ -22,25 +22,21 @@ from spikingtac.events.evt.decoder import (
     WIDTH,
     Columns,
     Integer,
-    TimeWords,
     WordDecoder,
     read_only,
     time_high_kernel,
     time_low_kernel,
 )
-from spikingtac.events.evt.evt2 import (
+from spikingtac.events.evt.evt2 import HIGH_BITS, LOW_BITS, rare_kernel
+from spikingtac.events.evt.wire import (
     EVENT_ON,
-    PADDING,
+    EVT2,
     TIME_HIGH,
-    TIME_HIGH_BITS,
-    TIME_LOW_BITS,
-    rare_kernel,
-    suspect_kernel,
-    time_words_kernel,
+    VECTOR_WIDTH_PX,
+    WordView,
+    view_evt2,
 )
 
-BYTE_ORDERS = ("little", "legacy", "big")
-VECTOR_WIDTH_PX = 32
 LOWEST_BIT = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 1 << 16)], np.uint8)
 """Index of the lowest set bit of each 16-bit mask."""
 
@@ -55,57 +51,41 @@ class Evt21Decoder(WordDecoder):
     """
 
     name = "evt21"
+    form = EVT2
     events_per_word = VECTOR_WIDTH_PX
-    low_bits = TIME_LOW_BITS
-    high_bits = TIME_HIGH_BITS
 
     def __init__(
         self, size: tuple[int, int], continuous: bool = False, byte_order: str = "little"
     ) -> None:
         super().__init__(size, continuous)
         self.word = np.dtype(">u8" if byte_order == "big" else "<u8")
-        half = "<u4" if byte_order != "big" else ">u4"
-        self._half = np.dtype(half)
+        self._half = np.dtype(">u4" if byte_order == "big" else "<u4")
         self._head = 1 if byte_order == "little" else 0
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        return decode_kernel(read_only(self._halves(words)), self._head, *out, self.state)
+        halves = self._halves(words).astype("<u4", copy=False)
+        return decode_kernel(read_only(halves), self._head, out, self.state)
 
-    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
-        out = np.empty(max(len(data) - 7, 0), np.uint8)
-        little = self._half.str[0] == "<"
-        high = self.expected_high(data)
-        suspects_kernel(read_only(data), 4 * self._head, little, high, out, self.state)
-        return out
+    def view(self, words: NDArray[Any]) -> WordView:
+        """Return what each word says."""
+        halves = self._halves(words)
+        return view_evt2(halves[:, self._head], halves[:, 1 - self._head], self.size)
 
-    def time_words(self, words: NDArray[Any]) -> TimeWords:
-        """Return the upper times."""
-        out = TimeWords.empty(len(words))
-        return out.first(time_words_kernel(self._halves(words)[:, self._head], *out))
+    def heads(self, words: NDArray[Any]) -> NDArray[Any]:
+        """Return the upper half of each word."""
+        return self._halves(words)[:, self._head]
 
-    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
-        """Write mended upper times back into the words."""
-        halves = words.view(self._half).reshape(-1, 2)
-        halves[times.position, self._head] = (TIME_HIGH << 28) | times.value
-
-    def _halves(self, words: NDArray[Any]) -> NDArray[np.uint32]:
-        return words.view(self._half).reshape(-1, 2).astype("<u4", copy=False)
+    def _halves(self, words: NDArray[Any]) -> NDArray[Any]:
+        return words.view(self._half).reshape(-1, 2)
 
 
 @njit(cache=True, nogil=True)
 def decode_kernel(
-    halves: NDArray[np.uint32],
-    upper: int,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    t: NDArray[np.int64],
-    triggers: NDArray[np.int64],
-    state: NDArray[np.int64],
+    halves: NDArray[np.uint32], upper: int, out: Columns, state: NDArray[np.int64]
 ) -> Any:
     """Decode words, ``(n, 2)`` halves, the upper in column ``upper``; return the event count."""
+    x, y, p, t, triggers = out
     n = 0
     for i in range(len(halves)):
         head = np.int64(halves[i, upper])
@@ -125,9 +105,9 @@ def decode_kernel(
                 mask >>= 16
                 column += 16
         elif kind == TIME_HIGH:
-            time_high_kernel(state, head & 0xFFFFFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+            time_high_kernel(state, head & 0xFFFFFFF, LOW_BITS, HIGH_BITS, i)
         else:
-            rare_kernel(head, PADDING, triggers, state)
+            rare_kernel(head, triggers, state)
     return n
 
 
@@ -145,26 +125,3 @@ def _visible_kernel(head: Integer, mask: Integer, state: NDArray[np.int64]) -> A
         state[OUTSIDE if timed else MISSING] += 1
         lost &= lost - 1
     return kept
-
-
-@njit(cache=True, nogil=True)
-def suspects_kernel(
-    data: NDArray[np.uint8],
-    head_offset: Integer,
-    little: bool,
-    high: Integer,
-    out: NDArray[np.uint8],
-    state: NDArray[np.int64],
-) -> None:
-    """Mark for each byte offset what is wrong with the word that begins there."""
-    for i in range(len(out)):
-        head = np.int64(0)
-        for k in range(4):
-            shift = 8 * k if little else 24 - 8 * k
-            head |= np.int64(data[i + head_offset + k]) << shift
-        out[i] = suspect_kernel(head, high, state)
-        mask = 0
-        for k in range(4):
-            mask |= data[i + 4 - head_offset + k]
-        if head >> 28 <= EVENT_ON and mask == 0:
-            out[i] = 1

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spikingtac.events.evt.decoder import (
     EVENTS_BEFORE,
     HEIGHT,
+    HIGH,
     MISSING,
     NO_ROW,
     NONE,
@@ -31,32 +32,34 @@ from spikingtac.events.evt.decoder import (
     WIDTH,
     Columns,
     Integer,
-    TimeWords,
     WordDecoder,
     lone_low_kernel,
     read_only,
     time_high_kernel,
 )
-from spikingtac.events.evt.evt3_salvage import (
+from spikingtac.events.evt.salvage import mend_high_kernel
+from spikingtac.events.evt.wire import (
     ADDR_X,
     ADDR_Y,
     BASE_X,
     CONTINUED_4,
     CONTINUED_12,
+    EVT3,
+    EVT3_PADDING,
     OTHERS,
-    PADDING,
     TIME_HIGH,
-    TIME_HIGH_BITS,
     TIME_LOW,
-    TIME_LOW_BITS,
     TRIGGER,
     VECT_8,
     VECT_12,
-    mend_low_kernel,
-    suspects_kernel,
-    time_words_kernel,
+    TimeWords,
+    WordView,
+    view_evt3,
 )
 
+NO_WRAP_BITS = 62
+"""Bits of a counter that never wraps, as the lower time within a unit of the upper."""
+LOW_BITS, HIGH_BITS = EVT3.low_bits, EVT3.high_bits
 LOWEST_BIT = np.array([12] + [(mask & -mask).bit_length() - 1 for mask in range(1, 4096)], np.uint8)
 """Index of the lowest set bit of each 12-bit mask."""
 
@@ -65,43 +68,36 @@ class Evt3Decoder(WordDecoder):
     """Turns EVT3 words into events; keeps time, row and vector base from call to call."""
 
     name = "evt3"
+    form = EVT3
     word = np.dtype("<u2")
     events_per_word = 12
-    low_bits = TIME_LOW_BITS
-    high_bits = TIME_HIGH_BITS
 
     def decode(self, words: NDArray[Any], out: Columns) -> int:
         """Decode words into the columns and return the number of events."""
-        return decode_kernel(read_only(words), *out, self.state)
+        return decode_kernel(read_only(words), out, self.state)
 
-    def suspects(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a suspicion for each byte offset: 0 none, 1 odd, 2 unknown type."""
-        out = np.empty(max(len(data) - 1, 0), np.uint8)
-        suspects_kernel(read_only(data), self.expected_high(data), out, self.state)
-        return out
+    def view(self, words: NDArray[Any]) -> WordView:
+        """Return what each word says."""
+        return view_evt3(words, self.size)
 
     def time_words(self, words: NDArray[Any]) -> TimeWords:
-        """Mend the lower times in place and return the upper ones."""
-        self.mended += mend_low_kernel(words, self.state)
-        out = TimeWords.empty(len(words))
-        return out.first(time_words_kernel(words, *out))
-
-    def set_time_words(self, words: NDArray[Any], times: TimeWords) -> None:
-        """Write mended upper times back into the words."""
-        words[times.position] = (TIME_HIGH << 12) | times.value
+        """Mend the lower times in place, within each unit of the upper, and return the upper."""
+        times = super().time_words(words)
+        before = np.concatenate(([self.state[HIGH]], times.value[:-1]))
+        units = times.position[times.value != before]
+        low = np.flatnonzero(words >> 12 == TIME_LOW)
+        for places in np.split(low, np.searchsorted(low, units)):
+            value = (words[places] & 0xFFF).astype(np.int64)
+            whole = np.zeros(len(value), np.bool_)
+            self.mended += int(mend_high_kernel(value, whole, NONE, NO_WRAP_BITS))
+            words[places] = (TIME_LOW << 12) | value
+        return super().time_words(words)
 
 
 @njit(cache=True, nogil=True)
-def decode_kernel(
-    words: NDArray[np.uint16],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.bool_],
-    t: NDArray[np.int64],
-    triggers: NDArray[np.int64],
-    state: NDArray[np.int64],
-) -> Any:
+def decode_kernel(words: NDArray[np.uint16], out: Columns, state: NDArray[np.int64]) -> Any:
     """Decode words into the columns; return the number of events."""
+    x, y, p, t, triggers = out
     width, height = state[WIDTH], state[HEIGHT]
     row, now, n = state[ROW], state[NOW], 0
     state[EVENTS_BEFORE] = NONE
@@ -158,14 +154,14 @@ def _rare_kernel(
 ) -> None:
     kind = word >> 12
     if kind == TIME_HIGH:
-        time_high_kernel(state, word & 0xFFF, TIME_LOW_BITS, TIME_HIGH_BITS, i)
+        time_high_kernel(state, word & 0xFFF, LOW_BITS, HIGH_BITS, i)
     elif kind == TRIGGER:
         if state[NOW] >= 0:
             triggers[state[TRIGGERS], 0] = state[NOW]
             triggers[state[TRIGGERS], 1] = (word >> 8) & 0xF
             triggers[state[TRIGGERS], 2] = word & 1
             state[TRIGGERS] += 1
-    elif word == PADDING:
+    elif word == EVT3_PADDING:
         state[PADDINGS] += 1
     elif kind in (OTHERS, CONTINUED_4, CONTINUED_12):
         state[VENDOR] += 1

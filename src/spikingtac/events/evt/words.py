@@ -152,7 +152,7 @@ class WordStream:
             self._losses.add("garbage", blocks)
         times = decoder.time_words(words)
         last = int(decoder.state[HIGH])
-        mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.high_bits)
+        mended = salvage.mend_high_kernel(times.value, times.wrapped, last, decoder.form.high_bits)
         decoder.set_time_words(words, times)
         self._losses.add("time_glitch", int(mended) + decoder.mended)
         decoder.mended = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spikingtac.events.evt.encode import Evt3Encoder
-from spikingtac.events.evt.evt3_salvage import ADDR_X, BASE_X, VECT_8, VECT_12
+from spikingtac.events.evt.wire import ADDR_X, BASE_X, VECT_8, VECT_12
 
 TRIPLE = [VECT_12, VECT_12, VECT_8]
 """What holds 32 pixels."""

@@ -1,0 +1,150 @@
+"""The words of the RAW formats as NumPy sees them: what tells formats apart and mends damage.
+
+Sources: Prophesee, "EVT 2.0 Format", "EVT 2.1 Format", "EVT 3.0 Format" (public documentation).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Words = NDArray[Any]
+Flags = NDArray[np.bool_]
+
+TIME_HIGH = 0x8
+"""Type of the words that hold the upper time, in every format."""
+
+EVENT_OFF, EVENT_ON, TRIGGER = 0x0, 0x1, 0xA
+IMU, OTHERS, CONTINUED = 0xD, 0xE, 0xF
+"""Types of EVT2 and EVT2.1."""
+EVT2_PADDING = 0x99999999
+VECTOR_WIDTH_PX = 32
+"""Pixels that one word of EVT2.1 covers, or a base of EVT3 and its 12 + 12 + 8 vectors."""
+
+ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2, 0x3, 0x4, 0x5
+TIME_LOW, CONTINUED_4, CONTINUED_12 = 0x6, 0x7, 0xF
+"""Types of EVT3; triggers and others have the numbers that they have in EVT2."""
+EVT3_PADDING = 0x9999
+"""Filler that some USB bridges send to complete a buffer."""
+
+
+class WordFormat(NamedTuple):
+    """How a format divides the time, and which of its steps are odd.
+
+    Attributes:
+        low_bits: Bits of the lower time.
+        high_bits: Bits of the upper time.
+        far_steps: Distance of an upper time from the chunk's that is odd.
+        fall_steps: Fall of the lower time between two words that is odd.
+        leap_steps: Step of the upper time that is implausible within a sample.
+        known_types: Types that the format defines, as a bit set.
+    """
+
+    low_bits: int
+    high_bits: int
+    far_steps: int
+    fall_steps: int
+    leap_steps: int
+    known_types: int
+
+
+EVT2 = WordFormat(6, 28, 60_000_000 >> 6, 8, 1 << 14, 0b1110_0101_0000_0011)
+"""Of EVT2 and EVT2.1: a minute is far, a second is a leap."""
+EVT3 = WordFormat(12, 12, 4_000_000 >> 12, 64, 1 << 8, 0b1100_0101_1111_1101)
+"""Four seconds are far, one is a leap."""
+
+
+class WordView(NamedTuple):
+    """What each of some words says.
+
+    Attributes:
+        unknown: Its type is not defined.
+        outside: It names a place beyond the sensor, or no pixel at all.
+        rare: It is a trigger or a vendor's extension.
+        is_high: It holds the upper time.
+        is_low: It holds the lower time.
+        time: That time.
+    """
+
+    unknown: Flags
+    outside: Flags
+    rare: Flags
+    is_high: Flags
+    is_low: Flags
+    time: NDArray[np.int64]
+
+
+def view_evt2(heads: Words, masks: Words | None, size: tuple[int, int]) -> WordView:
+    """Look at EVT2 words, or at the halves of EVT2.1 words (``masks`` holds the lower ones)."""
+    kind = heads >> 28
+    is_low, is_high = kind <= EVENT_ON, kind == TIME_HIGH
+    column = (heads >> 11) & 0x7FF
+    outside = (column >= size[0]) | ((heads & 0x7FF) >= size[1])
+    if masks is not None:
+        outside |= (masks == 0) | (column % VECTOR_WIDTH_PX != 0)
+    return WordView(
+        unknown=_undefined(kind, EVT2) & (heads != EVT2_PADDING),
+        outside=is_low & outside,
+        rare=(kind == TRIGGER) | (kind >= IMU),
+        is_high=is_high,
+        is_low=is_low,
+        time=np.where(is_high, heads & 0xFFFFFFF, (heads >> 22) & 0x3F).astype(np.int64),
+    )
+
+
+def view_evt3(words: Words, size: tuple[int, int]) -> WordView:
+    """Look at EVT3 words."""
+    kind, address = words >> 12, words & 0x7FF
+    column = (kind == ADDR_X) | (kind == BASE_X)
+    return WordView(
+        unknown=_undefined(kind, EVT3) & (words != EVT3_PADDING),
+        outside=((kind == ADDR_Y) & (address >= size[1])) | (column & (address >= size[0])),
+        rare=(kind == TRIGGER) | (kind == CONTINUED_4) | (kind >= OTHERS),
+        is_high=kind == TIME_HIGH,
+        is_low=kind == TIME_LOW,
+        time=(words & 0xFFF).astype(np.int64),
+    )
+
+
+def _undefined(kind: Words, form: WordFormat) -> Flags:
+    return (form.known_types >> kind.astype(np.int64)) & 1 == 0
+
+
+def implausible_share(view: WordView, form: WordFormat) -> float:
+    """Return the share of words that make no sense; 1 where none holds the upper time."""
+    if not view.is_high.any():
+        return 1.0
+    clock = np.flatnonzero(view.is_low | view.is_high)
+    low, time = view.is_low[clock], view.time[clock]
+    falls = low[1:] & low[:-1] & (np.diff(time) < -form.fall_steps)
+    leaps = np.diff(time[~low]) % (1 << form.high_bits) > form.leap_steps
+    bad = np.count_nonzero(view.unknown | view.outside)
+    return (bad + np.count_nonzero(falls) + np.count_nonzero(leaps)) / len(view.time)
+
+
+class TimeWords(NamedTuple):
+    """The words of upper time in a chunk.
+
+    Attributes:
+        position: Index of each among the words.
+        value: What each says.
+        wrapped: Whether the lower time fell from before it to after it, so that a step is due.
+    """
+
+    position: NDArray[np.int64]
+    value: NDArray[np.int64]
+    wrapped: Flags
+
+
+def time_words(view: WordView) -> TimeWords:
+    """Return the upper times."""
+    clock = np.flatnonzero(view.is_low | view.is_high)
+    high, low = view.is_high[clock], np.where(view.is_low[clock], view.time[clock], 0)
+    # The lower time before each: that of the latest word which holds one.
+    latest = np.maximum.accumulate(np.where(high, -1, np.arange(len(clock))))
+    before = np.where(latest >= 0, low[latest], 0)
+    falls = np.append(~high[1:] & (low[1:] < before[:-1]), [False] * bool(len(clock)))
+    position = clock[high]
+    return TimeWords(position, view.time[position], falls[high])
