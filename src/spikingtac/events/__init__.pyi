@@ -1,7 +1,6 @@
 """Public names of the room ``events``."""
 
 from .create import create_events as create_events
-from .filters import BackgroundActivityConfig as BackgroundActivityConfig
 from .filters import BackgroundActivityFilter as BackgroundActivityFilter
 from .filters import RandomDrop as RandomDrop
 from .formats.array_file import load_arrays as load_arrays

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,21 +9,9 @@ from numpy.typing import NDArray
 from spikingtac.errors import ConfigError
 from spikingtac.types import EventPacket
 
-
-@dataclass(frozen=True, kw_only=True)
-class BackgroundActivityConfig:
-    """Settings of the background-activity filter.
-
-    Attributes:
-        window_us: How long an event supports its neighbours (ours: an edge at 1 px/ms passes a
-            neighbour within 1 ms; 5 ms leaves room for slow motion).
-    """
-
-    window_us: int = 5_000
-
-    def __post_init__(self) -> None:
-        if self.window_us < 1:
-            raise ValueError(f"window_us is {self.window_us}, it must be at least 1")
+SUPPORT_US = 5_000
+"""How long an event supports its neighbours, us (ours: an edge at 1 px/ms passes a neighbour within
+1 ms; 5 ms leaves room for slow motion)."""
 
 
 class BackgroundActivityFilter:
@@ -35,12 +21,14 @@ class BackgroundActivityFilter:
     Electronics, 2008 (the background activity filter).
 
     Args:
-        config: Settings.
         size: ``(width, height)`` of the sensor, px.
+        window_us: How long an event supports its neighbours, us.
     """
 
-    def __init__(self, config: BackgroundActivityConfig, size: tuple[int, int]) -> None:
-        self._window_us = config.window_us
+    def __init__(self, size: tuple[int, int], window_us: int = SUPPORT_US) -> None:
+        if window_us < 1:
+            raise ValueError(f"window_us is {window_us}, it must be at least 1")
+        self._window_us = window_us
         self._last_us = np.full((size[1] + 2, size[0] + 2), np.iinfo(np.int64).min // 2)
 
     def __call__(self, packet: EventPacket) -> EventPacket:
@@ -55,16 +43,9 @@ class BackgroundActivityFilter:
         p, t = np.empty_like(packet.p), np.empty_like(packet.t)
         events = packet.x, packet.y, packet.p, packet.t
         count = supported_kernel(*events, self._window_us, self._last_us, (x, y, p, t))
-        return EventPacket(
-            x[:count],
-            y[:count],
-            p[:count],
-            t[:count],
-            packet.t_start_us,
-            packet.t_end_us,
-            packet.size,
-            checked=True,
-        )
+        kept = x[:count], y[:count], p[:count], t[:count]
+        span_us = packet.t_start_us, packet.t_end_us
+        return EventPacket(*kept, *span_us, packet.size, checked=True)
 
 
 class RandomDrop:

@@ -79,14 +79,7 @@ def find_hot_pixels(pixel: NDArray[np.integer], size: tuple[int, int]) -> NDArra
     candidates = candidates[_steady(pixel, counts, candidates)]
     rows, columns = np.divmod(candidates, width)
     framed = np.pad(counts.reshape(height, width), 1)
-    around = np.array(
-        [
-            framed[rows + row, columns + column]
-            for row in range(3)
-            for column in range(3)
-            if (row, column) != (1, 1)
-        ]
-    )
+    around = np.array([framed[rows + k // 3, columns + k % 3] for k in range(9) if k != 4])
     alone = counts[candidates] > OVER_NEIGHBOURS * np.sort(around, axis=0)[-2]
     return np.column_stack([columns, rows])[alone].astype(np.int64)
 
@@ -137,8 +130,8 @@ class HotPixelFilter:
         if self._hot is None or not len(packet):
             return packet
         packet.require_map(self._hot.shape)
-        keep = np.empty(len(packet), np.bool_)
-        return packet.select(keep) if mark_kernel(self._hot, packet.x, packet.y, keep) else packet
+        keep = ~self._hot[packet.y, packet.x]
+        return packet if keep.all() else packet.select(keep)
 
 
 class HotPixelWatch:
@@ -209,10 +202,7 @@ def watch_kernel(
             found += _judge_window(counts, windows)
             counts[:] = 0
             if t[i] - WATCH_US >= until_us:  # a whole window without any event
-                for row in range(windows.shape[0]):
-                    for column in range(windows.shape[1]):
-                        if windows[row, column] != HOT:
-                            windows[row, column] = 0
+                _judge_window(counts, windows)
             until_us = (t[i] // WATCH_US + 1) * WATCH_US
         keep[i] = windows[y[i], x[i]] != HOT
         if keep[i]:
@@ -249,15 +239,3 @@ def _busiest_nearby(counts: NDArray[np.uint16], row: int, column: int) -> int:
             if i != row or j != column:
                 busiest = max(busiest, int(counts[i, j]))
     return busiest
-
-
-@njit(cache=True, nogil=True)
-def mark_kernel(
-    hot: NDArray[np.bool_], x: NDArray[np.uint16], y: NDArray[np.uint16], keep: NDArray[np.bool_]
-) -> int:
-    """Mark the events to keep; return how many are to be dropped."""
-    dropped = 0
-    for i in range(len(x)):
-        keep[i] = not hot[y[i], x[i]]
-        dropped += not keep[i]
-    return dropped

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from spikingtac import Calibration
 from spikingtac.calibration import marker_pitch_px
 from spikingtac.errors import ConfigError
-from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, HotPixelFilter
+from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
 SOURCE_PITCH_PX = 61.3
@@ -136,8 +136,7 @@ class EvetacTracker:
 
     def reset(self) -> None:
         """Return to the calibrated rest positions."""
-        settings = BackgroundActivityConfig(window_us=self._config.support_us)
-        self._filter = BackgroundActivityFilter(settings, self._calibration.size)
+        self._filter = BackgroundActivityFilter(self._calibration.size, self._config.support_us)
         self._slices = SliceBuffer(self._config.slice_us)
         self._center_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
         self._support[:] = 0

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.denoise import Denoiser
-from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, open_events
+from spikingtac.events import BackgroundActivityFilter, open_events
 from spikingtac.markers import BlobConfig, BlobDetector, BlobTrackerConfig, smallest_spacing_px
 from spikingtac.sim import CameraChoice, Scene, SceneSource, load_scene
 from spikingtac.state_map import (
@@ -128,8 +128,7 @@ class Degradation:
 
     def filtered(self, events: EventPacket) -> EventPacket:
         """Return the events that pass the activity filter."""
-        config = BackgroundActivityConfig(window_us=self.window_us)
-        return BackgroundActivityFilter(config, events.size)(events)
+        return BackgroundActivityFilter(events.size, self.window_us)(events)
 
     def apply(self, events: EventPacket) -> EventPacket:
         """Return the degraded events, unfiltered."""

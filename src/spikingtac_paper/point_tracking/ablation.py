@@ -10,7 +10,7 @@ import numpy as np
 
 from spikingtac import Calibration, MarkerTracker, make_tracker
 from spikingtac.config import Config, load_config
-from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events import BackgroundActivityFilter
 from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.point_tracking.cases import CAMERAS, LOOPS
@@ -165,7 +165,7 @@ def _settings(about: str, base: Config) -> dict[str, Any]:
 def _without_isolated_events(
     packets: Iterable[EventPacket], calibration: Calibration
 ) -> Iterator[EventPacket]:
-    keep = BackgroundActivityFilter(BackgroundActivityConfig(), calibration.size)
+    keep = BackgroundActivityFilter(calibration.size)
     return (keep(packet) for packet in packets)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikingtac import Calibration
 from spikingtac.config import load_config
 from spikingtac.errors import MissingExtraError
-from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events import BackgroundActivityFilter
 from spikingtac.markers import (
     UNMATCHED,
     BlobTrackerConfig,
@@ -52,8 +52,7 @@ class PeerTracker:
         self._locate, self._calibration, self._tracks = locate, calibration, tracks
         self._map = painted_binary_map(calibration)
         support_us = load_config("paper").tracking.blobs.support_us
-        settings = BackgroundActivityConfig(window_us=support_us)
-        self._filter = BackgroundActivityFilter(settings, calibration.size)
+        self._filter = BackgroundActivityFilter(calibration.size, support_us)
         spacing_px = smallest_spacing_px(calibration.reference_px)
         self._proximity_px = BlobTrackerConfig().proximity_share * spacing_px
         self._detected_px = calibration.reference_px.copy()

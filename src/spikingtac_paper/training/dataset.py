@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from spikingtac.denoise import Median3
 from spikingtac.errors import ConfigError, RecordingError
-from spikingtac.events import BackgroundActivityConfig, BackgroundActivityFilter, open_events
+from spikingtac.events import BackgroundActivityFilter, open_events
 from spikingtac.state_map import BinaryStateMap, GradedStateMap, StateMap
 from spikingtac.types import EventPacket
 
@@ -131,7 +131,7 @@ def map_after(clip: Clip) -> NDArray[np.float32]:
     between the markers more white than black, and a network cannot learn from such a start.
     """
     state_map = BinaryStateMap(clip.events.size, clip.start)
-    state_map.absorb(_filtered(clip.events, BackgroundActivityConfig().window_us))
+    state_map.absorb(BackgroundActivityFilter(clip.events.size)(clip.events))
     return Median3().clean(state_map.values).copy()
 
 
@@ -173,9 +173,7 @@ def _degraded(events: EventPacket, config: PairConfig, random: Generator) -> Eve
 def _filtered(events: EventPacket, window_us: int) -> EventPacket:
     if window_us == 0:
         return events
-    return BackgroundActivityFilter(BackgroundActivityConfig(window_us=window_us), events.size)(
-        events
-    )
+    return BackgroundActivityFilter(events.size, window_us)(events)
 
 
 def _maps(

@@ -10,16 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import ConfigError
-from spikingtac.events.filters import (
-    BackgroundActivityConfig,
-    BackgroundActivityFilter,
-    RandomDrop,
-)
+from spikingtac.events.filters import BackgroundActivityFilter, RandomDrop
 from spikingtac.types import EventPacket
 
 SIZE = (12, 9)
 FILTERS = {
-    "activity": lambda: BackgroundActivityFilter(BackgroundActivityConfig(window_us=40), SIZE),
+    "activity": lambda: BackgroundActivityFilter(SIZE, window_us=40),
     "drop": lambda: RandomDrop(0.4, seed=5),
 }
 
@@ -66,7 +62,7 @@ def test_background_activity_equals_its_twin(seed: int) -> None:
         if any(t - seen[place] <= 25 for place in near if place in seen):
             expected.append((t, x, y, p))
         seen[x, y] = t
-    found = BackgroundActivityFilter(BackgroundActivityConfig(window_us=25), SIZE)(whole)
+    found = BackgroundActivityFilter(SIZE, window_us=25)(whole)
     assert as_tuples([found]) == expected
     assert 0 < len(expected) < 400
 
@@ -83,4 +79,4 @@ def test_random_drop_keeps_its_share() -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="window_us"):
-        BackgroundActivityConfig(window_us=0)
+        BackgroundActivityFilter(SIZE, window_us=0)

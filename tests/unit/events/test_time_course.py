@@ -76,6 +76,12 @@ def test_slow_events_are_no_leaps() -> None:
     assert mended(fallen) == ([*times, times[-1]], {"time_backwards": 1})
 
 
+def test_many_silences_are_kept() -> None:
+    times = [step * 3 * S for step in range(100)]
+    for chunk in (1 << 20, 10):
+        assert mended(times, chunk) == (times, {"time_jump": 99})
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_takes_no_time(seed: int) -> None:
     times = np.random.default_rng(seed).integers(0, 1 << 59, 100_000).tolist()

@@ -56,37 +56,26 @@ def may_be_filled(data: NDArray[np.uint8]) -> bool:
     return bool((samples == 0).any() or (samples == _ONES).any())
 
 
-def filled_words(words: NDArray[Any], in_fill: bool) -> list[tuple[int, int]]:
-    """Return the stretches of words (first, last exclusive) that are nothing but fill.
+def without_fill(words: NDArray[Any], in_fill: bool) -> tuple[NDArray[Any], int, bool]:
+    """Drop the stretches of words that are nothing but fill.
 
     Args:
         words: ``(n,)`` words.
         in_fill: Whether the words before ended in a stretch of fill, which may go on.
+
+    Returns:
+        The other words, how many stretches begin here, and whether the last one may go on.
     """
-    least = -(-FILL_BYTES // words.dtype.itemsize)
-    found: list[tuple[int, int]] = []
-    for fill in _fills(words):
+    least = -(-FILL_BYTES // words.itemsize)
+    keep, begun = np.ones(len(words), np.bool_), 0
+    for fill in (0, int(np.iinfo(words.dtype).max)):
         same = np.concatenate(([False], words == fill, [False]))
-        edges = np.flatnonzero(same[1:] != same[:-1]).reshape(-1, 2)
-        for first, last in edges.tolist():
-            if last - first >= least or (in_fill and first == 0):
-                found.append((first, last))
-    return sorted(found)
-
-
-def fill_at_end(words: NDArray[Any]) -> int:
-    """Return how many of the last words may begin a stretch of fill, fewer than make one."""
-    most = FILL_BYTES // words.dtype.itemsize
-    tail = words[-most:]
-    for fill in _fills(words):
-        if len(tail) and tail[-1] == fill:
-            others = np.flatnonzero(tail[::-1] != fill)
-            return int(others[0]) if len(others) else len(tail)
-    return 0
-
-
-def _fills(words: NDArray[Any]) -> tuple[int, int]:
-    return 0, int(np.iinfo(words.dtype).max)
+        for first, last in np.flatnonzero(same[1:] != same[:-1]).reshape(-1, 2).tolist():
+            goes_on = in_fill and first == 0
+            if goes_on or last - first >= least:
+                keep[first:last] = False
+                begun += not goes_on
+    return words[keep], begun, len(words) > 0 and not keep[-1]
 
 
 def aligned(

@@ -12,20 +12,16 @@ from spikingtac.events.evt.decoder import (
     BACKWARDS,
     HIGH,
     JUMP,
-    NO_ROW,
-    NONE,
     OUTSIDE,
     RESET,
-    ROW,
     TRIGGERS,
     UNCONFIRMED,
     UNKNOWN,
-    VECTOR_X,
     Columns,
     WordDecoder,
     take_counts,
 )
-from spikingtac.events.evt.salvage import fill_at_end, filled_words, may_be_filled
+from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.events.formats.codec import Triggers
 from spikingtac.types import LossCounters
 
@@ -76,35 +72,14 @@ class WordStream:
         buffer = np.frombuffer(data, np.uint8)
         if len(self._carry):
             buffer = np.concatenate((self._carry, buffer))
-        if self._in_fill or may_be_filled(buffer):
-            return self._around_fill(buffer, final)
-        return self._whole(buffer, final)
-
-    def _around_fill(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
-        """Leave out the stretches that are nothing but fill; addresses do not last across them."""
-        size = self._decoder.word.itemsize
-        words = buffer[: len(buffer) // size * size].view(self._decoder.word)
-        parts: list[Rows] = []
-        done = 0
-        for first, last in filled_words(words, self._in_fill):
-            if first > done:
-                parts.append(_copied(self._whole(buffer[done * size : first * size], True)))
-            self._losses.add("garbage", int(first > 0 or not self._in_fill))
-            self._decoder.state[[ROW, VECTOR_X]] = NO_ROW, NONE
-            done = last
-        self._in_fill = 0 < done == len(words)
-        rest = self._whole(buffer[done * size :], final)
-        if not parts:
-            return rest
-        x, y, p, t = (np.concatenate(column) for column in zip(*parts, rest, strict=True))
-        return x, y, p, t
-
-    def _whole(self, buffer: NDArray[np.uint8], final: bool) -> Rows:
-        """Decode bytes that hold no stretch of fill."""
         decoder = self._decoder
         end = len(buffer) // decoder.word.itemsize * decoder.word.itemsize
-        if not final:
-            end -= fill_at_end(buffer[:end].view(decoder.word)) * decoder.word.itemsize
+        if self._in_fill or may_be_filled(buffer):
+            whole = buffer[:end].view(decoder.word)
+            words, begun, self._in_fill = without_fill(whole, self._in_fill)
+            self._losses.add("garbage", begun)
+            buffer = np.concatenate((words.view(np.uint8), buffer[end:]))
+            end = len(words) * decoder.word.itemsize
         words = buffer[:end].view(decoder.word)
         before = decoder.state.copy()
         count = self._decode(words)
@@ -166,8 +141,3 @@ class WordStream:
         take_counts(state, self._losses)
         t = out.t[:count] + self._base_us if self._base_us else out.t[:count]
         return out.x[:count], out.y[:count], out.p[:count], t
-
-
-def _copied(rows: Rows) -> Rows:
-    x, y, p, t = (column.copy() for column in rows)
-    return x, y, p, t

@@ -23,18 +23,9 @@ FIRST_EVENTS = 8
 """Up to so many first events are taken for the wrong ones where time falls after them, and so many
 times as many follow."""
 
-BREAKS_PER_CHUNK = 1 << 12
-"""Breaks of the course that are looked at in one chunk."""
-
 BELIEVED_PER_CHUNK = 16
 """Leaps and restarts that are believed in one chunk; what follows more of them is noise, and time
 stands still in it."""
-
-LEAPS_AFTER_RESTART = 64
-"""Leaps of one chunk that may take a restart back."""
-
-BREAKS_AHEAD = 1 << 10
-"""Breaks ahead among which the end of a detour is looked for."""
 
 
 class TimeCourse:
@@ -74,55 +65,51 @@ class TimeCourse:
     def _mended(
         self, t: NDArray[np.int64], steps: NDArray[np.int64], last: int, final: bool
     ) -> tuple[NDArray[np.int64], int]:
-        breaks = _breaks(steps, restarted=self._left is not None)
-        leaps = np.setdiff1d(np.flatnonzero(steps >= JUMP_US), breaks, assume_unique=True)
-        count = self._follow(t, breaks, last, final) if len(breaks) else len(t)
-        self._losses.add("time_jump", int(np.count_nonzero(leaps < count)))
+        count = self._follow(t, steps, last, final)
         last = int(t[0]) if self._last_us is None and count else last
         floor = np.maximum.accumulate(np.maximum(t[:count], last))
         self._losses.add("time_backwards", int(np.count_nonzero(floor != t[:count])))
         return floor, count
 
     def _follow(
-        self, t: NDArray[np.int64], breaks: NDArray[np.int64], last: int, final: bool
+        self, t: NDArray[np.int64], steps: NDArray[np.int64], last: int, final: bool
     ) -> int:
-        """Mend the stretches between the breaks, in place; return how many events are settled."""
-        edges = np.append(breaks[:BREAKS_PER_CHUNK], len(t))
-        first_us = t[edges[:-1]]
-        if edges[0]:
-            last = max(last, int(t[: edges[0]].max()))
+        """Mend the times where they fall or leap, in place; return how many events are settled."""
+        falls = np.flatnonzero(steps <= -RESET_US)
         place = believed = 0
-        while place < len(edges) - 1:
-            begin, step = int(edges[place]), int(t[edges[place]]) - last
-            if -RESET_US < step < RESET_US:
-                last = max(last, int(t[begin : edges[place + 1]].max()))
-                place += 1
+        for begin in np.flatnonzero(abs(steps) >= RESET_US).tolist():
+            if begin < place:
                 continue
-            wrong_first = self._last_us is None and place == 0 and step < 0 < FIRST_EVENTS - begin
+            last = int(t[place:begin].max(initial=last))
+            place, step = begin, int(t[begin]) - last
+            ahead = t[begin + 1 : begin + 1 + HELD_EVENTS]
+            settled = final or len(ahead) == HELD_EVENTS
+            before, within = np.searchsorted(falls, (begin, begin + HELD_EVENTS), side="right")
+            if abs(step) < RESET_US:
+                continue
+            if step > 0 and before == within and (settled or step < JUMP_US):
+                t[begin:] += self._believed(step, last)
+                continue
+            wrong_first = self._last_us is None and step < 0 < begin < FIRST_EVENTS
             if wrong_first and FIRST_EVENTS * begin < len(t) - begin:
                 t[:begin] = last = int(t[begin])
                 self._losses.add("time_glitch", begin)
                 continue
-            ahead = first_us[place + 1 : place + 1 + BREAKS_AHEAD]
             top = last + JUMP_US if step < 0 else min(last + JUMP_US, last + step - RESET_US)
             back = np.flatnonzero((ahead >= last) & (ahead < top))
             if len(back):
-                place += 1 + int(back[0])
-                t[begin : edges[place]] = last
-                self._losses.add("time_glitch", int(edges[place]) - begin)
+                place = begin + 1 + int(back[0])
+                t[begin:place] = last
+                self._losses.add("time_glitch", place - begin)
                 continue
-            if not final and len(t) - begin <= HELD_EVENTS:
+            if not settled:
                 return 0 if wrong_first else begin
             believed += 1
             if believed > BELIEVED_PER_CHUNK:
                 t[begin:] = last
                 self._losses.add("time_glitch", len(t) - begin)
-                return len(t)
-            shift = self._believed(step, last)
-            t[begin:] += shift
-            first_us = t[edges[:-1]]
-            last = max(last, int(t[begin : edges[place + 1]].max()))
-            place += 1
+                break
+            t[begin:] += self._believed(step, last)
         return len(t)
 
     def _believed(self, step: int, last: int) -> int:
@@ -148,26 +135,6 @@ class TimeCourse:
         if -RESET_US < time_us - self._shift_us + shift_us - left_us < JUMP_US:
             back, self._left = shift_us - self._shift_us, None
         return back
-
-
-def _breaks(steps: NDArray[np.int64], restarted: bool) -> NDArray[np.int64]:
-    """Return the falls, and the leaps that may belong to a detour: near a fall, or at the end.
-
-    Args:
-        steps: Step to each event, us.
-        restarted: Whether time was re-based before, so that a leap may take it back.
-    """
-    falls, leaps = np.flatnonzero(steps <= -RESET_US), np.flatnonzero(steps >= RESET_US)
-    place = np.searchsorted(falls, leaps)
-    before = np.append(falls, -HELD_EVENTS - 1)[place - 1]
-    after = np.append(falls, len(steps) + HELD_EVENTS + 1)[place]
-    near = (after - leaps <= HELD_EVENTS) | (leaps - before <= HELD_EVENTS)
-    near |= (leaps >= len(steps) - HELD_EVENTS) & (steps[leaps] >= JUMP_US)
-    first = np.concatenate((leaps[:LEAPS_AFTER_RESTART] if restarted else leaps[:0], falls))
-    following = (
-        leaps[np.minimum(np.searchsorted(leaps, falls), len(leaps) - 1)] if len(leaps) else leaps
-    )
-    return np.unique(np.concatenate((first, following, leaps[near])))
 
 
 TIME_PERIOD_US = 1 << 32

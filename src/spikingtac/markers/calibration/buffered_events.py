@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
 from spikingtac.events.source import EventSource
 from spikingtac.types import EventPacket, LossCounters
@@ -168,7 +168,7 @@ def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[
 def with_support(events: BufferedEvents) -> BufferedEvents:
     """Return the events that a neighbour supports: most of the noise is left out, little else."""
     packet = events.packet((0, len(events)), (0, events.duration_us))
-    kept = BackgroundActivityFilter(BackgroundActivityConfig(), events.size)(packet)
+    kept = BackgroundActivityFilter(events.size)(packet)
     return replace(events, code=_coded(kept), time_us=kept.t.astype(np.uint32))
 
 

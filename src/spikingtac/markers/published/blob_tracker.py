@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.denoise.denoiser import Denoiser
 from spikingtac.errors import CalibrationError, ConfigError
-from spikingtac.events.filters import BackgroundActivityConfig, BackgroundActivityFilter
+from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.hysteresis import NoLaw, OutputLaw
 from spikingtac.markers.neighbours import smallest_spacing_px
@@ -226,8 +226,7 @@ class BlobTracker:
     def _new_filter(self) -> BackgroundActivityFilter | None:
         if not self._config.support_us:
             return None
-        settings = BackgroundActivityConfig(window_us=self._config.support_us)
-        return BackgroundActivityFilter(settings, self._calibration.size)
+        return BackgroundActivityFilter(self._calibration.size, self._config.support_us)
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import pytest
 
 from spikingtac.errors import DamageError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.evt.salvage import fill_at_end, filled_words, may_be_filled
+from spikingtac.events.evt.salvage import may_be_filled, without_fill
 from spikingtac.types import EventPacket
 
 SIZE = (320, 320)
@@ -57,17 +57,14 @@ def test_fill_is_found_whatever_its_place() -> None:
         data = rng.integers(1, 255, 300).astype(np.uint8)
         data[start : start + 64] = 0
         assert may_be_filled(data)
-        assert filled_words(data.view(np.uint32), False) in (
-            [],
-            [(-(-start // 4), (start + 64) // 4)],
-        )
+        kept, begun, goes_on = without_fill(data.view(np.uint32), False)
+        whole = start % 4 == 0
+        assert (len(kept), begun, goes_on) == (75 - 16 * whole, int(whole), False)
     assert not may_be_filled(rng.integers(1, 255, 1_000).astype(np.uint8))
 
 
-def test_short_stretches_are_words() -> None:
+def test_short_stretches_are_words_unless_they_go_on() -> None:
     words = np.array([5, 0, 0, 7, 0xFFFF, 0xFFFF], np.uint16)
-    assert filled_words(words, False) == []
-    assert filled_words(words[1:], True) == [(0, 2)]
-    assert fill_at_end(words) == 2
-    assert fill_at_end(words[:4]) == 0
-    assert fill_at_end(np.zeros(3, np.uint32)) == 3
+    assert len(without_fill(words, False)[0]) == 6
+    kept, begun, goes_on = without_fill(words[1:], True)
+    assert (kept.tolist(), begun, goes_on) == ([7, 0xFFFF, 0xFFFF], 0, False)
