@@ -8,7 +8,7 @@ import pytest
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.events.windows import windows
-from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger, VibrationConfig
+from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe
 from spikingtac.sim.rig.rig import RigConfig
@@ -36,15 +36,14 @@ class Both:
 
 
 def rig_config(preset: str) -> RigConfig:
-    base = RigConfig()
-    return replace(base, vibration=replace(base.vibration, rms_mm=VIBRATION_MM[preset]))
+    return RigConfig(vibration_mm=VIBRATION_MM[preset])
 
 
 @pytest.fixture(scope="module", params=["typical", "noisy"])
 def both(request: pytest.FixtureRequest) -> Both:
-    config, pad = rig_config(request.param), Pad(RigConfig().pad)
+    config, pad = rig_config(request.param), Pad()
     finger = FingerConfig(camera=request.param, history="random")
-    vibration = VibrationPath(config.vibration, np.random.default_rng(SEED))
+    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(SEED))
     bushing = FreeMotion(config.probe, vibration).advance(STEPS)
     free_finger = SmallMotionFinger(finger, SEED, pad, config)
     whole = SensingFinger(finger, SEED)
@@ -70,8 +69,8 @@ def per_window(packet: EventPacket, weight: np.ndarray | None = None) -> np.ndar
 
 def test_a_free_probe_is_its_impulse_response() -> None:
     config = rig_config("noisy")
-    path = VibrationPath(config.vibration, np.random.default_rng(3)).path(2_000, 0.001)
-    vibration = VibrationPath(config.vibration, np.random.default_rng(3))
+    path = VibrationPath(config.vibration_mm, np.random.default_rng(3)).path(2_000, 0.001)
+    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(3))
     motion = FreeMotion(config.probe, vibration)
     fast = np.concatenate([motion.advance(length) for length in (200, 1, 299)])
     probe = Probe(config.probe, NoWall(), np.zeros(3))
@@ -140,9 +139,9 @@ def test_stretches_go_on_where_the_last_one_ended() -> None:
 
 
 def test_a_path_is_what_as_many_steps_give() -> None:
-    one, other = (VibrationPath(VibrationConfig(), np.random.default_rng(3)) for _ in range(2))
+    one, other = (VibrationPath(0.01, np.random.default_rng(3)) for _ in range(2))
     for length in (1, 200):
         path = one.path(length, 0.001)
         assert np.allclose(path, [other.advance(0.001) for _ in range(length)], atol=1e-12)
-    still = VibrationPath(VibrationConfig(rms_mm=0.0), np.random.default_rng(1))
+    still = VibrationPath(0.0, np.random.default_rng(1))
     assert not still.path(5, 0.001).any()

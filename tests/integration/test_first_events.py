@@ -14,7 +14,6 @@ from spikingtac.sim.rig.fingers import (
     STEP_SETTINGS,
     FingerConfig,
     SensingFinger,
-    VibrationConfig,
 )
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import PriorContact, Rig, RigConfig
@@ -36,7 +35,7 @@ def make_rig(
     finger = SensingFinger(FingerConfig(settings=settings, history=history, serial=seed), seed)
     config = RigConfig(
         probe=ProbeConfig(stickout_mm=stickout_mm, grams_per_mm=0.0),
-        vibration=VibrationConfig(rms_mm=0.0),
+        vibration_mm=0.0,
     )
     return Rig(config, wall, [finger], np.zeros(3), np.random.default_rng(seed))
 

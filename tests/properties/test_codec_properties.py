@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from spikingtac.errors import RecordingError
@@ -179,6 +179,7 @@ def test_random_words_survive(tmp_path: Path, encoding: str, data: bytes, seed, 
 
 
 @many
+@example(data=b"\r\x00")
 @given(data=st.binary(max_size=2_000))
 def test_random_files_survive(tmp_path: Path, data: bytes) -> None:
     for ending in ("raw", "csv", "dat", "es", "npz"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,15 +16,12 @@ FINGERS = 2
 
 def pinned_rig(preset: str, wall: Wall, start_mm: Sequence[float], seed: int) -> Rig:
     """Return a rig with two fingers and the vibration of a camera preset."""
-    base = RigConfig()
-    vibration = replace(base.vibration, rms_mm=VIBRATION_MM[preset])
-    serial = base.pad.skin.serial
     fingers = [
-        SensingFinger(FingerConfig(camera=preset, serial=serial + k), FINGERS * seed + k)
+        SensingFinger(FingerConfig(camera=preset, serial=1 + k), FINGERS * seed + k)
         for k in range(FINGERS)
     ]
     rng = np.random.default_rng(seed)
-    config = replace(base, vibration=vibration)
+    config = RigConfig(vibration_mm=VIBRATION_MM[preset])
     return Rig(config, wall, fingers, np.array(start_mm, np.float64), rng)
 
 

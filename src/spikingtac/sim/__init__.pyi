@@ -65,7 +65,6 @@ from .rig.hole_site import HoleTrial as HoleTrial
 from .rig.hole_site import flat_wall as flat_wall
 from .rig.hole_site import hole_trial as hole_trial
 from .rig.pad import Pad as Pad
-from .rig.pad import PadConfig as PadConfig
 from .rig.probe import Probe as Probe
 from .rig.probe import ProbeConfig as ProbeConfig
 from .rig.probe import ProbeState as ProbeState
@@ -74,10 +73,11 @@ from .rig.rig import FirstContact as FirstContact
 from .rig.rig import PriorContact as PriorContact
 from .rig.rig import Rig as Rig
 from .rig.rig import RigConfig as RigConfig
+from .rig.ur3 import ACCELERATION_MM_S2 as ACCELERATION_MM_S2
+from .rig.ur3 import SERVO_LAG_S as SERVO_LAG_S
 from .rig.ur3 import UR3Config as UR3Config
 from .rig.ur3 import UR3Twin as UR3Twin
 from .rig.fingers import Vibration as Vibration
-from .rig.fingers import VibrationConfig as VibrationConfig
 from .rig.walls import Bit as Bit
 from .rig.walls import HexBit as HexBit
 from .rig.walls import HoleWall as HoleWall

@@ -13,6 +13,8 @@ from spikingtac import Calibration
 from spikingtac.config import digest
 from spikingtac.schema import to_mapping
 from spikingtac.sim import (
+    ACCELERATION_MM_S2,
+    SERVO_LAG_S,
     VIBRATION_MM,
     CameraChoice,
     FingerConfig,
@@ -23,6 +25,7 @@ from spikingtac.sim import (
     RigConfig,
     RoundBit,
     SensingFinger,
+    SkinConfig,
 )
 from spikingtac_paper.free_motion.free_rig import FreeRig
 
@@ -61,9 +64,8 @@ class CollisionScene:
 
     def rig_config(self) -> RigConfig:
         """Return probe, pads, arm and the preset's vibration."""
-        vibration = replace(RigConfig().vibration, rms_mm=VIBRATION_MM[self.preset])
         probe = ProbeConfig(stickout_mm=STICKOUT_MM)
-        return RigConfig(probe=probe, vibration=vibration)
+        return RigConfig(probe=probe, vibration_mm=VIBRATION_MM[self.preset])
 
     def make_rig(self, seed: int) -> Rig:
         """Return the whole twin, the tip :data:`NEAR_MM` before the wall."""
@@ -88,7 +90,7 @@ class CollisionScene:
         return Calibration(
             reference_px=np.array(reference_px),
             radius_px=np.array(radius_px),
-            grid=RigConfig().pad.skin.grid,
+            grid=SkinConfig().grid,
             size=self.finger().optics.size,
         )
 
@@ -112,7 +114,7 @@ class CollisionScene:
 def run_up_mm(speed_mm_s: float) -> float:
     """Return the distance from start to wall in which the probe's oscillation decays, mm."""
     arm = RigConfig().arm
-    braking = speed_mm_s**2 / (2.0 * arm.acceleration_mm_s2)
+    braking = speed_mm_s**2 / (2.0 * ACCELERATION_MM_S2)
     ramp = speed_mm_s * math.sqrt(speed_mm_s / arm.jerk_mm_s3)
     listening = speed_mm_s * (SETTLE_WINDOWS * 1e-3 + MARGIN_S)
     return NEAR_MM + braking + ramp + listening
@@ -121,9 +123,9 @@ def run_up_mm(speed_mm_s: float) -> float:
 def travel_time_s(speed_mm_s: float, way_mm: float) -> float:
     """Return the time from a command until the arm has travelled a distance, s."""
     arm = RigConfig().arm
-    late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(arm.servo_lag_s))
-    ramp_s = min(arm.acceleration_mm_s2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))
-    return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / arm.acceleration_mm_s2 + ramp_s)
+    late_s = arm.network_s + 0.5 * arm.cycle_s + float(np.mean(SERVO_LAG_S))
+    ramp_s = min(ACCELERATION_MM_S2 / arm.jerk_mm_s3, math.sqrt(speed_mm_s / arm.jerk_mm_s3))
+    return late_s + way_mm / speed_mm_s + 0.5 * (speed_mm_s / ACCELERATION_MM_S2 + ramp_s)
 
 
 def _three(vector: Vector) -> tuple[float, float, float]:

@@ -58,7 +58,7 @@ class VibrationPath(Vibration):
         The recursion is solved along the two complex modes of the resonance, which is many times as
         fast.
         """
-        if self._config.rms_mm == 0.0:
+        if self._rms_mm == 0.0:
             return np.zeros((steps, 3))
         move, noise = transition(round(dt_s * 1e9))
         drive = noise @ self._rng.standard_normal((steps, 2, 3))
@@ -74,7 +74,7 @@ class VibrationPath(Vibration):
         )
         whole = np.real(modes @ state)
         self._state = whole[-1]
-        return self._config.rms_mm * whole[:, 0]
+        return self._rms_mm * whole[:, 0]
 
 
 class FreeMotion:
@@ -119,7 +119,7 @@ def impulse_response(config: ProbeConfig) -> FloatArray:
 def skin_state(pad: Pad, config: ProbeConfig, bushing: FloatArray) -> SkinState:
     """Return the skin of a pad under a free probe with bushing displacement ``(6,)`` (mm, rad)."""
     at_rest = Probe(config, NoWall(), np.zeros(AXES)).at_rest(0)
-    return pad.skin(replace(at_rest, bushing=bushing), config.rotation())
+    return pad.skin(replace(at_rest, bushing=bushing))
 
 
 COVARIANCE_SEED, COVARIANCE_STEPS = 0, 120_000
@@ -179,9 +179,9 @@ class FreeRig:
         seeds: Sequence[int],
         rng: np.random.Generator,
     ) -> None:
-        self._motion = FreeMotion(config.probe, VibrationPath(config.vibration, rng))
+        self._motion = FreeMotion(config.probe, VibrationPath(config.vibration_mm, rng))
         self._fingers = [
-            SmallMotionFinger(finger, seed, Pad(config.pad, faces_back=bool(number)), config)
+            SmallMotionFinger(finger, seed, Pad(faces_back=bool(number)), config)
             for number, (finger, seed) in enumerate(zip(fingers, seeds, strict=True))
         ]
 
@@ -219,6 +219,6 @@ class FreeRig:
 @functools.lru_cache(maxsize=16)
 def bushing_covariance(config: RigConfig) -> NDArray[np.float64]:
     """Return the covariance ``(6, 6)`` of a free probe's bushing under the vibration of the arm."""
-    vibration = VibrationPath(config.vibration, np.random.default_rng(COVARIANCE_SEED))
+    vibration = VibrationPath(config.vibration_mm, np.random.default_rng(COVARIANCE_SEED))
     bushing = FreeMotion(config.probe, vibration).advance(COVARIANCE_STEPS)
     return bushing.T @ bushing / len(bushing)

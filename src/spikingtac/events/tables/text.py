@@ -148,7 +148,7 @@ class TextSource(TableSource):
             lines = [line for line in lines if not line.lstrip().startswith(("#", "%"))]
             rows = [row for line in lines if (row := _row(line, self._columns_count)) is not None]
             self._count_bad(len(lines) - len(rows))
-            table = np.array(rows, np.float64).reshape(-1, self._columns_count)
+            table = np.array(rows, np.float64).reshape(len(rows), self._columns_count)
         sound = (np.abs(table) < NUMBER_LIMIT).all(axis=1)
         self._count_bad(len(table) - int(np.count_nonzero(sound)))
         return table if sound.all() else table[sound]

@@ -28,40 +28,29 @@ STATIONARY = np.diag([1.0, (2.0 * np.pi * RESONANCE_HZ) ** 2])
 """Covariance of (x, x') for unit variance of x."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class VibrationConfig:
-    """Vibration at the tool (contract.md, "Pinned physics").
-
-    Attributes:
-        rms_mm: Root mean square per axis, mm: 0 (``clean``), 0.01 (``typical``), 0.03 (``noisy``).
-    """
-
-    rms_mm: float = 0.01
-
-
 class Vibration:
     """Three independent axes of x'' + (w/Q) x' + w^2 x = white noise, in their stationary state.
 
     The transition over a step is exact, so that the statistics do not depend on its length.
 
     Args:
-        config: Amplitude and resonance.
+        rms_mm: Root mean square of each axis, mm.
         rng: Source of the noise.
     """
 
-    def __init__(self, config: VibrationConfig, rng: np.random.Generator) -> None:
-        self._config = config
+    def __init__(self, rms_mm: float, rng: np.random.Generator) -> None:
+        self._rms_mm = rms_mm
         self._rng = rng
         self._state = np.linalg.cholesky(STATIONARY) @ rng.standard_normal((2, 3))
 
     @property
     def offset_mm(self) -> NDArray[np.float64]:
         """Displacement ``(3,)`` of the tool now, mm."""
-        return self._config.rms_mm * self._state[0]
+        return self._rms_mm * self._state[0]
 
     def advance(self, dt_s: float) -> NDArray[np.float64]:
         """Step by ``dt_s`` and return the new displacement ``(3,)``, mm."""
-        if self._config.rms_mm > 0.0:
+        if self._rms_mm > 0.0:
             move, noise = transition(round(dt_s * 1e9))
             self._state = move @ self._state + noise @ self._rng.standard_normal((2, 3))
         return self.offset_mm

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from spikingtac.arrays import FloatArray
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.sim.rig.fingers import VIBRATION_MM, FingerConfig, SensingFinger
-from spikingtac.sim.rig.pad import PadConfig
 from spikingtac.sim.rig.probe import ProbeConfig
 from spikingtac.sim.rig.rig import Rig, RigConfig
 from spikingtac.sim.rig.ur3 import UR3Config
 from spikingtac.sim.rig.walls import HexBit, HoleWall, NoWall, PlaneWall, Wall
+from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.types import EventPacket
 
 SIMULATED_APPROACH_MM = 0.5
@@ -127,8 +127,8 @@ class HoleSite:
             tip_friction=grasp.friction,
             bit=HexBit(heading_rad=grasp.heading_rad),
         )
-        base = RigConfig(probe=probe, arm=UR3Config(repeatability_mm=0.0))
-        config = replace(base, vibration=replace(base.vibration, rms_mm=VIBRATION_MM[preset]))
+        arm = UR3Config(repeatability_mm=0.0)
+        config = RigConfig(probe=probe, arm=arm, vibration_mm=VIBRATION_MM[preset])
         finger = SensingFinger(FingerConfig(camera=preset, serial=grasp.serial), seed)
         rng = np.random.default_rng(seed)
         self.rig = Rig(config, NoWall(), [finger], np.zeros(3), rng)
@@ -200,6 +200,6 @@ def _known_calibration(finger: SensingFinger, rig: Rig) -> Calibration:
     return Calibration(
         reference_px=np.asarray(image.center_px, np.float64),
         radius_px=np.asarray(image.radius_px, np.float64),
-        grid=PadConfig().skin.grid,
+        grid=SkinConfig().grid,
         size=finger.camera.size,
     )

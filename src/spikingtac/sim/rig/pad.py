@@ -17,7 +17,7 @@ Skin of a gel pad under the motion of the rod, as a sum of the six unit response
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from spikingtac.arrays import FloatArray
 from spikingtac.sim.gel.layer import GridConfig, LayerOperator
-from spikingtac.sim.rig.probe import ProbeState
+from spikingtac.sim.rig.probe import GRIPPER_IN_BASE, ProbeState
 from spikingtac.sim.scene.scene import SkinConfig
 from spikingtac.sim.states import SkinState
 
@@ -150,17 +150,6 @@ NORMAL_MODE = 2
 """Index of the translation along the pad's z; see :mod:`spikingtac.sim.rig.pad`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PadConfig:
-    """Position of a pad on the rod.
-
-    Attributes:
-        skin: The markers. The second finger carries the next serial number.
-    """
-
-    skin: SkinConfig = field(default_factory=SkinConfig)
-
-
 GRIP_MM = 0.3
 """Depth by which the grip presses the rod into the pad, mm (ours: 10 % of the layer)."""
 HALF_THICKNESS_MM = 2.0
@@ -173,12 +162,11 @@ class Pad:
     """One pad. The patch that sticks to the rod lies in the middle of its markers.
 
     Args:
-        config: Position of the pad on the rod.
         faces_back: False for pad A; True for pad B, whose camera looks in the opposite direction.
     """
 
-    def __init__(self, config: PadConfig, faces_back: bool = False) -> None:
-        rest = config.skin.rest_mm()
+    def __init__(self, faces_back: bool = False) -> None:
+        rest = SkinConfig().rest_mm()
         response = pad_response(rest)
         self._fields = np.concatenate(
             [response.displacement.reshape(MODES, -1), response.gradient.reshape(MODES, -1)], axis=1
@@ -191,17 +179,16 @@ class Pad:
         self._rest = np.concatenate([places.ravel(), undeformed.ravel()])
         self._coordinates = places.size
 
-    def skin(self, state: ProbeState, rotation: FloatArray) -> SkinState:
+    def skin(self, state: ProbeState) -> SkinState:
         """Return the skin under the rod.
 
         Args:
             state: State of the probe.
-            rotation: ``(3, 3)`` axes of the gripper as columns in the base frame.
         """
         amplitude = self._grip + self._from_bushing @ state.bushing
         fields = self._rest + amplitude @ self._fields
         places, gradient = fields[: self._coordinates], fields[self._coordinates :]
-        axes = self._from_bushing[:3, :3] @ rotation.T
+        axes = self._from_bushing[:3, :3] @ GRIPPER_IN_BASE.T
         force, lever = axes @ state.force_n / PADS, axes @ (state.tip_mm - state.center_mm)
         (x, y, z), (fx, fy, fz) = lever.tolist(), force.tolist()
         return SkinState(

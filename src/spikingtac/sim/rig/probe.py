@@ -25,7 +25,7 @@ TORSION_N_MM_RAD = 10.3
 GRIP_MM = 9.0
 """Length of the rod behind the patch's centre, mm."""
 GRIPPER_IN_BASE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""The gripper's axes as columns, at yaw 0: x = base x, y (to the tip) = down, z = base y."""
+"""The gripper's axes as columns: x = base x, y (to the tip) = down, z = base y."""
 TONNE_PER_GRAM = 1e-6
 """Mass unit of the N, mm, s system is the tonne."""
 
@@ -44,7 +44,6 @@ class ProbeConfig:
         damping_ratio: Damping ratio of the rod's rocking mode, in addition to creep (ours: a range
             of 0.05 to 0.2).
         tip_friction: Coefficient of friction between tip and wall (ours: steel on plastic).
-        yaw_rad: Heading of the gripper about the vertical, rad.
         bit: Shape of the tip.
     """
 
@@ -55,14 +54,7 @@ class ProbeConfig:
     grams_per_mm: float = 0.099
     damping_ratio: float = 0.1
     tip_friction: float = 0.3
-    yaw_rad: float = 0.0
     bit: Bit = field(default_factory=RoundBit)
-
-    def rotation(self) -> FloatArray:
-        """Return the gripper's axes ``(3, 3)`` as columns in the base frame."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return about_z @ GRIPPER_IN_BASE
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +102,6 @@ class Probe:
     def __init__(self, config: ProbeConfig, wall: Wall, arm_mm: FloatArray) -> None:
         self.contact = TipContact(config.bit, wall, config.tip_friction)
         self._config = config
-        self._rotation = config.rotation()
         self._tip_jacobian = _tip_jacobian(config)
         self._bushing = np.zeros(6)
         self._rate = np.zeros(6)
@@ -155,7 +146,7 @@ class Probe:
         return replace(state, **moved, gap_mm=gap, free_gap_mm=gap)
 
     def _center(self, arm_mm: FloatArray) -> FloatArray:
-        return arm_mm - self._rotation[:, 1] * self._config.stickout_mm
+        return arm_mm - GRIPPER_IN_BASE[:, 1] * self._config.stickout_mm
 
     def _arm_acceleration(self, dt_s: float, arm_mm: FloatArray) -> FloatArray:
         """Return the arm's acceleration ``(3,)`` over the last two steps, gripper frame."""
@@ -163,7 +154,7 @@ class Probe:
         previous_s = self._arm_dt_s
         rate = (arm_mm - last) / dt_s - (last - before) / previous_s
         self._arm, self._arm_dt_s = [last, np.array(arm_mm)], dt_s
-        return self._rotation.T @ rate / dt_s
+        return GRIPPER_IN_BASE.T @ rate / dt_s
 
 
 @dataclass(frozen=True)
@@ -228,4 +219,4 @@ def _tip_jacobian(config: ProbeConfig) -> FloatArray:
     jacobian = np.zeros((3, 6))
     jacobian[:, :3] = np.eye(3)
     jacobian[0, 5], jacobian[2, 3] = -config.stickout_mm, config.stickout_mm
-    return config.rotation() @ jacobian
+    return GRIPPER_IN_BASE @ jacobian

@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from spikingtac.arrays import FloatArray
-from spikingtac.sim.rig.fingers import Vibration, VibrationConfig
-from spikingtac.sim.rig.pad import Pad, PadConfig
+from spikingtac.sim.rig.fingers import VIBRATION_MM, Vibration
+from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Probe, ProbeConfig, ProbeState
 from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
 from spikingtac.sim.rig.walls import Wall
@@ -52,14 +52,12 @@ class RigConfig:
 
     Attributes:
         probe: The rod and its bushing.
-        pad: Position of each pad on the rod.
-        vibration: Vibration of the arm.
+        vibration_mm: Root mean square of the arm's vibration per axis, mm.
         arm: Dynamics of the arm.
     """
 
     probe: ProbeConfig = field(default_factory=ProbeConfig)
-    pad: PadConfig = field(default_factory=PadConfig)
-    vibration: VibrationConfig = field(default_factory=VibrationConfig)
+    vibration_mm: float = VIBRATION_MM["typical"]
     arm: UR3Config = field(default_factory=UR3Config)
 
 
@@ -126,14 +124,13 @@ class Rig:
         if not 1 <= len(fingers) <= 2:
             raise ValueError(f"a gripper has one or two sensing fingers, got {len(fingers)}")
         self.arm = UR3Twin(config.arm, start_mm, rng)
-        self.vibration = Vibration(config.vibration, rng)
+        self.vibration = Vibration(config.vibration_mm, rng)
         self.first_contact: FirstContact | None = None
         self.t_us = 0
-        self._rotation = config.probe.rotation()
         self._fingers = tuple(fingers)
         shaken = self.arm.true_position_mm() + self.vibration.offset_mm
         self.probe = Probe(config.probe, wall, shaken)
-        self._pads = [Pad(config.pad, faces_back=bool(k)) for k in range(len(fingers))]
+        self._pads = [Pad(faces_back=bool(k)) for k in range(len(fingers))]
         self.state = self.probe.at_rest(0)
         self._images = self._project_markers()
         for finger, image in zip(self._fingers, self._images, strict=True):
@@ -146,7 +143,7 @@ class Rig:
 
     def skin(self, sensor: int = 0) -> SkinState:
         """Return the skin of one finger now."""
-        return self._pads[sensor].skin(self.state, self._rotation)
+        return self._pads[sensor].skin(self.state)
 
     def relocate(self, to_mm: FloatArray) -> None:
         """Move the arm, at rest, to another place at once. No time passes and no pixel changes.

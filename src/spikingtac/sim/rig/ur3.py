@@ -132,6 +132,10 @@ def _ruckig() -> Any:
 
 DECELERATION_MM_S2 = 8000.0
 """Deceleration of a stop, mm/s² (contract.md)."""
+ACCELERATION_MM_S2 = 1200.0
+"""Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²)."""
+SERVO_LAG_S = (0.004, 0.012)
+"""Smallest and largest lag of the axes behind their set points, s; uniform (contract.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,16 +145,12 @@ class UR3Config:
     Attributes:
         cycle_s: Period of the controller, s (125 Hz for CB3, 0.002 for e-Series).
         network_s: Delay from the computer to the controller, s.
-        servo_lag_s: Smallest and largest lag of the axes behind their set points, s (uniform).
-        acceleration_mm_s2: Acceleration of ``movel``, mm/s² (URScript's default, 1.2 m/s²).
         jerk_mm_s3: Jerk limit of every motion, mm/s³.
         repeatability_mm: Standard deviation of one reading per axis, mm ("+-0.1 mm", 3.6 sigma).
     """
 
     cycle_s: float = 0.008
     network_s: float = 0.003
-    servo_lag_s: tuple[float, float] = (0.004, 0.012)
-    acceleration_mm_s2: float = 1200.0
     jerk_mm_s3: float = 500_000.0
     repeatability_mm: float = 0.028
 
@@ -164,7 +164,7 @@ class UR3Twin:
         self._rng = rng
         self._now_us = 0
         self._phase_s = rng.uniform(0.0, config.cycle_s)
-        self._lag_s = rng.uniform(*config.servo_lag_s)
+        self._lag_s = rng.uniform(*SERVO_LAG_S)
         self._pose_error_mm = self._draw_pose_error()
         self._segments = [Segment(-1.0, np.array(start_mm, np.float64), np.zeros(3))]
         self._fault: ArmState | None = None
@@ -213,10 +213,10 @@ class UR3Twin:
                 f"the arm cannot start a motion: it is in state {state.value!r}; "
                 "stop it, or clear its fault, and wait until it is idle"
             )
-        self._lag_s = self._rng.uniform(*self._config.servo_lag_s)
+        self._lag_s = self._rng.uniform(*SERVO_LAG_S)
         self._pose_error_mm = self._draw_pose_error()
         start_s = self._command_time_s()
-        limits = (speed_mm_s, self._config.acceleration_mm_s2, self._config.jerk_mm_s3)
+        limits = (speed_mm_s, ACCELERATION_MM_S2, self._config.jerk_mm_s3)
         here = self._segments[-1].position_mm(start_s)
         self._segments = [self._segments[-1], plan_move(start_s, here, target, limits)]
 

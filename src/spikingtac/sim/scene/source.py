@@ -12,9 +12,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-import queue
-import threading
+from collections import deque
 from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
@@ -32,9 +32,6 @@ from spikingtac.types import EventPacket, LossCounters
 
 T = TypeVar("T")
 
-_POLL_S = 0.05
-"""Time after which a producer with a full queue checks whether the caller has left, s."""
-
 
 def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
     """Yield the items in order while a thread prepares up to ``depth`` of them.
@@ -44,42 +41,17 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
 
     Args:
         items: Items to prepare.
-        depth: Number of items in the queue.
+        depth: Number of items that are prepared.
     """
-    ready: queue.Queue[object] = queue.Queue(depth)
-    left = threading.Event()
-    end = object()
-
-    def put(item: object) -> None:
-        while not left.is_set():
-            with contextlib.suppress(queue.Full):
-                return ready.put(item, timeout=_POLL_S)
-
-    def produce() -> None:
-        try:
-            for item in items:
-                put(item)
-                if left.is_set():
-                    return
-        except BaseException as error:  # handed to the caller, who raises it
-            put(_Failure(error))
-        put(end)
-
-    worker = threading.Thread(target=produce, name="spikingtac-prefetch", daemon=True)
-    worker.start()
+    source, end = iter(items), object()
+    worker = ThreadPoolExecutor(1, "spikingtac-prefetch")
+    ready = deque(worker.submit(next, source, end) for _ in range(depth))
     try:
-        while (item := ready.get()) is not end:
-            if isinstance(item, _Failure):
-                raise item.error
+        while (item := ready.popleft().result()) is not end:
+            ready.append(worker.submit(next, source, end))
             yield cast(T, item)
     finally:
-        left.set()
-        worker.join()
-
-
-class _Failure:
-    def __init__(self, error: BaseException) -> None:
-        self.error = error
+        worker.shutdown(cancel_futures=True)
 
 
 TOUCHED_S, TOUCH_STEP_S = 1.0, 0.02
@@ -195,12 +167,6 @@ class SceneSource:
                 packet = self._camera.advance([next_image])
                 yield SceneStep(packet, TruthChunk.of_step(state, image, next_image))
                 state, image = next_state, next_image
-
-    def render_images(self, images: Iterable[MarkerImage]) -> Iterator[EventPacket]:
-        """Yield the packets that the camera makes of prepared images; see :meth:`frames`."""
-        self._precondition()
-        for image in itertools.islice(images, 1, None):
-            yield self._camera.advance([image])
 
     def _precondition(self) -> None:
         """Show the camera the history before the recording, up to time zero."""

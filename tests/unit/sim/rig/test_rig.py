@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.fingers import VibrationConfig
 from spikingtac.sim.rig.rig import Rig, RigConfig
 from spikingtac.sim.rig.walls import PlaneWall
 from spikingtac.sim.states import MarkerImage, SkinState
@@ -38,7 +37,7 @@ class PlainFinger:
 
 
 def make_rig(rms_mm: float = 0.0, fingers: int = 2) -> tuple[Rig, list[PlainFinger]]:
-    config = RigConfig(vibration=VibrationConfig(rms_mm=rms_mm))
+    config = RigConfig(vibration_mm=rms_mm)
     plain = [PlainFinger() for _ in range(fingers)]
     return Rig(config, WALL, plain, np.zeros(3), np.random.default_rng(1)), plain
 

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from spikingtac.sim.rig.fingers import Vibration, VibrationConfig
+from spikingtac.sim.rig.fingers import Vibration
 
 
 @pytest.mark.parametrize("dt_s", [0.0005, 0.004])
 def test_rms_and_resonance_do_not_depend_on_the_step(dt_s: float) -> None:
-    config = VibrationConfig(rms_mm=0.03)
-    vibration = Vibration(config, np.random.default_rng(1))
+    vibration = Vibration(0.03, np.random.default_rng(1))
     path = np.array([vibration.advance(dt_s) for _ in range(round(30.0 / dt_s))])
     assert path.std() == pytest.approx(0.03, rel=0.1)
     power = np.abs(np.fft.rfft(path, axis=0)) ** 2
