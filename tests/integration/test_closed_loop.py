@@ -7,8 +7,6 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import ContactDetector
-from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
-from spikingtac.contact.quiet import QuietStatistics
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approacher import Approach, ApproachConfig, Approacher
 from spikingtac.robot.arm import ArmState
@@ -40,11 +38,6 @@ def moving(rig: Rig, speed_mm_s: float, windows: int) -> list[tuple[EventPacket,
     return quiet
 
 
-def published(rig: Rig, speed_mm_s: float) -> EventCountDetector:
-    quiet = QuietStatistics.of(moving(rig, speed_mm_s, 200))
-    return EventCountDetector(EventCountConfig.from_quiet(quiet))
-
-
 def default(rig: Rig, speed_mm_s: float) -> ContactDetector:
     calibrations = [
         Calibration(
@@ -66,18 +59,6 @@ def run(
     config = ApproachConfig(speed_mm_s=speed_mm_s, settle_windows=SETTLE)
     approacher = Approacher(rig.arm, rig.paired_windows(), detector, config)
     return approacher.approach(np.array([FREE_MM + 40.0, 0.0, 0.0])), rig
-
-
-def test_the_published_detector_stops_the_arm_at_full_speed() -> None:
-    found, rig = run("typical", 180.0, seed=1, build=published)
-    assert found.contact is not None
-    assert rig.first_contact is not None
-    deviation = found.deviation_mm(rig.first_contact.arm_mm)
-    assert 0.05 < deviation < 0.8
-    assert 4.5 < found.overshoot_mm(rig.first_contact.arm_mm) - deviation < 7.7
-    assert rig.arm.state() is ArmState.IDLE
-    assert rig.state.in_contact
-    assert abs(rig.state.force_n[0]) < 0.4
 
 
 def test_the_default_detector_stops_it_sooner_than_the_budgeted_deviation() -> None:

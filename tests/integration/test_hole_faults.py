@@ -46,11 +46,6 @@ def test_outside_a_hole_there_is_no_wall(adaptive: bool) -> None:
         run(NoWall(), (0.0, 0.0), adaptive=adaptive)
 
 
-def test_a_hole_beyond_the_travel_limit() -> None:
-    with pytest.raises(SearchError, match="larger than the travel limit"):
-        run(HoleWall(radius_mm=5.0), (0.0, 0.0))
-
-
 @pytest.mark.parametrize(("adaptive", "start_mm"), [(False, 0.75), (True, 0.75), (False, 1.2)])
 def test_on_the_rim_there_is_no_room(adaptive: bool, start_mm: float) -> None:
     """The bit leans on the wall: it answers when it is pressed on, and when it is let go."""

@@ -67,11 +67,3 @@ def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
     view = open_view_source(str(tmp_path / "rec"))
     assert view.simulated
     assert view.calibration.grid == (8, 8)
-
-
-def test_a_view_of_it_is_the_scene_with_its_truth() -> None:
-    view = open_view_source("twin:demo?seed=2")
-    view.source.close()  # type: ignore[attr-defined]
-    assert view.simulated
-    assert view.truth is not None
-    assert view.provenance["seed"] == 2

@@ -23,11 +23,8 @@ from spikingtac.sim.gel.layer import (
     layer_response_kernel,
 )
 from spikingtac.sim.gel.solvers import (
-    dot_kernel,
     pressure_kernel,
-    residual_kernel,
     shear_kernel,
-    update_pressure_kernel,
 )
 
 Array = np.ndarray
@@ -91,17 +88,6 @@ def test_influence_of_a_changing_set() -> None:
             np.testing.assert_allclose(matrix, expected, rtol=1e-6, atol=1e-7)
 
 
-def test_cells_that_stay_keep_their_slots() -> None:
-    changing = Influence(TABLES)
-    wanted = np.zeros(256, np.bool_)
-    wanted[10:30] = True
-    changing.set_cells(wanted)
-    before = changing.cells
-    wanted[15], wanted[100] = False, True
-    changing.set_cells(wanted)
-    np.testing.assert_array_equal(np.where(before == 15, 100, before), changing.cells)
-
-
 @pytest.mark.parametrize(("count", "capacity"), [(0, 0), (1, 1), (17, 33), (300, 300)])
 def test_products(count: int, capacity: int) -> None:
     rng = np.random.default_rng(12)
@@ -120,18 +106,6 @@ def product(matrix: Array, vector: Array) -> Array:
         for j in range(len(vector)):
             out[i] += float(matrix[i, j]) * float(vector[j])
     return out
-
-
-def test_error_and_inner_product() -> None:
-    rng = np.random.default_rng(15)
-    error = rng.normal(size=40).astype(np.float32)
-    pressure_now = np.maximum(rng.normal(size=40), 0.0).astype(np.float32)
-    inside = pressure_now > 0.0
-    worst, square = residual_kernel(error, pressure_now)
-    assert worst == pytest.approx(max(np.abs(error[inside]).max(), -error[~inside].min()))
-    assert square == pytest.approx(sum(float(e) ** 2 for e in error[inside]), rel=1e-5)
-    expected = sum(float(a) * float(b) for a, b in zip(error, pressure_now, strict=True))
-    assert dot_kernel(error, pressure_now) == pytest.approx(expected, abs=1e-5)
 
 
 def test_response() -> None:
@@ -169,13 +143,6 @@ def test_pressure(seed: int, count: int, warm: bool) -> None:
     np.testing.assert_allclose(found, pressure(compliance, indentation), atol=2e-5)
 
 
-def test_pressure_is_zero_where_nothing_reaches() -> None:
-    compliance = patch(7, 20)[0][3]
-    found = np.full(20, 0.5, np.float32)
-    pressure_kernel(compliance, np.full(20, -1.0, np.float32), found, 1e-6, 2000)
-    assert not found.any()
-
-
 @pytest.mark.parametrize(("seed", "count"), [(8, 1), (9, 12), (10, 40)])
 @pytest.mark.parametrize("warm", [False, True])
 def test_shear(seed: int, count: int, warm: bool) -> None:
@@ -191,15 +158,6 @@ def test_shear(seed: int, count: int, warm: bool) -> None:
     np.testing.assert_allclose(found, shear(xx, xy, yy, target, bound), atol=2e-4)
 
 
-def test_shear_without_bound_inverts_the_compliance() -> None:
-    xx, xy, yy = patch(11, 30)[0][:3]
-    target = np.random.default_rng(11).normal(size=(2, 30)).astype(np.float32)
-    found = np.zeros((2, 30), np.float32)
-    shear_kernel(xx, xy, yy, target, np.full(30, 1e6, np.float32), found, 1e-6, 5000)
-    carried = np.stack((xx @ found[0] + xy @ found[1], xy @ found[0] + yy @ found[1]))
-    np.testing.assert_allclose(carried, target, atol=2e-5)
-
-
 @pytest.mark.parametrize("count", [0, 3])
 def test_creep(count: int) -> None:
     rng = np.random.default_rng(16)
@@ -211,18 +169,6 @@ def test_creep(count: int) -> None:
     expected = kept[:, None] * retarded + gained[:, None] * elastic
     advance_creep_kernel(kept, gained, elastic, retarded)
     np.testing.assert_allclose(retarded, expected)
-
-
-def test_one_step_of_pressure() -> None:
-    compliance = np.full((4, 4), 2.0, np.float32)
-    error = np.array([0.5, 0.2, -0.4, 0.3], np.float32)
-    direction = np.array([0.5, 0.2, 0.0, 0.0], np.float32)
-    now = np.array([1.0, 0.1, 0.0, 0.0], np.float32)
-    assert update_pressure_kernel(compliance, error, direction, np.float32(1.0), now) == (
-        True,
-        True,
-    )
-    np.testing.assert_allclose(now, [0.5, 0.0, 0.2, 0.0])
 
 
 def test_attached_cells_are_carried_and_attached_where_they_are() -> None:

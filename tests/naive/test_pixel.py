@@ -21,8 +21,6 @@ from spikingtac.sim.camera.coverage import (
 )
 from spikingtac.sim.camera.pixel_records import (
     KEY_SHIFT,
-    exponential_decay_kernel,
-    log_intensity_kernel,
 )
 from spikingtac.sim.camera.pixels import (
     advance_constant_light_kernel,
@@ -168,23 +166,6 @@ def test_a_resting_pixel_is_due_when_its_leak_says():
     assert (out[1 : 1 + out[0]] >> KEY_SHIFT) == pytest.approx([1e5, 2e5, 3e5], abs=2)
     predict_leak_event_kernel(px)
     assert px["leak_due_us"] == pytest.approx(400_000.0, rel=1e-5)
-
-
-def test_an_unsettled_pixel_is_never_due():
-    sensor = one_pixel(PixelConfig(leak_hz=10.0, bandwidth_hz=10.0), 0.3)
-    px = sensor.pixels[0, 0]
-    advance_light_ramp_kernel(px, sensor.chip[0], 0.4, 100.0, 100.0)
-    assert not predict_leak_event_kernel(px)
-    assert px["leak_due_us"] > 1e17
-
-
-def test_tables_follow_the_functions():
-    sensor = one_pixel(PixelConfig(), 0.2)
-    chip = sensor.chip[0]
-    for intensity in (0.05, 0.1, 0.3, 0.77, 1.0):
-        assert log_intensity_kernel(chip, intensity) == pytest.approx(math.log(intensity), abs=3e-5)
-    for x in (0.0, 0.01, 0.7, 3.0, 15.0, 40.0):
-        assert exponential_decay_kernel(chip, x) == pytest.approx(math.exp(-x), abs=4e-5)
 
 
 def random_image(markers: int, seed: int) -> MarkerImage:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.events import create_events, open_events
+from spikingtac.events import open_events
 from spikingtac.types import EventPacket
 
 FACTS = {
@@ -35,12 +35,6 @@ def test_counts_sizes_and_times(data_dir: Path, name: str) -> None:
     events = read(data_dir / "real" / name)
     assert (len(events), events.size, int(events.t[0]), int(events.t[-1])) == FACTS[name]
     assert (np.diff(events.t) >= 0).all()
-
-
-def test_the_share_of_on_events(data_dir: Path) -> None:
-    assert read(data_dir / "real" / "evt2_rotating_dot.raw").p.mean() == pytest.approx(
-        0.68, abs=0.005
-    )
 
 
 def test_both_bags_hold_the_same(data_dir: Path) -> None:
@@ -74,34 +68,3 @@ def test_evt2_equals_its_definition(data_dir: Path) -> None:
     np.testing.assert_array_equal(ours.x, words[event] >> 11 & 0x7FF)
     np.testing.assert_array_equal(ours.y, words[event] & 0x7FF)
     np.testing.assert_array_equal(ours.p, words[event] >> 28 == 1)
-
-
-@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
-@pytest.mark.parametrize("name", ["evt2_rotating_dot.raw", "evt3_busy_scene.raw"])
-def test_real_events_survive_each_encoding(
-    data_dir: Path, tmp_path: Path, name: str, encoding: str
-) -> None:
-    source = open_events(data_dir / "real" / name)
-    with create_events(tmp_path / "a.raw", source.size, encoding=encoding) as writer:
-        for packet in source:
-            writer.write(packet)
-    assert same(read(tmp_path / "a.raw"), read(data_dir / "real" / name))
-
-
-@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
-@pytest.mark.parametrize("lost", [1, 3])
-def test_lost_bytes_cost_little(data_dir: Path, tmp_path: Path, encoding: str, lost: int) -> None:
-    truth = read(data_dir / "real" / "evt3_busy_scene.raw")
-    path = tmp_path / "a.raw"
-    with create_events(path, truth.size, encoding=encoding) as writer:
-        writer.write(truth)
-    data = bytearray(path.read_bytes())
-    for share in (0.7, 0.5, 0.2):
-        at = int(share * len(data))
-        del data[at : at + lost]
-    path.write_bytes(data)
-    source = open_events(path)
-    found = EventPacket.concatenate(list(source))
-    keys = [((e.t << 11 | e.x) << 11 | e.y) << 1 | e.p for e in (truth, found)]
-    assert np.isin(*keys).mean() > 0.95
-    assert source.losses["resynchronised"] >= 3

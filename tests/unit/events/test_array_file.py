@@ -46,13 +46,6 @@ def test_damage_is_told_in_our_words(tmp_path: Path, seed: int) -> None:
         np.testing.assert_array_equal(found[name], sound[name])
 
 
-def test_only_what_is_asked_for_is_read(tmp_path: Path) -> None:
-    found = load_arrays(archive(tmp_path / "a.npz"), "arrays", only=["d", "a"])
-    assert list(found) == ["d", "a"]
-    with pytest.raises(RecordingError, match=r"'none\.npy'"):
-        load_arrays(tmp_path / "a.npz", "arrays", only=["a", "none"])
-
-
 def test_a_bomb_is_refused(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "a.npz", size=np.zeros(200 * MIB, np.uint8))
     with pytest.raises(RecordingError, match="SPIKINGTAC_PIECE_LIMIT_MIB"):

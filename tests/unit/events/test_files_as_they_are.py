@@ -51,36 +51,28 @@ def table(order: str = "txyp", mark: str = ",", head: str = "", **changes: Any) 
 SIGNS = np.where(P, 1, -1)
 SECONDS = np.array([f"{t / 1e6:.6f}" for t in T])
 TEXTS: dict[str, str] = {
-    "t,x,y,p without a header": table(),
     "x,y,p,t without a header": table("xypt"),
     "p,t,x,y without a header": table("ptxy"),
     "x,y,t,p without a header, signs": table("xytp", " ", p=SIGNS),
-    "seconds by blanks": table(mark=" ", t=SECONDS),
     "first line of the size": table(mark=" ", head="346 260\n", t=SECONDS),
     "any order by a header": table("pyxt", head="Polarity,Y,X,Timestamp\n"),
-    "more columns": table("txkyp", head="t,x,k,y,p\n"),
     "an index column": table("ktxyp", head=",t,x,y,p\n", k=np.arange(N)),
     "ms in a suffix": table(head="t_ms,x,y,p\n", t=T / 1e3),
     "ns in a suffix": table("xypt", head="x,y,pol,time_ns\n", t=T * 1_000),
-    "unit as a name": table(head="us,x,y,p\n"),
     "us in brackets": table(mark=" ", head="t [us] x [px] y [px] polarity\n"),
     "seconds in brackets": table(mark=";", head="time (s);col;row;on\n", t=SECONDS),
     "decimal commas": table(
         mark=";", head="time (s);x;y;p\n", t=[s.replace(".", ",") for s in SECONDS]
     ),
-    "tabs and a comment": table(mark="\t", head="# timestamp x y polarity\n", t=SECONDS),
     "v2e's comments": table(
         mark=" ",
         head="#!events.txt\n# made by v2e\n#Format: time (float s), x, y, polarity (0=off, 1=on)\n",
         t=SECONDS,
     ),
-    "bars": table(mark="|", head="t|x|y|p\n"),
     "true and false": table("xytp", head="x,y,t,p\n", p=P),
-    "floats": table(head="t,x,y,p\n", t=T.astype(float), x=X.astype(float)),
     "exponents, as numpy.savetxt writes them": table(t=[f"{t:.18e}" for t in T]),
     "quotes": "".join(f'"{line}"\n' for line in table(mark='","').splitlines()),
     "a byte order mark": "\ufeff" + table(),
-    "commas and blanks": table(mark=", ", head="t, x, y, p\n"),
     "%geometry": table("xypt", head="%geometry:346,260\n"),
     "size in a comment": table(head="# size 346 260\n# by hand\n"),
     "CRLF": table(head="t,x,y,p\n").replace("\n", "\r\n"),
@@ -147,7 +139,6 @@ ARRAYS: dict[str, Any] = {
     "dv": structured(timestamp="<i8", x="<i2", y="<i2", polarity="?"),
     "big-endian": structured(t=">i8", x=">u2", y=">u2", p="u1"),
     "t,x,y,p": rows("txyp", float),
-    "x,y,t,p": rows("xytp", np.int32, SIGNS),
     "by columns": np.asfortranarray(rows("xypt")),
     "across": np.ascontiguousarray(rows("txyp").T),
     "wrapped": rows("txyp", np.uint32, SIGNS),
@@ -161,15 +152,6 @@ def test_arrays(tmp_path: Path, form: str) -> None:
     np.savez_compressed(tmp_path / "a.npz", events=ARRAYS[form])
     for name in ("a.npy", "a.npz"):
         assert assert_read(tmp_path / name).size == SIZE
-
-
-def test_columns_of_other_names(tmp_path: Path) -> None:
-    columns = {"xs": X, "ys": Y, "timestamps": T / 1e6, "polarity": SIGNS.astype(np.int8)}
-    np.savez(tmp_path / "a.npz", **columns, resolution=np.array([640, 480]))
-    assert assert_read(tmp_path / "a.npz").size == (640, 480)
-    np.savez(tmp_path / "b.npz", wrench=np.zeros((9, 6)), t_us=np.arange(9))
-    with pytest.raises(FormatError, match="no columns of time"):
-        read(tmp_path / "b.npz")
 
 
 def group(file: Any, place: str, t: Any = T, **names: str) -> None:
@@ -210,7 +192,6 @@ def e2vid(file: Any) -> None:
 
 HDF5: dict[str, Callable[[Any], None]] = {
     "v2e": lambda file: file.create_dataset("events", data=rows("txyp", np.uint32), chunks=(97, 4)),
-    "v2e wrapped": lambda file: file.create_dataset("events", data=rows("txyp", np.uint32, SIGNS)),
     "MVSEC": mvsec,
     "M3ED": m3ed,
     "DSEC": dsec,
@@ -416,16 +397,6 @@ def test_bags_of_single_events(tmp_path: Path, storage: str, kind: str) -> None:
         assert_read(next(item for item in path.iterdir() if item.suffix in (".db3", ".mcap")))
 
 
-@pytest.mark.parametrize("storage", ["ros1", "sqlite3"])
-def test_bags_of_two_cameras(tmp_path: Path, storage: str) -> None:
-    path = tmp_path / ("a.bag" if storage == "ros1" else "a")
-    write_bag(path, "dvs_msgs", {"/right/events": 5, "/left/events": 0}, storage)
-    with pytest.raises(ConfigError, match=r"0 \(/left/events\), 1 \(/right/events\)"):
-        open_events(path)
-    assert_read(path, sensor=0)
-    assert_read(path, 5, sensor=1)
-
-
 def test_split_bags_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for number, shift in ((10, 2_000_000), (9, 1_000_000), (2, 0)):
         write_bag(tmp_path / f"drive_{number}.bag", "dvs_msgs", {"/e": shift}, "ros1")
@@ -514,34 +485,3 @@ def test_the_collection_is_read_as_its_index_says(data_dir: Path) -> None:
         assert abs(found.t[0] - case["t_first_us"]) <= tolerance
         assert abs(found.t[-1] - case["t_last_us"]) <= tolerance
         assert len(source.triggers) == case.get("triggers", 0)
-
-
-@pytest.mark.parametrize("name", ["b.raw", "b.npz", "b.h5", "b.csv"])
-def test_convert_keeps_triggers_where_they_lie(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from spikingtac.cli.main import main
-    from spikingtac.events.formats.codec import Triggers
-
-    triggers = Triggers()
-    triggers.append(T[5:500:7], 2, True)
-    with create_events(tmp_path / "a.npz", SIZE) as writer:
-        writer.write(PACKET)
-        writer.add_triggers(triggers)
-    assert main(["convert", str(tmp_path / "a.npz"), str(tmp_path / name), "--shift-us", "9"]) == 0
-    source = assert_read(tmp_path / name, 9)
-    kept = [] if name == "b.csv" else [(t + 9, 2, True) for t, _, _ in triggers]
-    assert list(source.triggers) == kept
-    assert ("71 left out" in capsys.readouterr().err) == (name == "b.csv")
-
-
-def test_a_recorder_keeps_triggers(tmp_path: Path) -> None:
-    from spikingtac.cameras.recording.recorder import Recorder
-    from spikingtac.events.formats.codec import Triggers
-
-    recorder, triggers = Recorder(tmp_path, SIZE), Triggers()
-    triggers.append([T[9], T[-1] + 3], 0, [True, False])
-    recorder.offer_triggers(triggers)
-    recorder.offer(PACKET)
-    recorder.close()
-    assert list(assert_read(tmp_path).triggers) == list(triggers)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spikingtac.errors import ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter, RandomDrop
 from spikingtac.types import EventPacket
 
@@ -65,16 +64,6 @@ def test_background_activity_equals_its_twin(seed: int) -> None:
     found = BackgroundActivityFilter(SIZE, window_us=25)(whole)
     assert as_tuples([found]) == expected
     assert 0 < len(expected) < 400
-
-
-def test_random_drop_keeps_its_share() -> None:
-    whole = events(5, 20_000)
-    kept = RandomDrop(0.3, seed=1)(whole)
-    assert len(kept) / len(whole) == pytest.approx(0.7, abs=0.02)
-    assert len(RandomDrop(0.0, seed=1)(whole)) == len(whole)
-    assert len(RandomDrop(1.0, seed=1)(whole)) == 0
-    with pytest.raises(ConfigError, match="share"):
-        RandomDrop(1.2, seed=1)
 
 
 def test_settings_are_checked() -> None:

@@ -101,10 +101,3 @@ def test_attributes_without_end_are_given_up(
     monkeypatch.setattr(hdf5_attributes, "TIME_LIMIT_S", 1e-3)
     with pytest.raises(FormatError, match="no end of its attributes"):
         open_events(tmp_path / "a.h5")
-
-
-def test_a_reader_of_attributes_that_fails_is_told(tmp_path: Path) -> None:
-    with write(tmp_path / "a.h5") as file:
-        file["events/x"] = np.zeros(8, np.int64)
-    with pytest.raises(ValueError, match=r"cannot be read: .*nowhere"):
-        hdf5_attributes.read_attributes(tmp_path / "a.h5", ["/nowhere"])

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.events.hot_pixels import (
     QUIET_SHARE,
     WINDOW_US,
@@ -71,11 +69,6 @@ def test_quiet_events_are_those_of_the_windows_with_the_fewest() -> None:
     assert len(index) == 6
 
 
-def test_quiet_events_of_a_stretch_shorter_than_a_window() -> None:
-    index, quiet_us = quiet_events(np.array([5, 7]), 0, 100)
-    assert (index.tolist(), quiet_us) == ([0, 1], 100)
-
-
 def packet(x: list[int], y: list[int]) -> EventPacket:
     t = np.arange(len(x), dtype=np.int64)
     columns = np.array(x, np.uint16), np.array(y, np.uint16)
@@ -92,15 +85,3 @@ def test_the_filter_drops_the_events_of_hot_pixels_alone() -> None:
     assert (kept.t_start_us, kept.t_end_us, kept.size) == (0, 100, SIZE)
     clean = packet([1], [1])
     assert hot.kept(clean) is clean
-
-
-def test_a_filter_without_hot_pixels_does_nothing() -> None:
-    events = packet([3], [4])
-    assert HotPixelFilter(None, SIZE).kept(events) is events
-    assert HotPixelFilter(np.empty((0, 2), np.int64), SIZE).kept(events) is events
-
-
-def test_a_packet_of_another_sensor_is_refused() -> None:
-    hot = HotPixelFilter(np.array([[3, 4]]), (20, 20))
-    with pytest.raises(ConfigError, match="do not fit a map"):
-        hot.kept(packet([3], [4]))

@@ -24,16 +24,6 @@ def test_a_table_with_bad_lines(tmp_path: Path) -> None:
     assert dict(source.losses) == {"bad_record": 3, "out_of_range": 1}
 
 
-def test_times_in_archives_stay_monotonic(tmp_path: Path) -> None:
-    t = np.array([0, 10, 5, 20, 9_000_000, 30, 40, 1_000_000, 1_000_010, 3, 4])
-    zeros = np.zeros(len(t), np.uint16)
-    np.savez(tmp_path / "a.npz", t=t, x=zeros, y=zeros, p=zeros > 0, size=[4, 4])
-    source = open_events(tmp_path / "a.npz")
-    found = [row[0] for row in rows(source)]
-    assert found == [0, 10, 10, 20, 20, 30, 40, 1_000_000, 1_000_010, 1_000_010, 1_000_011]
-    assert dict(source.losses) == {"time_backwards": 1, "time_glitch": 1, "time_reset": 1}
-
-
 def test_hdf5_that_claims_too_much_does_not_hang(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     kind = np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
@@ -104,12 +94,6 @@ def test_a_bag_folder_opens_its_storage(tmp_path: Path) -> None:
     assert rows(open_events(tmp_path)) == DECODED
     write_db3(tmp_path / "bag_1.db3", MESSAGES)
     assert len(rows(open_events(tmp_path))) == 2 * len(DECODED)
-
-
-def test_es_files_of_other_types_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.es").write_bytes(b"Event Stream\x02\x00\x00\x02" + struct.pack("<HH", 4, 4))
-    with pytest.raises(FormatError, match="type 2"):
-        open_events(tmp_path / "a.es")
 
 
 def test_es_counts_rows_from_the_bottom(tmp_path: Path) -> None:

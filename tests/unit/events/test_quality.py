@@ -43,12 +43,6 @@ def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -
     assert found.on_fraction == pytest.approx(0.25, abs=0.01)
 
 
-def test_the_rate_counts_everything() -> None:
-    events = noisy(1.0, ())
-    assert judge_events(events).rate_hz == pytest.approx(len(events) / 4.0)
-    assert len(judge_events(events).hot_px) == 0
-
-
 def test_without_events_there_is_nothing_to_tell() -> None:
     found = judge_events(EventPacket.empty(0, 1_000_000, SIZE))
     assert (found.rate_hz, found.on_fraction, found.noise_hz, len(found.hot_px)) == (0, None, 0, 0)

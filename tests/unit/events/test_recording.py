@@ -55,13 +55,6 @@ def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert manifest["size"] == [32, 24]
 
 
-def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
-    record(tmp_path / "a")
-    record(tmp_path / "b")
-    for name in ("events.raw", "truth.npz", "manifest.json"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
 def write_then_fail(writer: RecordingWriter) -> None:
     writer.write(packet(0))
     writer.write(packet(0), sensor=5)

@@ -10,9 +10,7 @@ import pytest
 
 from spikingtac.errors import DamageError, FormatError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.windows import windows
 from spikingtac.types import EventPacket
-from stand_ins.bags import rows
 
 SIZE = (320, 320)
 N = 20_000
@@ -35,49 +33,6 @@ def save(path: Path, **changes: np.ndarray) -> None:
     events = sample()
     columns = {name: getattr(events, name).copy() for name in "txyp"} | changes
     np.savez(path, **{"size": np.array(SIZE)} | columns)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("ending", ["npz", "csv", "aedat4", "h5"])
-def test_a_leap_is_counted_in_every_format(tmp_path: Path, ending: str) -> None:
-    if ending == "h5":
-        pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
-    events = sample(100)
-    events.t[60:] += 5_000_000
-    path = tmp_path / f"a.{ending}"
-    with create_events(path, SIZE) as writer:
-        writer.write(events)
-    found, losses = whole(path)
-    np.testing.assert_array_equal(found.t, events.t)
-    assert losses == {"time_jump": 1}
-
-
-def test_one_wrong_last_time_does_not_run_without_end(tmp_path: Path) -> None:
-    t = sample().t.copy()
-    t[-1] = 1 << 59
-    save(tmp_path / "a.npz", t=t)
-    source = open_events(tmp_path / "a.npz")
-    assert sum(1 for _ in windows(source, 10_000)) < 10_000
-    assert dict(source.losses) == {"time_jump": 1}
-
-
-def test_a_short_and_a_long_line_shift_no_row(tmp_path: Path) -> None:
-    events = sample()
-    lines = [f"{t},{x},{y},1" for t, x, y in zip(events.t, events.x, events.y, strict=True)]
-    lines[4_000] = lines[4_000].rpartition(",")[0]
-    lines[19_000] += ",1"
-    (tmp_path / "a.csv").write_text("# size 320 320\nt,x,y,p\n" + "\n".join(lines) + "\n")
-    found, losses = whole(tmp_path / "a.csv")
-    kept = np.delete(np.arange(N), [4_000, 19_000])
-    np.testing.assert_array_equal(found.t, events.t[kept])
-    np.testing.assert_array_equal(found.x, events.x[kept])
-    assert losses == {"bad_record": 2}
-
-
-def test_tables_with_more_columns_are_read_by_most_lines(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("t,x,y,p,q\n10,1,2,1,9\n20,3,4,0,9\n25,3,4,0\n30,319,9,1,9,\n")
-    source = open_events(tmp_path / "a.csv")
-    assert rows(source) == [(10, 1, 2, 1), (20, 3, 4, 0), (30, 319, 9, 1)]
-    assert dict(source.losses) == {"bad_record": 1}
 
 
 @pytest.mark.parametrize("size", [(70_000, 4), (320, 65_537), (0, 4), (-3, 4), (65_536, 65_536)])

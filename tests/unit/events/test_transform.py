@@ -76,13 +76,6 @@ def test_a_crop_keeps_its_rectangle_and_moves_the_origin() -> None:
             Transform(crop_px=box).size(SIZE)
 
 
-def test_what_is_not_possible_is_refused() -> None:
-    with pytest.raises(ConfigError, match="90, 180, 270"):
-        transform.rotate(events(1), 45)
-    with pytest.raises(ConfigError, match="valid: x, y"):
-        transform.flip(events(1), "z")  # type: ignore[arg-type]
-
-
 def test_triggers_follow_the_time() -> None:
     triggers = Triggers()
     triggers.append([5, 50, 199, 200], 3, [True, False, True, False])

@@ -57,16 +57,6 @@ def test_it_stops_at_contact_and_reports_both_poses() -> None:
     assert np.min(read) < -0.5
 
 
-def test_the_detector_does_not_hear_the_acceleration() -> None:
-    bench = Bench()
-    bench.approach()
-    first_us = bench.heard[0]
-    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(0))
-    arm.move_linear(TARGET_MM, 180.0)
-    arm.advance_to(first_us - 20_000)
-    assert np.linalg.norm(arm.speed_mm_s()) > 0.98 * 180.0
-
-
 def test_the_end_of_the_stream_stops_the_arm() -> None:
     bench = Bench(last_us=400_000)
     with pytest.raises(DeviceError, match="stream ended"):

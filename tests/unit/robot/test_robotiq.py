@@ -28,13 +28,6 @@ def test_it_activates_and_moves(bare_ack: bool) -> None:
             assert gripper.position() == 200
 
 
-def test_it_says_when_it_holds_something() -> None:
-    with FakeGripper(object_at=120) as fake, connect(fake) as gripper:
-        gripper.activate()
-        assert gripper.move(255) is Grip.HELD_CLOSING
-        assert gripper.position() == 120
-
-
 def test_silence_and_a_cut_connection_are_reported() -> None:
     with FakeGripper() as fake, connect(fake) as gripper:
         fake.silent = True

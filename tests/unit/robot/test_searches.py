@@ -82,12 +82,6 @@ def test_one_false_contact_is_touched_again() -> None:
     np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
 
 
-def test_a_false_contact_among_the_first_is_searched_again() -> None:
-    prober = IdealProber(2.0, noise_mm=[0.0, 0.0, -0.8])
-    found = AdaptiveSearch(prober, travel(), AdaptiveSearchConfig(contacts=6)).run(np.zeros(2))
-    np.testing.assert_allclose(found.circle.center_mm, 0.0, atol=3e-3)
-
-
 def test_the_calibrated_cross_states_an_honest_region() -> None:
     """From starts off the middle the first chord is oblique: its contacts tell less and slide."""
     rng = np.random.default_rng(5)

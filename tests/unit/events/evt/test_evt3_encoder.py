@@ -29,13 +29,6 @@ def test_a_long_row_needs_one_base() -> None:
     assert kinds(np.arange(10, 10 + 3 * 32)) == [BASE_X, *TRIPLE, *TRIPLE, *TRIPLE]
 
 
-def test_a_gap_in_the_row_and_a_new_polarity_need_a_base_of_their_own() -> None:
-    gap = np.concatenate([np.arange(32), np.arange(33, 65)])
-    assert kinds(gap) == [BASE_X, *TRIPLE, BASE_X, *TRIPLE]
-    turned = np.arange(64) < 32
-    assert kinds(np.arange(64), turned) == [BASE_X, *TRIPLE, BASE_X, *TRIPLE]
-
-
 def test_vectors_are_used_where_they_take_fewer_words() -> None:
     """With its base a triple takes four words, without it three: as many events are cheaper."""
     assert kinds(np.arange(4)) == 4 * [ADDR_X]

@@ -92,13 +92,6 @@ def test_a_leap_of_2_24_us_is_taken_back(raw2) -> None:
     assert source.losses["time_jump"] == 1
 
 
-def test_a_long_silence_is_kept_and_counted(raw2) -> None:
-    words = [w for h in [*range(9), *range(100_000, 100_009)] for w in (high2(h), event2(3, 1))]
-    source = raw2(words)
-    assert max(np.diff(times(source))) == (100_000 - 8) << 6
-    assert dict(source.losses) == {"time_jump": 1}
-
-
 def test_a_lone_wrong_time_is_ignored(raw) -> None:
     words = [w for h in range(20) for w in (high3(h), *event3(7, 1))]
     words[4 * 9] ^= 1 << 10
@@ -112,12 +105,6 @@ def test_a_corrected_lower_time_stamps_nothing(raw) -> None:
     source = raw([high3(1), *event3(799, 1), 0x6000 | 811, *event3(800, 2), *event3(801, 3)])
     assert times(source) == [4096 + 799, 4096 + 800, 4096 + 801]
     assert dict(source.losses) == {"time_glitch": 1}
-
-
-def test_a_small_step_back_is_held(raw2) -> None:
-    source = raw2([high2(9), event2(30, 1), event2(20, 2), event2(31, 3)])
-    assert times(source) == [9 * 64 + 30, 9 * 64 + 30, 9 * 64 + 31]
-    assert dict(source.losses) == {"time_backwards": 1}
 
 
 def test_events_outside_are_dropped(raw) -> None:
@@ -227,12 +214,6 @@ def test_byte_orders_of_evt21(tmp_path: Path, order: str) -> None:
     packet = EventPacket.concatenate(list(open_events(tmp_path / "a.raw")))
     assert packet.x.tolist() == [32, 34, 64]
     assert packet.t.tolist() == [197, 197, 198]
-
-
-def test_old_systems_write_the_legacy_order(tmp_path: Path) -> None:
-    words = [high2(3), 0, event2(5, 32), 0b11]
-    head = b"% evt 2.1\n% geometry 320x240\n% system_ID 49\n"
-    assert times(opened(tmp_path / "a.raw", head, words, "<u4")) == [197, 197]
 
 
 def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:

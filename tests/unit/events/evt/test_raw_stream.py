@@ -9,7 +9,6 @@ import pytest
 
 from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events import create_events, open_events
-from spikingtac.events.evt.raw_stream import is_stream
 from spikingtac.types import EventPacket
 from stand_ins.piped_camera import PipedCamera
 
@@ -87,41 +86,8 @@ def test_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         open_events("-")
 
 
-def test_the_encoding_is_guessed_where_the_header_is_silent(tmp_path: Path) -> None:
-    path = tmp_path / "whole.raw"
-    with create_events(path, SIZE) as writer:
-        writer.write(events())
-    words = without_header(path.read_bytes())
-    PipedCamera(tmp_path / "live", b"% geometry 320x320\n% end\n" + words)
-    source = open_events(tmp_path / "live")
-    assert "no encoding" in source.notes[0]
-    assert columns(list(source)).shape == (4, EVENTS)
-
-
 @pytest.mark.parametrize("head", [b"% end\n", b""])
 def test_a_stream_without_a_size_is_refused(head: bytes, raw: Path, tmp_path: Path) -> None:
     PipedCamera(tmp_path / "live", head + without_header(raw.read_bytes()))
     with pytest.raises(FormatError, match="names no size"):
         open_events(tmp_path / "live")
-
-
-def test_words_of_another_encoding_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "whole.raw"
-    with create_events(path, SIZE, encoding="evt2") as writer:
-        writer.write(events())
-    head = b"% evt 3.0\n% geometry 320x320\n% end\n"
-    PipedCamera(tmp_path / "live", head + without_header(path.read_bytes()), pieces=1)
-    with pytest.raises(FormatError, match="EVT2"):
-        open_events(tmp_path / "live")
-
-
-def test_an_empty_stream_has_no_size(tmp_path: Path) -> None:
-    PipedCamera(tmp_path / "live", b"\n\n", pieces=1)
-    with pytest.raises(FormatError):
-        open_events(tmp_path / "live")
-
-
-def test_files_are_no_streams(raw: Path) -> None:
-    assert not is_stream(raw)
-    assert not is_stream(raw.with_name("missing.raw"))
-    assert is_stream(Path("-"))

@@ -6,15 +6,12 @@ import pytest
 
 from spikingtac.sim.camera.camera import EventCamera
 from spikingtac.sim.camera.config import (
-    BackgroundConfig,
     ReadoutConfig,
     load_camera,
 )
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import (
-    CENTERS,
     PERIOD_US,
-    RADIUS_PX,
     SIZE,
     camera,
     film,
@@ -25,19 +22,6 @@ from stand_ins.camera_stage import (
 
 def columns(packet: EventPacket) -> bytes:
     return b"".join(column.tobytes() for column in (packet.t, packet.x, packet.y, packet.p))
-
-
-def test_events_sit_on_the_edges_and_lead_with_on_for_a_white_marker():
-    images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(31)]
-    events = film(camera(), images, "fresh")
-    center_x = 40.2 + 0.1 * events.t / PERIOD_US
-    first = (events.x < 64) & (events.y < 64)
-    off_x, off_y = events.x[first] - center_x[first], events.y[first] - 40.1
-    assert np.abs(np.hypot(off_x, off_y) - RADIUS_PX).max() < 2.5
-    assert events.p[first][off_x > 3].all()
-    assert not events.p[first][off_x < -3].any()
-    dark = film(camera(contrast=1 / 6.0), images, "fresh")
-    assert dark.p.mean() == pytest.approx(1 - events.p.mean(), abs=0.02)
 
 
 @pytest.mark.parametrize("name", ["clean", "typical", "noisy"])
@@ -83,23 +67,6 @@ def test_a_still_scene_makes_the_set_rates(name, leak_hz, noise_hz):
     assert halves[0] == pytest.approx(halves[1], rel=0.05)
 
 
-def test_references_remember_the_past():
-    images = [image(k * PERIOD_US, (0.02 * k, 0.0)) for k in range(60)]
-    first = {}
-    for history in ("fresh", "random", "rested"):
-        preset = replace(load_camera("typical"), size=SIZE, background=BackgroundConfig())
-        first[history] = film(EventCamera(preset, seed=1), images, history).t[20]
-    assert first["random"] < 0.5 * first["fresh"]
-    assert first["rested"] < 0.5 * first["fresh"]
-    sensor = camera()
-    sensor.settle(images[0], "fresh")
-    out = sensor.advance(images)
-    back = [replace(images[-1 - k], t_us=images[-1].t_us + k * PERIOD_US) for k in range(60)]
-    sensor.advance(back)
-    again = [replace(item, t_us=item.t_us + back[-1].t_us) for item in images]
-    assert len(sensor.advance(again)) < len(out)  # the reversals have taken up slack
-
-
 def test_missing_markers_make_nothing_and_broken_ones_less():
     images = [image(k * PERIOD_US, (0.1 * k, 0.0)) for k in range(60)]
     whole = film(camera(), images, "fresh")
@@ -133,14 +100,3 @@ def test_a_marker_may_be_thrown_far_beyond_the_sensor():
     assert len(events) > 0
     assert (events.x < SIZE[0]).all()
     assert (events.y < SIZE[1]).all()
-
-
-def test_misuse_is_told():
-    sensor = camera()
-    with pytest.raises(ValueError, match="settle"):
-        sensor.advance([image(1000)])
-    sensor.settle(image(1000))
-    with pytest.raises(ValueError, match="not after"):
-        sensor.advance([image(500)])
-    with pytest.raises(ValueError, match="radius 0"):
-        sensor.advance([image(2000, centers=CENTERS[:3])])

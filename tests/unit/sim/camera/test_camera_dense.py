@@ -50,19 +50,6 @@ def test_every_pixel_at_every_step_gives_what_the_edges_alone_give(speed_px_s):
     assert np.median(np.abs(times[0][:shared] - times[1][:shared])) < 100
 
 
-def test_a_pattern_that_follows_the_markers_makes_events_between_them():
-    far_x = 50
-    still, moving = (
-        film(
-            CameraConfig(size=SIZE, light=LightConfig(texture=0.3, texture_follow=follow)),
-            images(100.0, 80_000),
-        )
-        for follow in (0.0, 1.0)
-    )
-    assert not (still.x > far_x).any()
-    assert (moving.x > far_x).sum() > 100
-
-
 def test_a_pattern_is_read_between_its_samples_and_repeats():
     pattern = np.random.default_rng(1).random((5, 7)).astype(np.float32)
     assert sample_pattern_kernel(pattern, 2.0, 3.0) == pytest.approx(float(pattern[3, 2]))

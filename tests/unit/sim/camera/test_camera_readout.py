@@ -65,25 +65,6 @@ def test_the_arbiter_equals_its_plain_twin(event_us, count):
     assert (dropped > 0) == (event_us * count > 2 * BACKLOG_US)
 
 
-def test_a_burst_is_spread_to_the_cap_and_goes_on_in_the_next_interval():
-    station, losses = readout(cap_mev_s=4.0)
-    station.collect(random_keys(3000, 100))
-    first, second = station.release(500), station.release(10_000)
-    assert (len(first) + len(second), len(losses)) == (3000, 0)
-    times = np.concatenate([first, second]) >> KEY_SHIFT
-    assert (first >> KEY_SHIFT).max() < 500 <= (second >> KEY_SHIFT).min()
-    assert (np.diff(times) >= 0).all()
-    assert np.bincount(times).max() <= 5  # four a microsecond, cut at whole ones
-
-
-def test_what_would_wait_too_long_is_dropped_and_counted():
-    station, losses = readout(cap_mev_s=1.0)
-    station.collect(random_keys(3000, 100))
-    kept = len(station.release(10_000))
-    assert losses["readout_overflow"] == 3000 - kept
-    assert 1050 < kept < 1150
-
-
 def test_random_loss_is_as_set_and_counted():
     station, losses = readout(loss=0.3)
     station.collect(random_keys(20_000, 1000))

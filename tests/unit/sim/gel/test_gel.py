@@ -21,18 +21,6 @@ def body(kind: str, **settings: float) -> Indenter:
     return make_indenter(IndenterConfig(kind=kind, settings=settings))
 
 
-def test_a_stuck_displacement_controlled_cycle_leaves_no_residual() -> None:
-    gel, punch = Gel(GLUED, MARKERS), body("punch")
-    press(gel, punch, 0.6)
-    before = gel.step(1.0, punch, pose(0.0, 0.0, 0.6)).marker_mm
-    far = 12.0 / PX_PER_MM
-    for shift in far * np.sin(np.pi * np.arange(1, 201) / 200):
-        state = gel.step(DT_S * 5, punch, pose(float(shift), 0.0, 0.6))
-    residual = np.abs(state.marker_mm - before).max() * PX_PER_MM
-    # A gel with memory in its displacement would keep about 1 px here.
-    assert residual < 0.1
-
-
 def test_residual_after_unloading_equals_the_prediction() -> None:
     ball, shift = body("ball"), 12.0 / PX_PER_MM
     left: dict[float, np.ndarray] = {}
@@ -62,32 +50,6 @@ def test_markers_turn_with_a_stuck_patch_however_far() -> None:
     np.testing.assert_allclose(state.marker_mm[:3, :2], expected, atol=0.005)
     np.testing.assert_allclose(state.gradient[1], turn[:2, :2] @ pressed.gradient[1], atol=0.02)
     assert state.torque_n_mm[2] > 1.0
-
-
-def test_recovery_may_be_sampled_at_any_steps() -> None:
-    states = []
-    for steps in ([0.5], [0.1, 0.15, 0.25]):
-        gel = Gel(GelConfig(), MARKERS)
-        press(gel, body("ball"), 0.6)
-        for dt_s in steps:
-            state = gel.step(dt_s, None, None)
-        states.append(state)
-    np.testing.assert_allclose(states[0].marker_mm, states[1].marker_mm, atol=1e-12)
-    assert states[0].t_us == states[1].t_us == 700_000
-
-
-def test_equal_histories_give_equal_bytes_and_reset_forgets() -> None:
-    gel, runs = Gel(GelConfig(), MARKERS), []
-    for start in (0.0, 3.0, 0.0):
-        gel.reset()
-        finger = body("finger")
-        press(gel, finger, 0.9, x=start)
-        for step in range(1, 30):
-            state = gel.step(DT_S, finger, pose(start + 0.1 * step, 0.1, 0.9))
-        runs.append(state)
-    del runs[1]  # another contact in between
-    assert runs[0].marker_mm.tobytes() == runs[1].marker_mm.tobytes()
-    assert runs[0].t_us == runs[1].t_us == 316_000
 
 
 def test_a_contact_beyond_the_solver_is_refused() -> None:

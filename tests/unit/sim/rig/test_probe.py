@@ -44,19 +44,6 @@ def test_creep_relaxes_the_force_as_the_kelvin_chain_says() -> None:
     np.testing.assert_allclose(force, exact, rtol=0.01)
 
 
-def test_friction_holds_below_its_cone_and_slips_above() -> None:
-    path = np.vstack(
-        [line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), line((1.0, 0.0, 0.0), (1.0, 0.1, 0.0))]
-    )
-    stuck = drive(Probe(STILL, WALL, np.zeros(3)), path)[-1]
-    assert stuck.tip_mm[1] == pytest.approx(0.0, abs=1e-9)
-    assert -stuck.force_n[1] == pytest.approx(0.1 / (0.4 + 1600.0 / 68.0), rel=1e-6)
-    far = np.vstack([path, line((1.0, 0.1, 0.0), (1.0, 2.0, 0.0))])
-    slipped = drive(Probe(STILL, WALL, np.zeros(3)), far)[-1]
-    assert slipped.tip_mm[1] > 1.0
-    assert -slipped.force_n[1] == pytest.approx(0.3 * -slipped.force_n[0], rel=1e-3)
-
-
 @pytest.mark.parametrize("angle", np.linspace(0.0, 2 * np.pi, 7))
 @pytest.mark.parametrize("heading", [0.0, 0.2, 0.5])
 def test_a_hexagon_stays_inside_its_hole(angle: float, heading: float) -> None:

@@ -1,11 +1,13 @@
 """The UR3 twin: braking distances of twin.md (section 0), staleness, lag, faults."""
 
+import sys
+
 import numpy as np
 import pytest
 
-from spikingtac.errors import DeviceError
+from spikingtac.errors import DeviceError, MissingExtraError
 from spikingtac.robot.arm import ArmState
-from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin
+from spikingtac.sim.rig.ur3 import UR3Config, UR3Twin, plan_move
 
 FAST_MM_S = 180.0
 
@@ -61,15 +63,6 @@ def test_the_reported_pose_is_up_to_one_cycle_old() -> None:
     assert lag.max() <= 1e-9
 
 
-def test_a_stop_before_the_motion_was_picked_up_leaves_the_arm_where_it_is() -> None:
-    arm = UR3Twin(UR3Config(), np.zeros(3), np.random.default_rng(5))
-    arm.move_linear(np.array([10.0, 0.0, 0.0]), 100.0)
-    arm.stop()
-    arm.advance_to(1_000_000)
-    assert np.linalg.norm(arm.true_position_mm()) < 1e-3
-    assert arm.state() is ArmState.IDLE
-
-
 def test_a_protective_stop_halts_the_arm_and_refuses_motions_until_recovery() -> None:
     arm = approaching(np.random.default_rng(7))
     arm.protective_stop()
@@ -80,3 +73,9 @@ def test_a_protective_stop_halts_the_arm_and_refuses_motions_until_recovery() ->
         arm.move_linear(np.zeros(3), 10.0)
     arm.recover()
     arm.move_linear(np.zeros(3), 10.0)
+
+
+def test_a_machine_without_ruckig_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ruckig", None)
+    with pytest.raises(MissingExtraError, match=r"spikingtac\[arm\]"):
+        plan_move(0.0, np.zeros(3), np.ones(3), (50.0, 800.0, 40_000.0))

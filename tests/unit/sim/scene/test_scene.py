@@ -26,30 +26,14 @@ def scene(text: str) -> Scene:
         return read_scene(path)
 
 
-def test_an_empty_file_is_a_quiet_scene_of_the_papers_sensor():
-    empty = scene("")
-    assert empty.size == (320, 320)
-    assert empty.skin.grid == (8, 8)
-    assert empty.contacts == ()
-    assert empty.camera.preset == "typical"
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
         ("lead_in = 1.0", r"unknown key 'lead_in'; did you mean 'lead_in_s'\?"),
         ("[skin]\npitch = 2.0", r"scene\.toml\.skin: unknown key 'pitch'; did you mean 'pitch_mm'"),
-        ("[skin]\ngrid = [0, 8]", "valid are 1 to 10000 markers"),
-        ("[camera]\npreset = 'tipical'", "did you mean 'typical'"),
         ("[camera.settings.light]\ncontrst = 3.0", "did you mean 'contrast'"),
-        (
-            "[camera.settings.pixel]\nthreshold_on = 0.001",
-            "threshold_on is 0.001, valid are 0.02 to 10",
-        ),
         ("[history]\nreferences = 'new'", "valid: rested, random, fresh"),
-        ("[variation]\ndepth_fraction = 2.0", "depth_fraction is 2, valid are 0 to 0.9"),
         ("[optics.discs]\nmissing = [64]", "marker 64 does not exist, valid are 0 to 63"),
-        ("mechanics_hz = 1.0", "valid are 50 to 2000"),
         ("[skin]\ngrid = [100000, 100000]", "valid are 1 to 10000 markers"),
         ("[gel.grid]\ncells = 1000000000", "cells is 1e[+]09, valid are 8 to 512"),
         ("[optics]\nsize = [100000, 100000]\nk1 = 0.0", "valid are 1 to 2097152 pixels in all"),
@@ -58,15 +42,11 @@ def test_an_empty_file_is_a_quiet_scene_of_the_papers_sensor():
             "valid are 1 to 10000",
         ),
         ("duration_s = 1e15", "duration_s is 1e[+]15, valid are 0.001 to 100000"),
-        ("[history]\nwait_s = 1e15", "wait_s is 1e[+]15, valid are 0 to 600"),
         ("lead_in_s = 1" + "0" * 5000, "not valid TOML"),
-        ("lead_in_s = 1" + "0" * 4000, "the number is beyond"),
         ("about = " + "[" * 100_000 + "]" * 100_000, "nested deeper than 32"),
         (".".join("a" * 100_000) + " = 1", "nested deeper than 32"),
-        (".".join("a" * 50) + " = 1", "nested deeper than 32"),
         ("about = '" + "x" * (1 << 20) + "'", "longer than 1048576 bytes"),
         (CONTACT.replace("ball", "bal"), r"unknown indenter 'bal'; did you mean 'ball'\?"),
-        (CONTACT.replace("depth_mm", "depth"), "unknown key 'depth'; did you mean 'depth_mm'"),
         (CONTACT.replace('"lift"', '"hold"'), "end above it"),
         (CONTACT.replace("height_mm = 0.3", "height_mm = -0.1"), "must start above the skin"),
     ],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.sim.gel.indenters import IndenterConfig
-from spikingtac.sim.scene.motions import IndenterMotion, MotionConfig, SegmentConfig
+from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
 from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene, VariationConfig
 from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm, vary
 
@@ -40,20 +40,6 @@ def path(timeline: Timeline, until_s: float) -> list[float | None]:
     times = np.arange(0.0, until_s, 0.01)
     bodies = [timeline.at(float(t)) for t in times]
     return [None if body is None else float(body[1].position_mm.sum()) for body in bodies]
-
-
-def test_a_scene_lasts_lead_in_contacts_pauses_and_lead_out():
-    length = 2 * IndenterMotion(MOTION).duration_s
-    assert Timeline(scene(), seed=3).duration_s == pytest.approx(0.5 + length + 0.4 + 1.0)
-    assert Timeline(Scene(duration_s=2.5), seed=3).duration_s == 2.5
-
-
-def test_equal_seeds_move_alike_and_others_do_not():
-    def run(seed):
-        return path(Timeline(scene(variation=WIDE), seed=seed), 3.0)
-
-    assert run(1) == run(1)
-    assert run(1) != run(2)
 
 
 def test_a_shorter_scene_is_the_beginning_of_the_longer_one():
