@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 from spikingtac import plugins
@@ -9,8 +10,17 @@ from spikingtac.errors import ConfigError, nearest
 from spikingtac.events.formats.codec import EventWriter
 from spikingtac.plugins import with_plugins
 
-WRITABLE = (".raw", ".npz", ".csv", ".txt", ".h5", ".hdf5", ".aedat4")
-"""Endings that can be written."""
+_WRITERS = {
+    ".raw": ("evt.raw_writer", "RawWriter"),
+    ".npz": ("tables.writers", "NpzWriter"),
+    ".csv": ("tables.writers", "TextWriter"),
+    ".txt": ("tables.writers", "TextWriter"),
+    ".h5": ("tables.hdf5_writer", "Hdf5Writer"),
+    ".hdf5": ("tables.hdf5_writer", "Hdf5Writer"),
+    ".aedat4": ("tables.writers", "Aedat4Writer"),
+}
+"""Ending -> module and class that writes it."""
+WRITABLE = tuple(_WRITERS)
 
 
 def create_events(
@@ -33,26 +43,10 @@ def create_events(
     ending = Path(path).suffix.lower()
     if encoding is not None and ending != ".raw":
         raise ConfigError(f"encoding={encoding!r} is for .raw files, not for {ending!r}")
-    if ending == ".raw":
-        from spikingtac.events.evt.raw_writer import RawWriter
-
-        return RawWriter(path, size, encoding or "evt3")
-    if ending == ".npz":
-        from spikingtac.events.tables.writers import NpzWriter
-
-        return NpzWriter(path, size)
-    if ending in (".csv", ".txt"):
-        from spikingtac.events.tables.writers import TextWriter
-
-        return TextWriter(path, size)
-    if ending in (".h5", ".hdf5"):
-        from spikingtac.events.tables.hdf5_writer import Hdf5Writer
-
-        return Hdf5Writer(path, size)
-    if ending == ".aedat4":
-        from spikingtac.events.tables.writers import Aedat4Writer
-
-        return Aedat4Writer(path, size)
+    if ending in _WRITERS:
+        module, name = _WRITERS[ending]
+        arguments = (path, size, encoding or "evt3") if ending == ".raw" else (path, size)
+        return getattr(import_module(f"spikingtac.events.{module}"), name)(*arguments)
     foreign = with_plugins({}, plugins.WRITERS)
     if ending.removeprefix(".") in foreign:
         return foreign[ending.removeprefix(".")](path, size)

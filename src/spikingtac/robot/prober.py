@@ -20,6 +20,10 @@ from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray
 
 
+TIP_STIFFNESS_N_MM = 0.04
+"""Stiffness of the grasped probe at its tip, N/mm (twin.md: at 40 mm stick-out)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ProbingConfig:
     """The settings of a touch.
@@ -40,8 +44,6 @@ class ProbingConfig:
         back_off_mm: Distance of the retreat from the place of contact, mm.
         travel_limit_mm: Largest travel of one approach, mm.
         force_limit_n: Largest force of the tip, N, even if the wall is never detected.
-        tip_stiffness_n_mm: Stiffness of the grasped probe at its tip, N/mm (twin.md: 0.04 at 40 mm
-            stick-out).
     """
 
     speed_mm_s: float = 0.8
@@ -53,7 +55,6 @@ class ProbingConfig:
     back_off_mm: float = 0.6
     travel_limit_mm: float = 11.0
     force_limit_n: float = 0.5
-    tip_stiffness_n_mm: float = 0.04
 
     def __post_init__(self) -> None:
         lengths = self.speed_mm_s, self.travel_speed_mm_s, self.back_off_mm, self.reach_mm
@@ -74,7 +75,7 @@ class ProbingConfig:
     @property
     def reach_mm(self) -> float:
         """Largest travel of one approach, mm: pressing all the way stays below the force limit."""
-        return min(self.travel_limit_mm, self.force_limit_n / self.tip_stiffness_n_mm)
+        return min(self.travel_limit_mm, self.force_limit_n / TIP_STIFFNESS_N_MM)
 
 
 @dataclass(frozen=True, slots=True)

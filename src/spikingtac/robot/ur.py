@@ -32,6 +32,13 @@ Vector = NDArray[np.float64]
 MM_PER_M = 1000.0
 PROGRAM_RUNNING = 0b10
 """Bit of the robot's status: a program runs."""
+ACCELERATION_M_S2 = 1.2
+"""Acceleration of ``movel``, m/s2 (URScript's default)."""
+START_PATIENCE_S = 0.5
+"""Longest wait for a commanded motion to begin, s."""
+CALL_LIMIT_S = 0.5
+"""Longest wait for a command, s (ours: 60 cycles of CB3). A controller that takes longer counts as
+lost, until :meth:`URArm.reconnect`."""
 REST_MM_S = 0.01
 """Set-point speed below which the arm rests, mm/s; set points carry no noise."""
 
@@ -41,27 +48,20 @@ class URConfig:
     """How to talk to the arm, and how it moves.
 
     Attributes:
-        acceleration_m_s2: Acceleration of ``movel``, m/s2 (URScript's default).
         stop: When a stop counts as obeyed, and how long each means to stop has.
         power_off: Whether an arm that is seen to move after every means to stop is switched off at
             the dashboard; its brakes then hold it.
         patience_s: Age of the last report at which the stream counts as lost, s (ours: 12 cycles
             of CB3).
-        start_patience_s: Longest wait for a commanded motion to begin, s.
         watchdog_hz: Least rate at which the controller must hear from this computer, Hz; it makes
             a protective stop otherwise. None leaves the controller without one.
-        call_limit_s: Longest wait for a command, s (ours: 60 cycles of CB3). A controller that
-            takes longer counts as lost, until :meth:`URArm.reconnect`.
         connect_limit_s: Longest wait for each port's first answer, s.
     """
 
-    acceleration_m_s2: float = 1.2
     stop: StopConfig = field(default_factory=StopConfig)
     power_off: bool = True
     patience_s: float = 0.1
-    start_patience_s: float = 0.5
     watchdog_hz: float | None = 10.0
-    call_limit_s: float = 0.5
     connect_limit_s: float = 2.0
 
 
@@ -113,7 +113,7 @@ class URArm:
             )
         rotation = self._receive.getActualTCPPose()[3:]
         goal = [*(target / MM_PER_M).tolist(), *rotation]
-        speed, acceleration = speed_mm_s / MM_PER_M, self._config.acceleration_m_s2
+        speed, acceleration = speed_mm_s / MM_PER_M, ACCELERATION_M_S2
         self._commanded_s, self._began = self._clock_s(), False
         try:
             begun = self._call(
@@ -155,7 +155,7 @@ class URArm:
             self._began = True
             return ArmState.MOVING
         waited_s = self._clock_s() - self._commanded_s
-        pending = not self._began and waited_s < self._config.start_patience_s
+        pending = not self._began and waited_s < START_PATIENCE_S
         return ArmState.MOVING if pending else ArmState.IDLE
 
     def reconnect(self) -> None:
@@ -200,7 +200,7 @@ class URArm:
             by_control_script=self._stop_by_control_script,
             hush=self._hush,
             report=self._report,
-            limit_s=config.call_limit_s,
+            limit_s=CALL_LIMIT_S,
         )
         self._stopping = verified_stop(link, config.stop, config.power_off, self._clock_s)
         self._end_heartbeat = threading.Event()
@@ -215,7 +215,7 @@ class URArm:
         atexit.unregister(self._close_at_exit)
         self._end_heartbeat.set()
         if self._heartbeat.is_alive():
-            self._heartbeat.join(self._config.call_limit_s)
+            self._heartbeat.join(CALL_LIMIT_S)
         # An interpreter that ends while a native call returns to it is aborted: it is waited for.
         hangs = not self._calls.end(DISCONNECT_S)
         for interface in (self._control, self._receive):
@@ -248,7 +248,7 @@ class URArm:
 
     def _is_lost(self) -> bool:
         """Return whether a command hung; what a client does after that is not known."""
-        self._lost |= self._calls.running_s() > self._config.call_limit_s
+        self._lost |= self._calls.running_s() > CALL_LIMIT_S
         return self._lost
 
     def _is_fresh(self) -> bool:
@@ -277,4 +277,4 @@ class URArm:
             raise DeviceError(
                 f"the controller at {self._host} left a command unanswered; reconnect"
             )
-        return self._calls.call(command, self._config.call_limit_s, late)
+        return self._calls.call(command, CALL_LIMIT_S, late)

@@ -161,6 +161,12 @@ class Evt3Encoder(WordEncoder):
         return np.empty(words + (last_us >> EVT3.low_bits) - first + 1, self.word)
 
 
+ENCODERS: dict[str, type[WordEncoder]] = {
+    encoder.name: encoder for encoder in (Evt2Encoder, Evt21Encoder, Evt3Encoder)
+}
+"""Name -> encoder."""
+
+
 @njit(cache=True, nogil=True)
 def encode_evt3_kernel(t: Times, x: Pixels, y: Pixels, p: Signs, out: Pixels, state: Times) -> Any:
     """Write words to ``out``; ``state`` is (high, low, row, next vector base, its polarity)."""

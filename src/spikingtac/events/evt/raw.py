@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,17 +129,10 @@ def word_decoder(
         byte_order: Of EVT2.1 words.
         continuous: Whether the writer is known to leave no time word out.
     """
-    if encoding == "evt3":
-        from spikingtac.events.evt.evt3 import Evt3Decoder
-
-        return Evt3Decoder(size, continuous)
-    if encoding == "evt2":
-        from spikingtac.events.evt.evt2 import Evt2Decoder
-
-        return Evt2Decoder(size, continuous)
-    from spikingtac.events.evt.evt21 import Evt21Decoder
-
-    return Evt21Decoder(size, continuous, byte_order)
+    module = import_module(f"spikingtac.events.evt.{encoding}")
+    decoder = getattr(module, f"{encoding.capitalize()}Decoder")
+    order = (byte_order,) if encoding == "evt21" else ()
+    return decoder(size, continuous, *order)
 
 
 def _refuse_foreign(path: Path, sample: bytes, header: RawHeader, claimed: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from spikingtac.atomic_files import WholeFile
 from spikingtac.errors import FormatError, named
-from spikingtac.events.evt.encode import WordEncoder
+from spikingtac.events.evt.encode import ENCODERS, WordEncoder
 from spikingtac.events.evt.header import format_header
 from spikingtac.events.formats.codec import EventWriter, Triggers
 from spikingtac.types import EventPacket
@@ -65,7 +65,7 @@ class RawWriter(EventWriter):
                 f"(at most {COORDINATE_LIMIT_PX} each); write .npz or .h5 instead"
             )
         self.size = size
-        self._encoder = _encoder(encoding)
+        self._encoder: WordEncoder = named(ENCODERS, encoding, "encoding")()
         self._target = WholeFile(path, in_place)
         self._file: IO[bytes] | None = self._target.open()
         self._base_us: int | None = None
@@ -180,12 +180,3 @@ class RawWriter(EventWriter):
                 f"events reach ({int(packet.x.max())}, {int(packet.y.max())}), outside of the "
                 f"sensor of {self.size[0]}x{self.size[1]} px; crop them or give the true size"
             )
-
-
-_ENCODERS = {"evt2": "Evt2Encoder", "evt21": "Evt21Encoder", "evt3": "Evt3Encoder"}
-
-
-def _encoder(name: str) -> WordEncoder:
-    from spikingtac.events.evt import encode
-
-    return getattr(encode, named(_ENCODERS, name, "encoding"))()

@@ -39,47 +39,13 @@ DISC_DTYPE = np.dtype(
 def discs_of(image: MarkerImage) -> NDArray[Any]:
     """Return the markers of an image as ``(m,)`` records of :data:`DISC_DTYPE`."""
     discs = np.empty(len(image.center_px), DISC_DTYPE)
-    chord = _WHOLE if image.chord is None else np.asarray(image.chord, np.float64)
-    center, shape = (np.asarray(a, np.float64) for a in (image.center_px, image.shape))
-    fill_discs_kernel(center, shape, np.asarray(image.radius_px, np.float64), chord, discs)
+    chord = (0.0, 0.0, np.inf) if image.chord is None else np.asarray(image.chord).T
+    (xx, xy), (yx, yy) = np.asarray(image.shape, np.float64).transpose(1, 2, 0)
+    scale = np.sqrt(np.abs(xx * yy - xy * yx))
+    columns = *np.asarray(image.center_px).T, xx, xy, yx, yy, image.radius_px, scale, *chord
+    for name, column in zip(DISC_DTYPE.names or (), columns, strict=True):
+        discs[name] = column
     return discs
-
-
-_WHOLE = np.empty((0, 3))
-"""Empty chord array, which means that all discs are whole."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def fill_discs_kernel(
-    center_px: NDArray[np.float64],
-    shape: NDArray[np.float64],
-    radius_px: NDArray[np.float64],
-    chord: NDArray[np.float64],
-    discs: NDArray[Any],
-) -> None:
-    """Write the records of ``m`` discs.
-
-    Args:
-        center_px: ``(m, 2)`` centres, px.
-        shape: ``(m, 2, 2)`` shapes; see :class:`~spikingtac.sim.states.MarkerImage`.
-        radius_px: ``(m,)`` radii, px.
-        chord: ``(m, 3)`` chords of broken discs; ``(0, 3)`` if all discs are whole.
-        discs: ``(m,)`` records of :data:`DISC_DTYPE`, overwritten.
-    """
-    for k in range(len(discs)):
-        disc, form = discs[k], shape[k]
-        disc["x"], disc["y"] = center_px[k, 0], center_px[k, 1]
-        disc["xx"], disc["xy"] = form[0, 0], form[0, 1]
-        disc["yx"], disc["yy"] = form[1, 0], form[1, 1]
-        disc["radius"] = radius_px[k]
-        disc["scale"] = math.sqrt(abs(form[0, 0] * form[1, 1] - form[0, 1] * form[1, 0]))
-        disc["chord_x"], disc["chord_y"], disc["chord_px"] = 0.0, 0.0, np.inf
-        if len(chord):
-            disc["chord_x"], disc["chord_y"], disc["chord_px"] = (
-                chord[k, 0],
-                chord[k, 1],
-                chord[k, 2],
-            )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

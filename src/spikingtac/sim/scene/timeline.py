@@ -38,10 +38,11 @@ def vary(
     depth = 1.0 + float(variation.depth_fraction * draw[4])
     extent = 1.0 + float(variation.extent_fraction * draw[5])
     speed = 1.0 + float(variation.speed_fraction * draw[6])
-    segments = (
-        _timed(_turned(_scaled(segment, depth, extent), heading_deg), speed)
-        for segment in motion.segments
-    )
+    factors = {
+        **{"depth_mm": depth, "dx_mm": extent, "dy_mm": extent, "angle_deg": extent},
+        **{"duration_s": 1.0 / speed, "speed_mm_s": speed, "speed_deg_s": speed},
+    }
+    segments = (_turned(_scaled(segment, factors), heading_deg) for segment in motion.segments)
     return replace(
         motion,
         x_mm=motion.x_mm + float(variation.place_mm * draw[0]),
@@ -51,11 +52,12 @@ def vary(
     )
 
 
-def _scaled(segment: SegmentConfig, depth: float, extent: float) -> SegmentConfig:
-    factors = {"depth_mm": depth, "dx_mm": extent, "dy_mm": extent, "angle_deg": extent}
+def _scaled(segment: SegmentConfig, factors: dict[str, float]) -> SegmentConfig:
     if segment.kind == "circle":  # a roll's radius is its body's, not its path's
-        factors["radius_mm"] = extent
-    return replace(segment, **_times(segment, factors))
+        factors = factors | {"radius_mm": factors["dx_mm"]}
+    values = {name: getattr(segment, name) for name in factors}
+    scaled = {name: value * factors[name] for name, value in values.items() if value is not None}
+    return replace(segment, **scaled)
 
 
 def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
@@ -69,16 +71,6 @@ def _turned(segment: SegmentConfig, heading_deg: float) -> SegmentConfig:
     dx, dy = segment.dx_mm or 0.0, segment.dy_mm or 0.0
     cosine, sine = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     return replace(segment, dx_mm=cosine * dx - sine * dy, dy_mm=sine * dx + cosine * dy)
-
-
-def _timed(segment: SegmentConfig, speed: float) -> SegmentConfig:
-    factors = {"duration_s": 1.0 / speed, "speed_mm_s": speed, "speed_deg_s": speed}
-    return replace(segment, **_times(segment, factors))
-
-
-def _times(segment: SegmentConfig, factors: dict[str, float]) -> dict[str, float]:
-    values = {name: getattr(segment, name) for name in factors}
-    return {name: value * factors[name] for name, value in values.items() if value is not None}
 
 
 _MOTION_STREAM, _HISTORY_STREAM = 1, 2
