@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from spikingtac.sim.gel.gel import advance_creep_kernel, creep_displacement_kernel
 from spikingtac.sim.gel.influence import (
     Influence,
-    attached_displacement_kernel,
-    gather_cells_kernel,
     lateral_displacement_kernel,
     product_kernel,
-    scatter_cells_kernel,
-    set_anchors_kernel,
 )
 from spikingtac.sim.gel.layer import (
     GridConfig,
@@ -156,54 +151,3 @@ def test_shear(seed: int, count: int, warm: bool) -> None:
     assert shear_kernel(xx, xy, yy, target, bound, found, 1e-6, 5000) < 5000
     assert (np.hypot(*found) <= bound * (1.0 + 1e-5)).all()
     np.testing.assert_allclose(found, shear(xx, xy, yy, target, bound), atol=2e-4)
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_creep(count: int) -> None:
-    rng = np.random.default_rng(16)
-    kept, gained = rng.random((2, count))
-    retarded, elastic = rng.normal(size=(count, 20)), rng.normal(size=20)
-    out = np.full(20, np.nan)
-    creep_displacement_kernel(kept, retarded, out)
-    np.testing.assert_allclose(out, kept @ retarded if count else 0.0, atol=1e-12)
-    expected = kept[:, None] * retarded + gained[:, None] * elastic
-    advance_creep_kernel(kept, gained, elastic, retarded)
-    np.testing.assert_allclose(retarded, expected)
-
-
-def test_attached_cells_are_carried_and_attached_where_they_are() -> None:
-    rng = np.random.default_rng(17)
-    rest, relative, reach = rng.normal(size=(2, 9)), rng.normal(size=(3, 9)), rng.normal(size=9)
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    center, body = rng.normal(size=3), np.zeros((9, 3))
-    fresh = np.array([1, 4, 8])
-    pose = np.column_stack((rotation, center))
-    set_anchors_kernel(fresh, rest, relative[:2], reach, pose, body)
-    for cell in fresh:
-        place = np.append(rest[:, cell] + relative[:2, cell], reach[cell])
-        np.testing.assert_allclose(body[cell], rotation.T @ (place - center))
-    sticking = np.isin(np.arange(9), fresh)
-    carried = relative.copy()
-    carried[:, sticking] = 99.0
-    attached_displacement_kernel(sticking, body, rotation, center, rest, carried)
-    np.testing.assert_allclose(carried[:2], relative[:2])
-
-
-def test_what_is_collected_and_deposited() -> None:
-    rng = np.random.default_rng(18)
-    traction, change, prescribed, history = rng.normal(size=(4, 3, 12))
-    traction[2, 5] = 0.0
-    cells = np.array([7, 0, 5])
-    guess, target = np.empty((2, 3, 3), np.float32)
-    gather_cells_kernel(cells, traction, change, prescribed, history, guess, target)
-    expected = (traction + change)[:, cells]
-    expected[2, 2] = 0.0
-    np.testing.assert_allclose(guess, expected, rtol=1e-6)
-    np.testing.assert_allclose(target, (prescribed - history)[:, cells], rtol=1e-5)
-    old = traction.copy()
-    scatter_cells_kernel(cells, guess[:2], guess[2], traction, change)
-    full = np.zeros((3, 12))
-    full[:, cells] = guess
-    np.testing.assert_allclose(traction, full)
-    np.testing.assert_allclose(change[:, cells], (full - old)[:, cells])
-    assert not np.delete(change, cells, axis=1).any()

@@ -17,7 +17,7 @@ from spikingtac.sim.camera.coverage import (
     disc_coverage_kernel,
     discs_of,
     plan_sweep_kernel,
-    swept_pixel_count_kernel,
+    swept_pixel_count,
 )
 from spikingtac.sim.camera.pixel_records import (
     KEY_SHIFT,
@@ -248,7 +248,7 @@ def test_the_swept_pixels_are_those_of_the_sensor(reach_px):
         for box in plan[plan["leader"] >= 0]:
             columns = sum(box["x_first"] <= x <= box["x_last"] for x in range(width))
             plain += columns * sum(box["y_first"] <= y <= box["y_last"] for y in range(height))
-        assert swept_pixel_count_kernel(plan, width, height) == min(plain, width * height)
+        assert swept_pixel_count(plan, width, height) == min(plain, width * height)
 
 
 def plain_groups(boxes, moving) -> list[int]:

@@ -19,7 +19,6 @@ from spikingtac.robot.arm import Arm
 from spikingtac.robot.watchdog import Watchdog
 from spikingtac.types import Contact, FloatArray
 
-
 TIP_STIFFNESS_N_MM = 0.04
 """Stiffness of the grasped probe at its tip, N/mm (twin.md: at 40 mm stick-out)."""
 

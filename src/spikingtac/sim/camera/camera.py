@@ -16,7 +16,7 @@ from spikingtac.sim.camera.coverage import (
     coverage_image_kernel,
     discs_of,
     plan_sweep_kernel,
-    swept_pixel_count_kernel,
+    swept_pixel_count,
 )
 from spikingtac.sim.camera.full_frame import FullFrameRenderer
 from spikingtac.sim.camera.readout import Readout, background_events_kernel, make_noise, start_noise
@@ -141,7 +141,7 @@ class EventCamera:
         span_us = sweep.end_us - sweep.start_us
         steps = self._config.steps
         plan_sweep_kernel(self._discs, after, plan, reach_px, span_us, steps.max_us, steps.still_px)
-        self._reserve_outbox(swept_pixel_count_kernel(plan, *self.size), span_us)
+        self._reserve_outbox(swept_pixel_count(plan, *self.size), span_us)
         if self._full_frame is None:
             sweep_kernel(self._sensor, sweep, self._out)
         else:

@@ -240,17 +240,13 @@ def plan_sweep_kernel(
     _link_groups_kernel(plan)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def swept_pixel_count_kernel(plan: NDArray[Any], width: int, height: int) -> int:
+def swept_pixel_count(plan: NDArray[Any], width: int, height: int) -> int:
     """Return an upper bound of the number of pixels in the boxes of the moving markers.
 
     The boxes are clipped to the sensor: a tip that is pushed much too far moves markers far beyond
     the sensor, or across all of it.
     """
-    swept = 0
-    for k in range(plan.shape[0]):
-        box = plan[k]
-        if box["leader"] >= 0:
-            rows = max(0, min(box["y_last"], height - 1) - max(box["y_first"], 0) + 1)
-            swept += rows * max(0, min(box["x_last"], width - 1) - max(box["x_first"], 0) + 1)
-    return min(swept, width * height)
+    box = plan[plan["leader"] >= 0]
+    rows = np.minimum(box["y_last"], height - 1) - np.maximum(box["y_first"], 0) + 1
+    columns = np.minimum(box["x_last"], width - 1) - np.maximum(box["x_first"], 0) + 1
+    return min(int((rows.clip(0) * columns.clip(0)).sum()), width * height)

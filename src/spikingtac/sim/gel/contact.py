@@ -15,15 +15,7 @@ from spikingtac.arrays import FloatArray
 from spikingtac.errors import SpikingTacError
 from spikingtac.schema import require_within
 from spikingtac.sim.gel.indenters import Indenter, SoftLayer
-from spikingtac.sim.gel.influence import (
-    Influence,
-    attached_displacement_kernel,
-    gather_cells_kernel,
-    lateral_displacement_kernel,
-    product_kernel,
-    scatter_cells_kernel,
-    set_anchors_kernel,
-)
+from spikingtac.sim.gel.influence import Influence, lateral_displacement_kernel, product_kernel
 from spikingtac.sim.gel.layer import GridConfig, LayerOperator
 from spikingtac.sim.gel.solvers import pressure_kernel, shear_kernel
 from spikingtac.sim.states import ContactPatch
@@ -102,8 +94,8 @@ class GelContact:
         self.sticking[:] = False
         self._traction_change = np.zeros((3, cells))
         self._slipping = np.zeros(cells, np.bool_)
-        self._anchor_mm = np.zeros((cells, 3))
-        self._pose = np.zeros((3, 4))
+        self._anchor_mm = np.zeros((3, cells))
+        self._rotation, self._center = np.zeros((3, 3)), np.zeros(3)
         self._bound = np.empty(0, np.float32)
         self._pressure_shift = np.empty((2, 0), np.float32)
         self._relative: FloatArray | None = None
@@ -167,14 +159,17 @@ class GelContact:
         self, indenter: Indenter, pose: Pose, center: FloatArray, before: FloatArray
     ) -> FloatArray:
         """Return each cell's displacement if it sticks (x, y) or is pressed (z), ``(3, n²)``."""
-        self._pose = np.column_stack((pose.rotation, center))
+        self._rotation, self._center = pose.rotation, center
         prescribed = before.reshape(3, -1).copy()
         if self._relative is not None:
             prescribed[:2] = self._relative
-        sticking = self.sticking.reshape(-1)
-        attached_displacement_kernel(
-            sticking, self._anchor_mm, pose.rotation, center, self._rest, prescribed
-        )
+        stuck = np.flatnonzero(self.sticking)
+        anchor_mm = self._anchor_mm[:, stuck]
+        for axis in range(2):  # each sum in this order, so that its last digits are fixed
+            carried = center[axis] + pose.rotation[axis, 0] * anchor_mm[0]
+            carried = carried + pose.rotation[axis, 1] * anchor_mm[1]
+            carried = carried + pose.rotation[axis, 2] * anchor_mm[2]
+            prescribed[axis, stuck] = carried - self._rest[axis, stuck]
         x, y = self._rest + prescribed[:2] - pose.position_mm[:2, None]
         prescribed[2] = pose.position_mm[2] + indenter.heights_mm(x, y, pose.rotation)
         return prescribed
@@ -225,8 +220,10 @@ class GelContact:
         cells, friction = self._influence.cells, self._friction
         xx, xy, yy, zz, xz, yz = self._influence.matrices
         flat = self.traction.reshape(3, -1)
-        guess, target = np.empty((2, 3, len(cells)), np.float32)
-        gather_cells_kernel(cells, flat, self._traction_change, prescribed, history, guess, target)
+        # The first guesses extrapolate the last step.
+        guess = (flat[:, cells] + self._traction_change[:, cells]).astype(np.float32, "C")
+        guess[2, flat[2, cells] == 0.0] = 0.0
+        target = (prescribed[:, cells] - history[:, cells]).astype(np.float32, "C")
         shear, pressure = guess[:2], guess[2]
         target[2] += product_kernel(xz, shear[0]) + product_kernel(yz, shear[1])
         pressure_kernel(zz, target[2], pressure, friction.tolerance_mm, MAX_ITERATIONS)
@@ -236,7 +233,10 @@ class GelContact:
         bound = (friction.static * coefficient * pressure).astype(np.float32)
         shear_kernel(xx, xy, yy, target[:2], bound, shear, friction.tolerance_mm, MAX_SWEEPS)
         self._bound, self._pressure_shift = bound, pressure_shift
-        scatter_cells_kernel(cells, shear, pressure, flat, self._traction_change)
+        self._traction_change[:] = 0.0
+        self._traction_change[:, cells] = guess - flat[:, cells]
+        flat[:] = 0.0
+        flat[:, cells] = guess
 
     def _update_anchors(
         self, relative: FloatArray, prescribed: FloatArray, history: FloatArray
@@ -250,12 +250,19 @@ class GelContact:
         fresh = cells[touching & (slipping | ~sticking[cells])]
         if self._indenter is not None and self._indenter.soft is not None:
             relative[:, cells] = self._relative_displacement() + history[:2, cells]
-        set_anchors_kernel(fresh, self._rest, relative, prescribed[2], self._pose, self._anchor_mm)
+        self._set_anchors(fresh, self._rest[:, fresh] + relative[:, fresh], prescribed[2, fresh])
         sticking[:] = False
         sticking[cells] = touching
         self._slipping[:] = False
         self._slipping[cells] = slipping
         self._relative = relative
+
+    def _set_anchors(self, cells: NDArray[np.int64], place: FloatArray, height: FloatArray) -> None:
+        """Store where cells touch the body, at ``(2, f)`` places and ``(f,)`` heights, mm."""
+        x, y = place - self._center[:2, None]
+        z, turn = height - self._center[2], self._rotation
+        for own in range(3):
+            self._anchor_mm[own, cells] = turn[0, own] * x + turn[1, own] * y + turn[2, own] * z
 
     def _relative_displacement(self) -> FloatArray:
         """Return the displacement of the cells by the tractions, gel plus body, ``(2, c)``, mm."""

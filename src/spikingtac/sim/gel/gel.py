@@ -14,11 +14,9 @@ markers move with its free surface (the black skin is part of the layer).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
@@ -50,25 +48,6 @@ class SpectrumConfig:
             raise ValueError("valid are fractions from 0 to 10 and times_s from 1e-6 to 1e6")
 
 
-@njit(cache=True, nogil=True)
-def creep_displacement_kernel(decay: FloatArray, retarded: FloatArray, out: FloatArray) -> None:
-    """Fill ``out[c] = sum_i decay[i] retarded[i, c]``: ``(i,)``, ``(i, c)`` and ``(c,)``."""
-    out[:] = 0.0
-    for i in range(len(decay)):
-        for cell in range(len(out)):
-            out[cell] += decay[i] * retarded[i, cell]
-
-
-@njit(cache=True, nogil=True)
-def advance_creep_kernel(
-    decay: FloatArray, gain: FloatArray, elastic: FloatArray, retarded: FloatArray
-) -> None:
-    """Set ``retarded[i, c]`` to ``decay[i] retarded[i, c] + gain[i] elastic[c]``, in place."""
-    for i in range(len(decay)):
-        for cell in range(len(elastic)):
-            retarded[i, cell] = decay[i] * retarded[i, cell] + gain[i] * elastic[cell]
-
-
 class CreepChain:
     """Retarded displacement fields. A step is exact if the traction is constant in it.
 
@@ -83,7 +62,6 @@ class CreepChain:
         self._fractions = np.array(config.fractions)
         self._times_s = np.array(config.times_s)
         self._retarded = np.zeros((len(self._times_s), *shape))
-        self._flat = self._retarded.reshape(len(self._times_s), math.prod(shape))
 
     def compliance(self, dt_s: float) -> float:
         """Return the compliance over the coming step, divided by J0."""
@@ -91,8 +69,9 @@ class CreepChain:
 
     def history(self, dt_s: float) -> FloatArray:
         """Return the displacement that former tractions leave at the end of the coming step, mm."""
-        out = np.empty(self._retarded.shape[1:])
-        creep_displacement_kernel(np.exp(-dt_s / self._times_s), self._flat, out.reshape(-1))
+        out = np.zeros(self._retarded.shape[1:])
+        for decay, retarded in zip(np.exp(-dt_s / self._times_s), self._retarded, strict=True):
+            out += decay * retarded
         return out
 
     def advance(self, dt_s: float, elastic: FloatArray | None) -> None:
@@ -103,12 +82,10 @@ class CreepChain:
             elastic: Instantaneous displacement under that traction, mm; None if the traction is
                 zero.
         """
-        decay = np.exp(-dt_s / self._times_s)
-        if elastic is None:
-            self._flat *= decay[:, None]
-        else:
-            gain = (1.0 - decay) * self._fractions
-            advance_creep_kernel(decay, gain, elastic.reshape(-1), self._flat)
+        for i, decay in enumerate(np.exp(-dt_s / self._times_s)):
+            self._retarded[i] *= decay
+            if elastic is not None:
+                self._retarded[i] += (1.0 - decay) * self._fractions[i] * elastic
 
     def largest_mm(self) -> float:
         """Return an upper bound of the stored displacement, mm."""
