@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig
+from spikingtac.sim.camera.config import CameraConfig, LightConfig, PixelConfig, StepConfig
 from spikingtac.sim.camera.coverage import (
     SWEEP_PLAN_DTYPE,
-    bounding_box_kernel,
     coverage_image_kernel,
     disc_coverage_kernel,
     discs_of,
-    plan_sweep_kernel,
+    plan_sweep,
+    set_boxes,
     swept_pixel_count,
 )
 from spikingtac.sim.camera.pixel_records import (
@@ -207,8 +207,7 @@ def test_coverage_follows_the_definition_for_ellipses_chords_and_gaps():
             got = [disc_coverage_kernel(disc, chip, float(x), float(y)) for disc in discs]
             np.testing.assert_allclose(got, each, atol=1.2e-3)  # the cut tails: 5e-4 each
     boxes = np.zeros(5, SWEEP_PLAN_DTYPE)
-    for disc, box in zip(discs, boxes, strict=True):
-        bounding_box_kernel(disc, disc, float(chip["edge_half_width_px"]) + 1.0, box)
+    set_boxes(boxes, discs, discs, float(chip["edge_half_width_px"]) + 1.0)
     painted = np.empty((64, 64), np.float32)
     coverage_image_kernel(discs, boxes, chip, painted)
     np.testing.assert_allclose(painted, expected, atol=1.2e-3)
@@ -220,8 +219,7 @@ def test_the_plan_groups_markers_as_a_graph_search_does(seed):
     before, after = (discs_of(random_image(12, seed)) for _ in range(2))
     moving = rng.random(12) < 0.4
     after["x"][moving] += rng.uniform(-3, 3, moving.sum())
-    plan = np.empty(12, SWEEP_PLAN_DTYPE)
-    plan_sweep_kernel(before, after, plan, 2.0, 4000.0, 1000.0, 0.001)
+    plan = plan_sweep(before, after, 2.0, 4000.0, StepConfig(max_us=1000.0, still_px=0.001))
     boxes = [(box["x_first"], box["x_last"], box["y_first"], box["y_last"]) for box in plan]
     expected = plain_groups(boxes, moving)
     assert plan["leader"].tolist() == expected

@@ -8,12 +8,11 @@ The lens: from markers on the skin (mm) to ellipses on the sensor (px).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
 from spikingtac.schema import require_within
 from spikingtac.sim.states import MarkerImage, SkinState
 
@@ -131,17 +130,6 @@ class OpticsConfig:
             )
 
 
-class Lens(NamedTuple):
-    """Parameters of :func:`distort_kernel`; see :class:`OpticsConfig`."""
-
-    center_x_px: float
-    center_y_px: float
-    px_per_mm: float
-    distance_mm: float
-    k1: float
-    k2: float
-
-
 class Optics:
     """Pinhole camera with Brown distortion. Indentation magnifies; strain makes ellipses of discs.
 
@@ -154,11 +142,7 @@ class Optics:
     """
 
     def __init__(self, config: OpticsConfig, seed: int = 0) -> None:
-        width, height = config.size
-        self._config = config
-        self._seed = seed
-        terms = config.px_per_mm, config.distance_mm, config.k1, config.k2
-        self._lens = Lens(*map(float, ((width - 1) / 2, (height - 1) / 2, *terms)))
+        self._config, self._seed = config, seed
         self._discs: Discs | None = None
 
     def project(self, state: SkinState) -> MarkerImage:
@@ -167,16 +151,21 @@ class Optics:
         Args:
             state: Skin with m markers.
         """
-        discs = self._discs_for(len(state.marker_mm))
-        center_px, shape = project_kernel(
-            state.marker_mm, state.gradient, discs.offset_mm, self._lens
-        )
+        discs, px_per_mm = self._discs_for(len(state.marker_mm)), self._config.px_per_mm
+        (g_xx, g_xy), (g_yx, g_yy) = state.gradient.transpose(1, 2, 0)
+        (x_mm, y_mm, z_mm), (dx, dy) = state.marker_mm.T, discs.offset_mm.T
+        x_mm, y_mm = x_mm + g_xx * dx + g_xy * dy, y_mm + g_yx * dx + g_yy * dy
+        center, (along_x, along_y, across) = distort(self._config, x_mm, y_mm, z_mm)
+        xx, xy = along_x * g_xx + across * g_yx, along_x * g_xy + across * g_yy
+        yx, yy = across * g_xx + along_y * g_yx, across * g_xy + along_y * g_yy
+        shrink = px_per_mm / (xx * yy - xy * yx)
+        undo = np.stack((shrink * yy, -shrink * xy, -shrink * yx, shrink * xx), axis=1)
         return MarkerImage(
             t_us=state.t_us,
-            center_px=center_px,
-            shape=shape,
-            radius_px=discs.radius_mm * self._config.px_per_mm,
-            chord=discs.chord_px(self._config.px_per_mm),
+            center_px=np.stack(center, axis=1),
+            shape=undo.reshape(-1, 2, 2),
+            radius_px=discs.radius_mm * px_per_mm,
+            chord=discs.chord_px(px_per_mm),
         )
 
     def _discs_for(self, markers: int) -> Discs:
@@ -185,51 +174,21 @@ class Optics:
         return self._discs
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def distort_kernel(
-    lens: Lens, x_mm: float, y_mm: float, z_mm: float
-) -> tuple[float, float, float, float, float]:
-    """Return the image of a point, px, and d px / d mm there: along x, along y, across."""
-    scale = 1.0 / (lens.distance_mm - z_mm)
+Arrays = tuple[FloatArray, ...]
+
+
+def distort(
+    config: OpticsConfig, x_mm: FloatArray, y_mm: FloatArray, z_mm: FloatArray
+) -> tuple[Arrays, Arrays]:
+    """Return the images of points, px, and d px / d mm there: along x, along y, across."""
+    scale = 1.0 / (config.distance_mm - z_mm)
     x, y = x_mm * scale, y_mm * scale
     square = x * x + y * y
-    radial = 1 + lens.k1 * square + lens.k2 * square**2
-    slope = 2 * (lens.k1 + 2 * lens.k2 * square)
-    focal_px = lens.px_per_mm * lens.distance_mm
+    radial = 1 + config.k1 * square + config.k2 * square**2
+    slope = 2 * (config.k1 + 2 * config.k2 * square)
+    focal_px = config.px_per_mm * config.distance_mm
+    width, height = config.size
+    center = (width - 1) / 2 + focal_px * (x * radial), (height - 1) / 2 + focal_px * (y * radial)
     steep = focal_px * scale
-    return (
-        lens.center_x_px + focal_px * (x * radial),
-        lens.center_y_px + focal_px * (y * radial),
-        steep * (radial + slope * x * x),
-        steep * (radial + slope * y * y),
-        steep * (slope * x * y),
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def project_kernel(
-    marker_mm: NDArray[np.float64], gradient: NDArray[np.float64], offset_mm: Any, lens: Lens
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centres ``(m, 2)`` (px) and shapes ``(m, 2, 2)`` of a :class:`MarkerImage`.
-
-    Args:
-        marker_mm: ``(m, 3)`` nominal places on the skin, mm.
-        gradient: ``(m, 2, 2)`` deformation gradient of the skin there.
-        offset_mm: ``(m, 2)`` offsets of the discs from their nominal places, in the rest frame, mm.
-        lens: Parameters of the lens.
-    """
-    center_px, shape = np.empty((len(marker_mm), 2)), np.empty((len(marker_mm), 2, 2))
-    for k in range(len(marker_mm)):
-        strain, (dx, dy) = gradient[k], (offset_mm[k, 0], offset_mm[k, 1])
-        x_mm = marker_mm[k, 0] + strain[0, 0] * dx + strain[0, 1] * dy
-        y_mm = marker_mm[k, 1] + strain[1, 0] * dx + strain[1, 1] * dy
-        x_px, y_px, along_x, along_y, across = distort_kernel(lens, x_mm, y_mm, marker_mm[k, 2])
-        center_px[k, 0], center_px[k, 1] = x_px, y_px
-        xx = along_x * strain[0, 0] + across * strain[1, 0]
-        xy = along_x * strain[0, 1] + across * strain[1, 1]
-        yx = across * strain[0, 0] + along_y * strain[1, 0]
-        yy = across * strain[0, 1] + along_y * strain[1, 1]
-        shrink = lens.px_per_mm / (xx * yy - xy * yx)
-        shape[k, 0, 0], shape[k, 0, 1] = shrink * yy, -shrink * xy
-        shape[k, 1, 0], shape[k, 1, 1] = -shrink * yx, shrink * xx
-    return center_px, shape
+    slopes = radial + slope * x * x, radial + slope * y * y, slope * x * y
+    return center, tuple(steep * part for part in slopes)

@@ -11,14 +11,12 @@ from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, RecordingError
 from spikingtac.markers.calibration.calibrate import with_lens
-from spikingtac.sim.optics import Lens as Pinhole
-from spikingtac.sim.optics import distort_kernel
+from spikingtac.sim.optics import OpticsConfig, distort
 from spikingtac.tracks.comparison import compare_with_truth
 from spikingtac.tracks.tracks import Tracks
 
 SIZE, GRID, PITCH_MM = (320, 320), (8, 8), 2.4
 NOISE_PX = 0.05
-OPTICS = Pinhole(159.5, 159.5, 15.5, 13.0, -0.05, 0.0)
 
 
 def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
@@ -28,9 +26,8 @@ def skin_mm(grid: tuple[int, int] = GRID) -> np.ndarray:
 
 def imaged_px(place_mm: np.ndarray, tilt: float = 0.0) -> np.ndarray:
     """Places on the skin as a camera shows them whose lens distorts by Brown's law, k1 = -0.05."""
-    return np.array(
-        [distort_kernel.py_func(OPTICS, x, y, tilt * x)[:2] for x, y in place_mm.tolist()]
-    )
+    x, y = place_mm.T
+    return np.stack(distort(OpticsConfig(), x, y, tilt * x)[0], axis=1)
 
 
 def rests_px(seed: int, tilt: float = 0.0) -> np.ndarray:

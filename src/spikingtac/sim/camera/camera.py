@@ -12,10 +12,10 @@ from spikingtac.sim.camera.config import CameraConfig
 from spikingtac.sim.camera.coverage import (
     DISC_DTYPE,
     SWEEP_PLAN_DTYPE,
-    bounding_box_kernel,
     coverage_image_kernel,
     discs_of,
-    plan_sweep_kernel,
+    plan_sweep,
+    set_boxes,
     swept_pixel_count,
 )
 from spikingtac.sim.camera.full_frame import FullFrameRenderer
@@ -131,16 +131,13 @@ class EventCamera:
 
     def _render_interval(self, image: MarkerImage) -> NDArray[np.int64]:
         start_us = self._checked(image)
-        after = discs_of(image)
-        plan = np.empty(len(after), SWEEP_PLAN_DTYPE)
-        end_us = int(image.t_us)
+        after, end_us = discs_of(image), int(image.t_us)
+        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
+        span_us = float(end_us) - float(start_us)
+        plan = plan_sweep(self._discs, after, reach_px, span_us, self._config.steps)
         sweep = MarkerSweep(
             self._discs, after, np.empty_like(after), plan, float(start_us), float(end_us)
         )
-        reach_px = float(self._sensor.chip["edge_half_width_px"][0])
-        span_us = sweep.end_us - sweep.start_us
-        steps = self._config.steps
-        plan_sweep_kernel(self._discs, after, plan, reach_px, span_us, steps.max_us, steps.still_px)
         self._reserve_outbox(swept_pixel_count(plan, *self.size), span_us)
         if self._full_frame is None:
             sweep_kernel(self._sensor, sweep, self._out)
@@ -185,7 +182,6 @@ class EventCamera:
         coverage = np.empty((height, width), np.float32)
         chip = self._sensor.chip[0]
         boxes = np.zeros(len(discs), SWEEP_PLAN_DTYPE)
-        for disc, box in zip(discs, boxes, strict=True):
-            bounding_box_kernel(disc, disc, float(chip["edge_half_width_px"]) + 1.0, box)
+        set_boxes(boxes, discs, discs, float(chip["edge_half_width_px"]) + 1.0)
         coverage_image_kernel(discs, boxes, chip, coverage)
         return coverage

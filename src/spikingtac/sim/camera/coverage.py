@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.arrays import FloatArray
+from spikingtac.sim.camera.config import StepConfig
 from spikingtac.sim.camera.pixel_records import EDGE_ENTRIES
 from spikingtac.sim.states import MarkerImage
 
@@ -127,117 +129,77 @@ SWEEP_PLAN_DTYPE = np.dtype(
 """How one marker is rendered between two images."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def edge_travel_kernel(before: Any, after: Any) -> float:
-    """Return the largest travel of a marker's edge, px (to first order in the strain)."""
-    shift = math.hypot(after["x"] - before["x"], after["y"] - before["y"])
-    strain = max(abs(after["xx"] - before["xx"]), abs(after["xy"] - before["xy"]))
-    strain = max(strain, abs(after["yx"] - before["yx"]), abs(after["yy"] - before["yy"]))
-    return shift + 2 * strain * after["radius"] + abs(after["radius"] - before["radius"])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def ellipse_half_widths_kernel(disc: Any) -> tuple[float, float]:
-    """Return the half-widths of a marker's ellipse along x and y, px."""
-    size = disc["radius"] / disc["scale"] ** 2
-    half_x = size * math.hypot(disc["yy"], disc["xy"])
-    half_y = size * math.hypot(disc["xx"], disc["yx"])
-    return half_x, half_y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def bounding_box_kernel(before: Any, after: Any, slack_px: float, box: Any) -> None:
-    """Write the box that a marker sweeps, not clipped to the sensor.
-
-    Args:
-        before: Record of :data:`~spikingtac.sim.camera.coverage.DISC_DTYPE` at the start.
-        after: The same marker at the end.
-        slack_px: Margin on every side, px.
-        box: Record of :data:`SWEEP_PLAN_DTYPE`, whose box is overwritten.
-    """
-    x0, y0 = ellipse_half_widths_kernel(before)
-    x1, y1 = ellipse_half_widths_kernel(after)
-    box["x_first"] = math.floor(min(before["x"] - x0, after["x"] - x1) - slack_px)
-    box["y_first"] = math.floor(min(before["y"] - y0, after["y"] - y1) - slack_px)
-    box["x_last"] = math.ceil(max(before["x"] + x0, after["x"] + x1) + slack_px)
-    box["y_last"] = math.ceil(max(before["y"] + y0, after["y"] + y1) + slack_px)
-    if before["radius"] <= 0.0 and after["radius"] <= 0.0:
-        box["x_last"], box["y_last"] = box["x_first"] - 1, box["y_first"] - 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _disjoint_kernel(one: Any, two: Any) -> bool:
-    apart_x = one["x_first"] > two["x_last"] or two["x_first"] > one["x_last"]
-    apart_y = one["y_first"] > two["y_last"] or two["y_first"] > one["y_last"]
-    gone = one["x_last"] < one["x_first"] or two["x_last"] < two["x_first"]
-    return apart_x or apart_y or gone
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _group_overlapping_kernel(plan: NDArray[Any]) -> None:
-    """Give markers with overlapping boxes a common leader if one of them moves."""
-    changed = True
-    while changed:
-        changed = False
-        for a in range(plan.shape[0]):
-            for b in range(a + 1, plan.shape[0]):
-                one, two = plan[a]["leader"], plan[b]["leader"]
-                if one == two or _disjoint_kernel(plan[a], plan[b]):
-                    continue
-                low = a if one < 0 else one
-                if two >= 0:
-                    low = min(low, two)
-                plan[a]["leader"] = plan[b]["leader"] = low
-                changed = True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _link_groups_kernel(plan: NDArray[Any]) -> None:
-    """Link the members of each group in a list and give its leader the largest number of steps."""
-    for k in range(plan.shape[0]):
-        plan[k]["following"] = -1
-        leader = plan[k]["leader"]
-        if leader < 0 or leader == k:
-            continue
-        last = leader
-        while plan[last]["following"] >= 0:
-            last = plan[last]["following"]
-        plan[last]["following"] = k
-        plan[leader]["steps"] = max(plan[leader]["steps"], plan[k]["steps"])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def plan_sweep_kernel(
-    before: NDArray[Any],
-    after: NDArray[Any],
-    plan: NDArray[Any],
-    edge_half_width_px: float,
-    span_us: float,
-    max_us: float,
-    still_px: float,
-) -> None:
-    """Plan how the markers are rendered between two images.
+def plan_sweep(
+    before: NDArray[Any], after: NDArray[Any], reach_px: float, span_us: float, steps: StepConfig
+) -> NDArray[Any]:
+    """Return how the markers are rendered between two images, ``(m,)`` :data:`SWEEP_PLAN_DTYPE`.
 
     Args:
         before: ``(m,)`` markers as they were last rendered.
         after: ``(m,)`` markers at the end.
-        plan: ``(m,)`` records of :data:`SWEEP_PLAN_DTYPE`, overwritten.
-        edge_half_width_px: Half-width of a marker's blurred edge, px.
+        reach_px: Half-width of a marker's blurred edge, px.
         span_us: Time between the images, us.
-        max_us: Longest step, us.
-        still_px: Motion below which a marker is not rendered, px; see
-            :class:`~spikingtac.sim.camera.config.StepConfig`.
+        steps: Longest step, and the motion below which a marker is not rendered.
     """
-    for k in range(plan.shape[0]):
-        item = plan[k]
-        travel_px = edge_travel_kernel(before[k], after[k])
-        item["leader"] = k if travel_px > still_px else -1
-        steps = min(math.ceil(travel_px / STEP_PX), math.floor(span_us / SHORTEST_STEP_US))
-        item["steps"] = max(1, steps, math.ceil(span_us / max_us))
-        item["margin_px"] = travel_px / item["steps"] + _MARGIN_PX
-        bounding_box_kernel(before[k], after[k], edge_half_width_px + item["margin_px"], item)
-    _group_overlapping_kernel(plan)
-    _link_groups_kernel(plan)
+    plan = np.empty(len(after), SWEEP_PLAN_DTYPE)
+    travel_px = _edge_travel_px(before, after)
+    by_travel = np.minimum(np.ceil(travel_px / STEP_PX), math.floor(span_us / SHORTEST_STEP_US))
+    plan["steps"] = np.maximum(by_travel, max(1, math.ceil(span_us / steps.max_us)))
+    plan["margin_px"] = travel_px / plan["steps"] + _MARGIN_PX
+    set_boxes(plan, before, after, reach_px + plan["margin_px"])
+    plan["leader"] = leader = _leaders(plan, travel_px > steps.still_px)
+    plan["following"] = -1
+    members = np.flatnonzero(leader >= 0)
+    members = members[np.argsort(leader[members], kind="stable")]
+    same = leader[members[1:]] == leader[members[:-1]]
+    plan["following"][members[:-1][same]] = members[1:][same]
+    np.maximum.at(plan["steps"], leader[members], plan["steps"][members])
+    return plan
+
+
+def _edge_travel_px(before: NDArray[Any], after: NDArray[Any]) -> FloatArray:
+    """Return the largest travel of each marker's edge, px (to first order in the strain)."""
+    shift = np.hypot(after["x"] - before["x"], after["y"] - before["y"])
+    changes = [np.abs(after[name] - before[name]) for name in ("xx", "xy", "yx", "yy")]
+    strain = np.maximum.reduce(changes)
+    return shift + 2 * strain * after["radius"] + np.abs(after["radius"] - before["radius"])
+
+
+def set_boxes(
+    plan: NDArray[Any], before: NDArray[Any], after: NDArray[Any], slack_px: FloatArray | float
+) -> None:
+    """Write the boxes that the markers sweep with a margin, not clipped to the sensor."""
+    halves = []
+    for discs in (before, after):
+        size = discs["radius"] / discs["scale"] ** 2
+        halves.append((size * np.hypot(discs["yy"], discs["xy"]),
+                       size * np.hypot(discs["xx"], discs["yx"])))  # fmt: skip
+    gone = (before["radius"] <= 0.0) & (after["radius"] <= 0.0)
+    for axis, name in enumerate("xy"):
+        half, half_after = halves[0][axis], halves[1][axis]
+        low = np.minimum(before[name] - half, after[name] - half_after) - slack_px
+        high = np.maximum(before[name] + half, after[name] + half_after) + slack_px
+        plan[f"{name}_first"] = np.floor(low)
+        plan[f"{name}_last"] = np.where(gone, plan[f"{name}_first"] - 1, np.ceil(high))
+
+
+def _leaders(plan: NDArray[Any], moving: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the lowest of the markers with overlapping boxes if one of them moves, else -1."""
+    markers = len(plan)
+    there = plan["x_last"] >= plan["x_first"]
+    meet = there[:, None] & there
+    for name in "xy":
+        begins = plan[f"{name}_first"][:, None] <= plan[f"{name}_last"]
+        meet &= begins & begins.T
+    lowest = np.arange(markers)
+    while True:
+        lower = np.minimum(lowest, np.where(meet, lowest, markers).min(axis=1, initial=markers))
+        if (lower == lowest).all():
+            break
+        lowest = lower
+    moved = np.zeros(markers, np.bool_)
+    moved[lowest[moving]] = True
+    return np.where(moved[lowest], lowest, -1)
 
 
 def swept_pixel_count(plan: NDArray[Any], width: int, height: int) -> int:

@@ -29,7 +29,7 @@ class MarkerSweep(NamedTuple):
         before: ``(m,)`` discs as last rendered; overwritten by the discs at the end.
         after: ``(m,)`` discs at the end.
         now: ``(m,)`` work space for the discs at the present step.
-        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep_kernel`.
+        plan: ``(m,)`` result of :func:`~spikingtac.sim.camera.coverage.plan_sweep`.
         start_us: Time of the first image, us.
         end_us: Time of the second image, us.
     """
