@@ -147,8 +147,11 @@ def plan_sweep(
     plan["steps"] = np.maximum(by_travel, max(1, math.ceil(span_us / steps.max_us)))
     plan["margin_px"] = travel_px / plan["steps"] + _MARGIN_PX
     set_boxes(plan, before, after, reach_px + plan["margin_px"])
-    plan["leader"] = leader = _leaders(plan, travel_px > steps.still_px)
-    plan["following"] = -1
+    plan["leader"] = plan["following"] = -1
+    moving = travel_px > steps.still_px
+    if not moving.any():
+        return plan
+    plan["leader"] = leader = _leaders(plan, moving)
     members = np.flatnonzero(leader >= 0)
     members = members[np.argsort(leader[members], kind="stable")]
     same = leader[members[1:]] == leader[members[:-1]]
