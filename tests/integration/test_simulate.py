@@ -128,21 +128,6 @@ def test_events_of_a_clean_camera_lie_on_the_edges_of_the_true_markers(scene):
     assert np.percentile(off_edge, 95) < 2.3
 
 
-def test_a_sensor_keeps_its_hot_pixels_but_not_its_noise():
-    quiet = build(Scene, {"camera": {"settings": {"background": {"hot_fraction": 1e-3}}}}, "quiet")
-
-    def hottest(scene: Scene, seed: int) -> tuple[set[int], EventPacket]:
-        packet = EventPacket.concatenate(list(SceneSource(scene, seed, duration_s=1.0)))
-        counts = np.bincount(packet.y.astype(np.int64) * 320 + packet.x, minlength=320 * 320)
-        return set(np.flatnonzero(counts > 20).tolist()), packet
-
-    (first, packet), (second, again) = hottest(quiet, 1), hottest(quiet, 2)
-    assert len(first & second) >= 0.8 * len(first | second) > 30
-    assert not np.array_equal(packet.t[:1000], again.t[:1000])
-    other, _ = hottest(quiet.with_serial(2), 1)
-    assert len(first & other) < 0.1 * len(first | other)
-
-
 def test_a_foreign_folder_is_left_alone(scene, folder, tmp_path):
     kept = tmp_path / "thesis.txt"
     kept.write_text("years of work")

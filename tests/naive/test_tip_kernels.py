@@ -11,8 +11,6 @@ from spikingtac.sim.rig.tip_contact_kernels import (
     CompliantMount,
     LinearisedWall,
     TipPoints,
-    inverse_kernel,
-    point_force_kernel,
     solve_linearised_kernel,
     stiffen_by_curvature_kernel,
     update_anchors_kernel,
@@ -103,30 +101,6 @@ def mount_of(rng: np.random.Generator, free: Array) -> CompliantMount:
 
 def copied(points: TipPoints) -> TipPoints:
     return TipPoints(*(part.copy() for part in points))
-
-
-def test_inverse() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        matrix = rng.normal(size=(3, 3))
-        np.testing.assert_allclose(inverse_kernel(matrix) @ matrix, np.eye(3), atol=1e-10)
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.3, 3.0])
-def test_hold_sticks_slips_or_jams(friction: float) -> None:
-    rng, stuck = np.random.default_rng(1), 0
-    for _ in range(300):
-        mount = mount_of(rng, np.zeros(3))
-        normal = rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        free, anchor = rng.normal(size=(2, 3))
-        anchor += normal * max(normal @ (free - anchor) + 0.1, 0.0)
-        plain = plain_point_force(mount, free, normal, anchor, friction)
-        fast = point_force_kernel(mount, tuple(free), tuple(normal), tuple(anchor), friction)
-        np.testing.assert_allclose(fast, plain, rtol=1e-6, atol=1e-7)
-        stuck += np.allclose(plain, mount.stiffness @ (anchor - free))
-    assert stuck < 300
-    assert friction == 0.0 or stuck > 0
 
 
 WALLS = [

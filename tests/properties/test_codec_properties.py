@@ -85,22 +85,6 @@ def test_raw_round_trip(tmp_path: Path, encoding: str, packet, cut: int, chunk: 
     assert not source.losses or set(source.losses) == {"time_jump"}
 
 
-@many
-@given(packet=packets())
-def test_evt3_round_trip_through_the_library_evt3(tmp_path: Path, packet) -> None:
-    evt3 = pytest.importorskip("evt3", reason="the extra [bench] brings the oracle")
-    if len(packet) and packet.t[0] >= 1 << 24:
-        packet = packet_of(packet.t - (packet.t[0] >> 24 << 24), packet.x, packet.y, packet.p)
-    path = tmp_path / "a.raw"
-    with create_events(path, SIZE) as writer:
-        writer.write(packet)
-    events = evt3.decode_file(str(path))
-    np.testing.assert_array_equal(events.t.astype(np.int64), packet.t)
-    np.testing.assert_array_equal(events.x, packet.x)
-    np.testing.assert_array_equal(events.y, packet.y)
-    np.testing.assert_array_equal(events.p.astype(bool), packet.p)
-
-
 @st.composite
 def damage(draw: st.DrawFn) -> list[tuple[str, float, int]]:
     kinds = st.sampled_from(["cut", "flip", "lose", "insert", "noise", "zero", "swap"])
@@ -164,17 +148,6 @@ def survive(path: Path) -> None:
 def test_mutated_raw_survives(tmp_path: Path, sound, encoding: str, orders) -> None:
     path = tmp_path / "a.raw"
     path.write_bytes(damaged(sound[encoding], orders))
-    survive(path)
-
-
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@many
-@given(data=st.binary(max_size=600), seed=st.integers(0, 2**32 - 1), more=st.integers(0, 5000))
-def test_random_words_survive(tmp_path: Path, encoding: str, data: bytes, seed, more) -> None:
-    version = {"evt2": "2.0", "evt21": "2.1", "evt3": "3.0"}[encoding]
-    header = f"% evt {version}\n% geometry 320x240\n% end\n".encode()
-    path = tmp_path / "a.raw"
-    path.write_bytes(header + data + np.random.default_rng(seed).bytes(more))
     survive(path)
 
 

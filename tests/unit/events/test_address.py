@@ -20,11 +20,6 @@ def test_an_address_is_taken_apart_and_put_together() -> None:
     assert Address.parse("nd:").target == ""
 
 
-def test_a_path_keeps_one_slash_of_two_and_means_the_same() -> None:
-    for text in (Path("dv://127.0.0.1:7777"), "dv://127.0.0.1:7777"):
-        assert Address.parse(text).host_port("") == ("127.0.0.1", 7777)
-
-
 @pytest.mark.parametrize("text", ["events.raw", "C:\\data\\a.raw", "-", "https://host/a.raw", "a"])
 def test_what_is_no_address(text: str) -> None:
     assert not is_address(text)

@@ -11,7 +11,7 @@ import pytest
 from spikingtac.errors import RecordingError
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.events.recording import Recording
-from spikingtac.tracks import Tracks, create_tracks
+from spikingtac.tracks import Tracks
 
 MIB = 1 << 20
 
@@ -71,25 +71,3 @@ def test_damaged_truth_and_tracks_are_no_internal_errors(tmp_path: Path) -> None
             Recording.open(tmp_path).truth()
         with pytest.raises(RecordingError, match="holds no tracks"):
             Tracks.load(tmp_path / "truth.npz")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"t_us": np.zeros((2, 2), np.int64)},
-        {"detected_px": np.zeros((1, 1, 2), np.float32)},
-        {"confidence": np.array(["a"])},
-        {"meta": np.array("[]")},
-        {"meta": np.array("{")},
-        {"reference_px": np.zeros(3, np.float32)},
-    ],
-)
-def test_tracks_that_do_not_belong_together_are_refused(
-    tmp_path: Path, change: dict[str, np.ndarray]
-) -> None:
-    writer = create_tracks(tmp_path / "t.npz", np.zeros((2, 2)))
-    writer.close({})
-    arrays = load_arrays(tmp_path / "t.npz", "tracks")
-    np.savez(tmp_path / "t.npz", **(arrays | change))
-    with pytest.raises(RecordingError, match="make them with"):
-        Tracks.load(tmp_path / "t.npz")

@@ -281,17 +281,6 @@ def test_aedat2_of_a_davis_leaves_frames_and_imu_out(tmp_path: Path) -> None:
         open_events(tmp_path / "a.aedat")
 
 
-def test_aedat2_of_a_dvs128_has_addresses_of_its_own(tmp_path: Path) -> None:
-    x, y = X % 128, Y % 128
-    words = (127 - y) << 8 | (127 - x) << 1 | ~P
-    data = aedat2("ch.unizh.ini.jaer.chip.retina.DVS128", words, T)
-    (tmp_path / "a.aedat").write_bytes(data)
-    found, source = read(tmp_path / "a.aedat")
-    assert source.size == (128, 128)
-    for name, column in (("t", T), ("x", x), ("y", y), ("p", P)):
-        np.testing.assert_array_equal(getattr(found, name), column)
-
-
 def test_aedat3_keeps_its_triggers_and_leaves_frames_out(tmp_path: Path) -> None:
     data = X.astype("u4") << 17 | Y.astype("u4") << 2 | P.astype("u4") << 1 | 1
     data[7] ^= 1  # not valid

@@ -41,9 +41,3 @@ def test_noise_and_hot_pixels_are_told_apart_beside_a_contact(noise_hz: float) -
     # The quietest tenth of the windows is quieter than the mean by the choice.
     assert found.noise_hz == pytest.approx(noise_hz, rel=0.3)
     assert found.on_fraction == pytest.approx(0.25, abs=0.01)
-
-
-def test_without_events_there_is_nothing_to_tell() -> None:
-    found = judge_events(EventPacket.empty(0, 1_000_000, SIZE))
-    assert (found.rate_hz, found.on_fraction, found.noise_hz, len(found.hot_px)) == (0, None, 0, 0)
-    assert judge_events(EventPacket.empty(5, 5, SIZE)).rate_hz == 0

@@ -135,22 +135,6 @@ def test_hdf5_columns_of_unequal_length_are_counted(tmp_path: Path) -> None:
         whole(tmp_path / "a.h5", strict=True)
 
 
-@pytest.mark.parametrize(
-    "odd",
-    [
-        {"x": np.array([b"12"] * N)},
-        {"x": np.zeros((N, 2), np.uint16)},
-        {"p": np.zeros(N, [("a", "u1"), ("b", "u1")])},
-        {"t": np.array(5)},
-    ],
-)
-def test_odd_hdf5_columns_are_refused(tmp_path: Path, odd: dict[str, np.ndarray]) -> None:
-    pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
-    write_h5(tmp_path / "a.h5", **odd)
-    with pytest.raises(FormatError, match="holds no events"):
-        open_events(tmp_path / "a.h5")
-
-
 def test_an_absurd_offset_of_an_hdf5_file_is_counted(tmp_path: Path) -> None:
     pytest.importorskip("h5py", reason="HDF5 needs the extra [formats]")
     write_h5(tmp_path / "a.h5", t_offset=np.uint64((1 << 64) - 1))

@@ -1,30 +1,25 @@
-"""Regular windows: empties kept, any packets give the same windows, the end is partial."""
+"""Regular windows: empties kept, long silences not filled, any packets give the same windows."""
 
 from __future__ import annotations
 
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spikingtac.events.windows import cut, windows
+from spikingtac.errors import ConfigError
+from spikingtac.events.windows import SILENCE_LIMIT_US, cut, stretches, windows
 from spikingtac.types import EventPacket
 
 SIZE = (4, 4)
 
 
 def packet(times: list[int], start_us: int, end_us: int) -> EventPacket:
-    n = len(times)
-    return EventPacket(
-        np.arange(n, dtype=np.uint16) % 4,
-        np.zeros(n, np.uint16),
-        np.ones(n, np.bool_),
-        np.array(times, np.int64),
-        start_us,
-        end_us,
-        SIZE,
-    )
+    zeros = np.zeros(len(times), np.uint16)
+    t = np.array(times, np.int64)
+    return EventPacket(zeros, zeros, zeros > 0, t, start_us, end_us, SIZE)
 
 
 def spans(found: list[EventPacket]) -> list[tuple[int, int, list[int]]]:
@@ -51,13 +46,84 @@ def test_finite_edges_end_the_stream() -> None:
     assert spans(found) == [(2, 4, []), (4, 8, [5])]
 
 
+def test_a_leap_of_18_000_years_takes_a_minute_of_windows() -> None:
+    far = 1 << 59
+    found = list(windows([packet([0, 10, far], 0, far + 1)], 1_000))
+    assert len(found) == SILENCE_LIMIT_US // 1_000 + 2
+    assert found[-1].t.tolist() == [far]
+    assert found[-1].t_start_us % 1_000 == 0
+
+
+def test_windows_go_on_upon_the_same_grid() -> None:
+    stream = [packet([3, 95], 0, 100)]
+    assert spans(list(windows(stream, 10, silence_limit_us=25))) == [
+        (0, 10, [3]),
+        (10, 20, []),
+        (20, 30, []),
+        (90, 100, [95]),
+    ]
+
+
+def test_a_simulation_may_be_silent_for_as_long_as_it_says() -> None:
+    found = list(windows([packet([], 0, 2 * SILENCE_LIMIT_US)], 1_000_000, silence_limit_us=None))
+    assert len(found) == 2 * SILENCE_LIMIT_US // 1_000_000
+
+
+def test_stretches_end_where_the_silence_is_too_long() -> None:
+    parts = [packet([0, 5], 0, 40), packet([], 40, 90), packet([90, 200], 90, 201)]
+    assert [spans(list(stretch)) for stretch in stretches(parts, 30)] == [
+        [(0, 35, [0, 5])],
+        [(90, 120, [90])],
+        [(200, 201, [200])],
+    ]
+
+
+def test_packets_that_leave_the_sensor_are_refused_on_entry() -> None:
+    fit = packet([1], 0, 2)
+    outside = EventPacket(fit.x + np.uint16(4), fit.y, fit.p, fit.t, 0, 2, SIZE)
+    with pytest.raises(ConfigError, match="x from 4 to 4 px lie outside of the 4x4"):
+        list(windows([outside], 10))
+    for bad in (-1, np.nan):
+        column = np.array([bad])
+        for x, y in ((column, fit.y), (fit.x, column)):
+            with pytest.raises(ConfigError, match="lie outside of the 4x4"):
+                EventPacket(x, y, fit.p, fit.t, 0, 2, SIZE).sound()
+    once = EventPacket(fit.x, fit.y, fit.p, fit.t, 0, 2, SIZE)
+    assert not once.checked
+    assert once.sound() is once
+    assert once.checked
+    unequal = EventPacket(fit.x[:0], fit.y, fit.p, fit.t, 0, 2, SIZE)
+    with pytest.raises(ConfigError, match="equal length, not 0, 1, 1, 1"):
+        list(windows([unequal], 10))
+
+
+@given(
+    times=st.lists(st.integers(0, 300), max_size=20).map(sorted),
+    cuts=st.lists(st.integers(0, 301), max_size=8).map(sorted),
+    period_us=st.integers(1, 90),
+    limit_us=st.integers(1, 120),
+)
+def test_any_packets_give_the_same_windows(times, cuts, period_us, limit_us) -> None:
+    whole = packet(times, 0, 301)
+    parts = []
+    for first, last in itertools.pairwise([0, *cuts, 301]):
+        a, b = np.searchsorted(whole.t, (first, last))
+        parts.append(whole.part(int(a), int(b), first, last))
+    found = spans(list(windows(parts, period_us, silence_limit_us=limit_us)))
+    assert found == spans(list(windows([whole], period_us, silence_limit_us=limit_us)))
+    assert [t for _, _, inside in found for t in inside] == times
+    for (start, end, _), (following, _, _) in itertools.pairwise(found):
+        assert start % period_us == 0
+        assert following >= end
+
+
 @given(
     times=st.lists(st.integers(0, 300), max_size=40).map(sorted),
     cuts=st.lists(st.integers(0, 301), max_size=8).map(sorted),
     period_us=st.integers(1, 90),
     start_us=st.none() | st.integers(-50, 350),
 )
-def test_any_packets_give_the_same_windows(times, cuts, period_us, start_us) -> None:
+def test_any_packets_give_the_same_windows_from_any_start(times, cuts, period_us, start_us) -> None:
     whole = packet(times, 0, 301)
     edges = [0, *cuts, 301]
     parts = []

@@ -2,8 +2,6 @@ import numpy as np
 from numba import njit
 
 from spikingtac.sim.camera.pixel_records import (
-    normal_pair_kernel,
-    pixel_counter_kernel,
     uniform_kernel,
 )
 
@@ -15,15 +13,6 @@ def draw_uniform(key, count):
     out = np.empty(count)
     for k in range(count):
         out[k] = uniform_kernel(key, np.uint64(k))
-    return out
-
-
-@njit
-def draw_normal(key, pixels, count):
-    out = np.empty((pixels, count, 2))
-    for i in range(pixels):
-        for k in range(count):
-            out[i, k] = normal_pair_kernel(key, pixel_counter_kernel(i, k))
     return out
 
 
@@ -40,13 +29,3 @@ def splitmix(key: int, counter: int) -> float:
 def test_equals_the_published_generator():
     drawn = draw_uniform(KEY, 100)
     assert drawn.tolist() == [splitmix(int(KEY), k) for k in range(100)]
-
-
-def test_normal_numbers_are_normal_across_pixels_and_within():
-    z = draw_normal(KEY, 1000, 200)
-    assert abs(z.mean()) < 4 / np.sqrt(z.size)
-    assert abs(z.var() - 1) < 0.01
-    assert abs((z**4).mean() - 3) < 0.1
-    assert abs(np.corrcoef(z[..., 0].ravel(), z[..., 1].ravel())[0, 1]) < 0.01
-    assert abs(np.corrcoef(z[:-1].ravel(), z[1:].ravel())[0, 1]) < 0.01
-    assert abs(np.corrcoef(z[:, :-1].ravel(), z[:, 1:].ravel())[0, 1]) < 0.01

@@ -5,8 +5,8 @@ import pytest
 
 from spikingtac.sim.gel.indenters import IndenterConfig
 from spikingtac.sim.scene.motions import MotionConfig, SegmentConfig
-from spikingtac.sim.scene.scene import ContactConfig, HistoryConfig, Scene, VariationConfig
-from spikingtac.sim.scene.timeline import Timeline, prior_drag_mm, vary
+from spikingtac.sim.scene.scene import ContactConfig, Scene, VariationConfig
+from spikingtac.sim.scene.timeline import Timeline, vary
 
 WIDE = VariationConfig(
     place_mm=1.0,
@@ -69,12 +69,3 @@ def test_variation_stays_within_its_bounds():
         assert circle.radius_mm / 0.4 == pytest.approx(length / math.hypot(1.0, 0.5))
         assert roll.radius_mm == 7.0  # the body's, not the path's
         assert lift.height_mm == 0.3
-
-
-def test_the_earlier_drag_goes_out_and_comes_back_to_rest():
-    history = HistoryConfig(slide_mm=0.4, wait_s=1.0)
-    drag = prior_drag_mm(history, 3, 1.5 * np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.7]))
-    length = np.linalg.norm(drag, axis=1)
-    np.testing.assert_allclose(length, [0.0, 0.2, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
-    other = prior_drag_mm(history, 4, np.array([0.15]))
-    assert not np.allclose(drag[2], other[0])
