@@ -26,8 +26,8 @@ TABLE = "results.csv"
 Row = dict[str, Any]
 """``source, output, status`` (done, failed), ``error, seconds``, and the figures of the work."""
 
-Work = Callable[[Mapping[str, Any], Path, Path], Mapping[str, Any]]
-"""Takes settings, recording and output; writes the output and returns figures by name."""
+Work = Callable[[Path, Path], Mapping[str, Any]]
+"""Takes recording and output; writes the output and returns figures by name."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,11 +36,11 @@ class Batch:
 
     Attributes:
         name: The verb.
-        work: Workers import it by its name.
+        work: A function that workers import by its name, or a partial one.
         recordings: What to work on.
         folder: Where the results go.
         ending: Ending of the results.
-        settings: What the work needs to know, as JSON holds it; the same for all.
+        settings: All that the results depend on, as JSON holds it.
     """
 
     name: str
@@ -120,7 +120,7 @@ def run_batch(
         found = _done(journal, jobs)
         kept = len(found)
         futures = {
-            pool.submit(_work_on, batch.work, batch.settings, job): job
+            pool.submit(_work_on, batch.work, job): job
             for job in jobs
             if job.key not in found
         }
@@ -138,12 +138,12 @@ def run_batch(
     return BatchResult(rows=failures_first, kept=kept, table=table)
 
 
-def _work_on(work: Work, settings: Mapping[str, Any], job: _Job) -> Row:
+def _work_on(work: Work, job: _Job) -> Row:
     """Do a job in a worker; whatever goes wrong with one recording is its row."""
     begun = time.perf_counter()
     try:
         job.output.parent.mkdir(parents=True, exist_ok=True)
-        figures, error = work(settings, job.source, job.output), None
+        figures, error = work(job.source, job.output), None
     except Exception as problem:
         known = isinstance(problem, SpikingTacError | OSError)
         kind = "" if known else f"internal error, {type(problem).__name__}: "

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, emit_table, progress
-from spikingtac.cli.options import WriteArgs
+from spikingtac.cli.messages import Table, progress, tell
+from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.clocks.alignment import By, PoseClock
 
 if TYPE_CHECKING:
     from spikingtac.events.clocks.poses import Poses
-    from spikingtac.events.clocks.time_map import TimeMap
 
 POSES = "poses.npz"
 
@@ -32,7 +31,7 @@ class Args(WriteArgs):
     """Recording whose clock is the time base; a folder of two sensors holds the second one, too."""
     second: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="SECOND")] = None
     """Recording of the other finger."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Output = None
     """Folder to write, or poses.npz; nothing is written unless given."""
     by: By = "auto"
     """What aligns the two clocks: host (one host recorded both), motion (both saw the same motion),
@@ -67,16 +66,11 @@ def run(args: Args) -> int:
             document |= _two(args, second)
     if placed is not None and args.output is not None:
         placed.save(args.output / POSES if second is not None else args.output)
-    if args.json:
-        emit_json(document)
-    else:
-        _print(document)
-    return 0
+    return tell(args.json, document, *_tables(document))
 
 
 def _check_output(args: Args, second: Path | None) -> None:
     """Refuse an output before anything is computed."""
-    from spikingtac.atomic_files import require_free
     from spikingtac.cameras.recording.session import recorded
 
     if args.output is None:
@@ -86,7 +80,7 @@ def _check_output(args: Args, second: Path | None) -> None:
     elif args.output.suffix != ".npz":
         raise ConfigError(f"poses alone are written as .npz, not as {args.output.name!r}")
     else:
-        require_free(args.output, args.overwrite)
+        args.claim(args.output)
 
 
 def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
@@ -97,11 +91,8 @@ def _poses(args: Args, path: Path) -> tuple[Poses, dict[str, Any]]:
     time_map, clock = map_of_poses(poses, args.first, args.poses_clock)
     placed = poses.on(time_map)
     told = {"rows": len(placed.t_us), "clock": clock, **time_map.summary()}
-    return placed, told | {"error_at_end_us": _at_ends(time_map, poses)}
-
-
-def _at_ends(time_map: TimeMap, poses: Poses) -> float:
-    return max(time_map.error_at_us(float(t_us)) for t_us in (poses.t_us[0], poses.t_us[-1]))
+    at_ends_us = [time_map.error_at_us(float(poses.t_us[end])) for end in (0, -1)]
+    return placed, told | {"error_at_end_us": max(at_ends_us)}
 
 
 def _two(args: Args, second: Path) -> dict[str, Any]:
@@ -127,7 +118,7 @@ def _two(args: Args, second: Path) -> dict[str, Any]:
     }
 
 
-def _print(document: dict[str, Any]) -> None:
+def _tables(document: dict[str, Any]) -> list[Table]:
     rows = []
     for name, key in (("second sensor", "time_base"), ("poses", "poses")):
         if key in document:
@@ -136,15 +127,11 @@ def _print(document: dict[str, Any]) -> None:
             if found["drift_error_ppm"] is not None:
                 drift += f" +- {found['drift_error_ppm']:.2f}"
             shift_ms = (found["base_us"] - found["own_us"]) / 1e3
-            rows.append(
-                (name, found["learned_from"], f"{shift_ms:.3f}", f"{found['error_us']:.0f}", drift)
-            )
+            error_us = f"{found['error_us']:.0f}"
+            rows.append((name, found["learned_from"], f"{shift_ms:.3f}", error_us, drift))
     columns = ("clock of the", "found by", "ms to add", "error us", "drift ppm")
-    emit_table("on the first sensor's clock", columns, rows, words=2)
+    tables = [Table("on the first sensor's clock", columns, rows, words=2)]
     if document.get("host_later_us") is not None:
-        emit_table(
-            "the host puts the second sensor later, by",
-            ("us",),
-            [(f"{document['host_later_us']:.0f}",)],
-            words=0,
-        )
+        later = f"{document['host_later_us']:.0f}"
+        tables.append(Table("the host puts the second sensor later, by", ("us",), [(later,)], 0))
+    return tables

@@ -1,39 +1,92 @@
-"""``spikingtac calibrate``: learn where the markers rest, and how they look."""
+"""``spikingtac calibrate``: learn where the markers rest and how they look; check recordings."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from spikingtac.cli.calibrate_args import Args
-from spikingtac.cli.calibrate_check import run_check
+import tyro
+
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import means_many
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.many import ManyArgs, means_many, run_many
+from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.errors import ConfigError
+from spikingtac.markers.calibration.lattice import LayoutKind
+from spikingtac.markers.calibration.reference import Method
+from spikingtac.types import Polarity
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
     from spikingtac.events.source import EventSource
     from spikingtac.markers.calibration.calibrate import CalibrationConfig
 
+EXIT_FOREIGN = 1
+"""The input is at fault: it does not fit the calibration."""
 MOST_NAMED = 8
 """Stray spots that are named one by one."""
+NOTED = ("missing", "doubtful", "explained", "events", "swings", "residual", "scatter_px")
+"""Figures of a calibration's notes that are told as they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args(ManyArgs):
+    """Learn where the markers rest, how large they are and what an event stands for.
+
+    Any recording will do in which the markers move: presses, contacts or slides. It is best when
+    it begins without load, when every marker moves by more than its diameter, and when the skin
+    rests for half a second between contacts.
+
+    A calibration.json in the place of the recording, with --pitch-mm: set its scale afterwards.
+    With --check, whether recordings come from the sensor of a calibration; many go into a folder:
+    spikingtac calibrate --check left_finger.json DAY -o DAY_checked --workers 4
+    """
+
+    recordings: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RECORDING")
+    ]
+    """Event file, recording folder, or a camera: its address, a named pipe, or -; or a calibration,
+    to set its scale. With --check also several, a folder of recordings or a pattern such as
+    'day/*.raw'."""
+    check: Annotated[Path | None, tyro.conf.arg(metavar="CALIBRATION")] = None
+    """Write no calibration: say whether the recordings fit this one."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
+    """File to write; with --check the folder for many."""
+    grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
+    """Size of the grid, as 8x8; found by itself unless given."""
+    layout: LayoutKind = "auto"
+    """How the markers lie: in rows and columns, in rows of which every second one is shifted, or
+    freely (their neighbours decide, there are no rows). Grids and staggered rows are told apart."""
+    pitch_mm: float | None = None
+    """Distance of neighbouring markers on the skin, mm; gives px_per_mm."""
+    lens: bool = False
+    """With --pitch-mm, on a flat skin: fit the lens's distortion and the camera's tilt to the grid,
+    so that millimetres hold at the rim, too."""
+    polarity: Literal["auto"] | Polarity = "auto"
+    """White markers on dark ground, or dark on light; found by itself unless given."""
+    method: Method = "rest-mean"
+    """How the reference is computed from the rests; bounding-box is the published one."""
+    allow_missing: int | None = None
+    """Largest number of missing markers: they are put where the others expect them. A third of them
+    may be missing unless given."""
+    plot: Path | None = None
+    """Picture to write: the markers as circles, good and doubtful ones in different colours."""
+    guide: bool = False
+    """Say every two seconds which markers still have to move, as is always done for a camera."""
+    until_ready: bool = False
+    """End a camera by itself once every marker has moved enough and the skin rests."""
 
 
 def run(args: Args) -> int:
     """Calibrate, write the file, and say what was found; or check."""
     if args.check is not None:
-        return run_check(args, args.check)
+        return _check(args, args.check)
     recording = _only_one(args)
-    from spikingtac.atomic_files import require_free
     from spikingtac.events.open import open_events
     from spikingtac.file_kinds import kind_of
     from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 
-    for path in (args.output, args.plot):
-        if path is not None:
-            require_free(path, args.overwrite)
+    args.claim(args.output, args.plot)
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
     config = CalibrationConfig(
@@ -55,12 +108,10 @@ def run(args: Args) -> int:
         from spikingtac.plots.calibration import save_calibration_plot
 
         save_calibration_plot(calibration, args.plot)
-    if args.json:
-        emit_json({"output": str(args.output), **summary(calibration)})
-    else:
-        _print(calibration, args)
-        remark(f"written: {args.output}" + (f", {args.plot}" if args.plot else ""))
-    return 0
+    found = summary(calibration)
+    written = f"written: {args.output}" + (f", {args.plot}" if args.plot else "")
+    shown = (_table(calibration, found, args), *_notes(calibration, found), written)
+    return tell(args.json, {"output": str(args.output), **found}, *shown)
 
 
 def _set_scale(args: Args, path: Path) -> int:
@@ -76,11 +127,8 @@ def _set_scale(args: Args, path: Path) -> int:
         raise ConfigError(f"--pitch-mm is {args.pitch_mm:g}, it must be above 0")
     calibration = Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
-    if args.json:
-        emit_json({"output": str(args.output), "px_per_mm": calibration.px_per_mm})
-    else:
-        remark(f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
-    return 0
+    document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}
+    return tell(args.json, document, f"written: {args.output}, {calibration.px_per_mm:.3f} px/mm")
 
 
 def _only_one(args: Args) -> Path:
@@ -128,41 +176,31 @@ def grid_shape(text: str | None) -> tuple[int, int] | None:
 def summary(calibration: Calibration) -> dict[str, Any]:
     """Return the figures of a calibration for people and programs."""
     notes = calibration.provenance
+    own = ("polarity", "contrast", "edge_px", "step_on", "step_off", "lag_us", "px_per_mm")
     return {
         "grid": calibration.rows_and_columns,
         "size": list(calibration.size),
-        "polarity": calibration.polarity,
         "markers": len(calibration.radius_px),
         "measured": len(calibration.radius_px) - len(notes["missing"]),
         "quality": notes["quality"],
         "radius_px": float(calibration.radius_px.mean()),
-        "contrast": calibration.contrast,
-        "edge_px": calibration.edge_px,
-        "step_on": calibration.step_on,
-        "step_off": calibration.step_off,
-        "lag_us": calibration.lag_us,
-        "px_per_mm": calibration.px_per_mm,
+        **{name: getattr(calibration, name) for name in own},
         "lens": None if calibration.lens is None else calibration.lens.document(),
         "no_lens": notes.get("no_lens"),
         "hot_px": [] if calibration.hot_px is None else calibration.hot_px.tolist(),
         "method": notes["method"],
         "unloaded_rests": len(notes["unloaded_rests_us"]),
-        **{
-            name: notes[name]
-            for name in ("missing", "doubtful", "explained", "events", "swings", "residual")
-        },
-        "scatter_px": notes["scatter_px"],
+        **{name: notes[name] for name in NOTED},
         **{name: notes.get(name) for name in ("left_out_px", "stray_px", "fitting_grid")},
     }
 
 
-def _print(calibration: Calibration, args: Args) -> None:
-    found = summary(calibration)
+def _table(calibration: Calibration, found: dict[str, Any], args: Args) -> Table:
     radii = calibration.radius_px
-    explained = middle_of(found["explained"])
     shown = f"{found['measured']} of {found['markers']} markers measured"
+    explained = f"discs explain {_middle(found['explained']):.0%} of the changes"
     rows = [
-        ("quality", found["quality"], f"{shown}; discs explain {explained:.0%} of the changes"),
+        ("quality", found["quality"], f"{shown}; {explained}"),
         ("grid", _shape(calibration.grid), f"rows x columns, {calibration.polarity}"),
         ("radius", f"{radii.mean():.2f}", f"px, {radii.min():.2f} to {radii.max():.2f}"),
         ("edge", f"{found['edge_px']:.2f}", "px, logistic scale"),
@@ -182,22 +220,12 @@ def _print(calibration: Calibration, args: Args) -> None:
         ("residual", "residual", "levels, rms"),
         ("scatter", "scatter_px", "px over the rests"),
     ):
-        values = sorted(found[key])
-        rows.append(
-            (name, f"{middle_of(values):.3g}", f"{unit}, {values[0]:.3g} to {values[-1]:.3g}")
-        )
-    emit_table(str(args.output), ("", "", ""), rows, words=3)
-    for note in _notes(found):
-        remark(note)
-    for marker in found["missing"]:
-        remark(f"{_named(calibration, marker)} never moved: its place is expected from the others.")
-    if found["doubtful"]:
-        named = ", ".join(_named(calibration, marker) for marker in found["doubtful"])
-        remark(f"Doubtful, since discs explain little of what was seen there: {named}.")
+        span = f"{min(found[key]):.3g} to {max(found[key]):.3g}"
+        rows.append((name, f"{_middle(found[key]):.3g}", f"{unit}, {span}"))
+    return Table(str(args.output), ("", "", ""), rows, words=3)
 
 
-def middle_of(values: list[float]) -> float:
-    """Return the middle one of some numbers."""
+def _middle(values: list[float]) -> float:
     return float(sorted(values)[len(values) // 2])
 
 
@@ -205,7 +233,9 @@ def _shape(grid: tuple[int, int] | list[int] | None) -> str:
     return "none" if grid is None else "x".join(map(str, grid))
 
 
-def _notes(found: dict[str, Any]) -> list[str]:
+def _notes(calibration: Calibration, found: dict[str, Any]) -> list[str]:
+    from spikingtac.markers.calibration.quality import marker_name
+
     notes = []
     if found["no_lens"]:
         notes.append(f"No lens: {found['no_lens']}.")
@@ -219,10 +249,60 @@ def _notes(found: dict[str, Any]) -> list[str]:
     if found["fitting_grid"]:
         fits = _shape(found["fitting_grid"])
         notes.append(f"The grid {fits} fits all that moves: give --grid {fits}.")
+    for marker in found["missing"]:
+        name = marker_name(marker, calibration.grid)
+        notes.append(f"{name} never moved: its place is expected from the others.")
+    if found["doubtful"]:
+        named = ", ".join(marker_name(marker, calibration.grid) for marker in found["doubtful"])
+        notes.append(f"Doubtful, since discs explain little of what was seen there: {named}.")
     return notes
 
 
-def _named(calibration: Calibration, marker: int) -> str:
-    from spikingtac.markers.calibration.quality import marker_name
+def _check(args: Args, calibration: Path) -> int:
+    """Check one recording, or many into a folder; 1 where one does not fit."""
+    from spikingtac.calibration.sensor_calibration import Calibration
 
-    return marker_name(marker, calibration.grid)
+    if means_many(args, args.recordings):
+        Calibration.load(calibration)  # what is wrong for all of them is refused before any work
+        return run_many("calibrate --check", args, args.recordings, check_one, ".json")
+    recording = args.recordings[0]
+    with progress(f"checking {recording.name}"):
+        found = _checked(args, recording)
+    fit = f"{found['contradiction']:.1%} of the pixels contradict, at most {found['limit']:.0%}"
+    tell(args.json, found, found["words"] or f"{recording.name} fits {calibration.name}: {fit}")
+    return 0 if found["fits"] else EXIT_FOREIGN
+
+
+def check_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
+    """Check one of many recordings, write what was found, and return its row of the table."""
+    from spikingtac.atomic_files import write_json
+
+    found = _checked(args, recording)
+    write_json(output, found)
+    told = {"contradiction": found["contradiction"], "limit": found["limit"]}
+    return {"fits": int(found["fits"]), **told}
+
+
+def _checked(args: Args, recording: Path) -> dict[str, Any]:
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.events.open import open_events
+    from spikingtac.markers.calibration_check import CalibrationCheck
+    from spikingtac.pipeline.track import require_same_size
+
+    assert args.check is not None
+    calibration = Calibration.load(args.check)
+    source = open_events(recording, strict=args.strict, sensor=args.sensor)
+    require_same_size(source.size, calibration.size)
+    check = CalibrationCheck(calibration)
+    for packet in source:
+        check.absorb(packet)
+        if check.ended:
+            break
+    check.finish()
+    return {
+        "recording": recording.name,
+        "fits": not check.foreign,
+        "contradiction": float(check.contradiction),
+        "limit": float(check.limit),
+        "words": check.words() if check.foreign else "",
+    }

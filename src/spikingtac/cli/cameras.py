@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs
 
 
@@ -23,30 +23,31 @@ def run(args: Args) -> int:
     from spikingtac.events.cameras.kinds import KINDS
 
     found = list(plugged_in())
-    if args.json:
-        kinds = {
-            name: {
-                "example": kind.example,
-                "about": kind.about,
-                "library": kind.module or None,
-                "installed": is_installed(name),
-            }
-            for name, kind in KINDS.items()
+    kinds = {
+        name: {
+            "example": kind.example,
+            "about": kind.about,
+            "library": kind.module or None,
+            "installed": is_installed(name),
         }
-        emit_json({"found": [asdict(item) for item in found], "kinds": kinds})
-        return 0
-    for item in found:
-        if not item.address:
-            remark(f"note: {item.model} could not look for cameras ({item.remark})")
-    found = [item for item in found if item.address]
-    if found:
-        rows = [(item.address, item.model, item.serial, item.remark) for item in found]
-        emit_table("plugged in", ("address", "model", "serial", "remark"), rows, words=4)
-    else:
-        remark("no camera is plugged in, or the library that would see it is missing")
-    rows = [
-        (kind.example, kind.about, "" if is_installed(name) else remedy(name))
         for name, kind in KINDS.items()
+    }
+    document = {"found": [asdict(item) for item in found], "kinds": kinds}
+    shown: list[Table | str] = [
+        f"note: {item.model} could not look for cameras ({item.remark})"
+        for item in found
+        if not item.address
     ]
-    emit_table("ways to reach a camera", ("address, as", "what it reads", "missing"), rows, words=3)
-    return 0
+    seen = [(one.address, one.model, one.serial, one.remark) for one in found if one.address]
+    if seen:
+        shown.append(Table("plugged in", ("address", "model", "serial", "remark"), seen, words=4))
+    else:
+        shown.append("no camera is plugged in, or the library that would see it is missing")
+    ways = [
+        (one["example"], one["about"], "" if one["installed"] else remedy(name))
+        for name, one in kinds.items()
+    ]
+    columns = ("address, as", "what it reads", "missing")
+    return tell(
+        args.json, document, *shown, Table("ways to reach a camera", columns, ways, words=3)
+    )

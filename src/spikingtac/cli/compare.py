@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.messages import figures, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.file_kinds import TOLD, kind_of
@@ -37,11 +37,7 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Compare, print the figures, and write what was asked for."""
-    from spikingtac.atomic_files import require_free
-
-    for path in (args.output, args.table):
-        if path is not None:
-            require_free(path, args.overwrite)
+    args.claim(args.output, args.table)
     found = compared(args.one, args.other)
     summary = found.summary()
     if args.output is not None:
@@ -50,15 +46,9 @@ def run(args: Args) -> int:
         save_figure(plot_comparison(found, theme=args.theme, width=args.width), args.output)
     if args.table is not None:
         _write_table(found, args.table)
-    if args.json:
-        emit_json({**summary, "by_marker": found.by_marker()})
-        return 0
-    rows = [(name.replace("_", " "), _text(value)) for name, value in summary.items()]
-    emit_table(f"{args.one} against {args.other}", ("", ""), rows)
-    for path in (args.output, args.table):
-        if path is not None:
-            remark(f"written: {path}")
-    return 0
+    written = [f"written: {path}" for path in (args.output, args.table) if path is not None]
+    document = {**summary, "by_marker": found.by_marker()}
+    return tell(args.json, document, figures(f"{args.one} against {args.other}", summary), *written)
 
 
 def compared(one: Path, other: Path) -> Comparison:
@@ -91,9 +81,3 @@ def _write_table(found: Comparison, path: Path) -> None:
     lines = [",".join(rows[0])]
     lines += [",".join(f"{value:.6g}" for value in row.values()) for row in rows]
     write_text(path, "\n".join(lines) + "\n")
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "not known"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

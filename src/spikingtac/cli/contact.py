@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -10,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.deadlines import ask_for_real_time, require_live
-from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
+from spikingtac.cli.interrupt import ask_for_real_time, ending_on_interrupt, require_live
+from spikingtac.cli.messages import Table, progress, remark, tell, warn
 from spikingtac.cli.options import JsonArgs
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import ConfigError
+from spikingtac.events.manifest import name_of
 
 if TYPE_CHECKING:
     from spikingtac.calibration.sensor_calibration import Calibration
@@ -24,8 +25,12 @@ if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.events.source import EventSource
 
-SECOND_SENSOR = "events_1.raw"
-CALIBRATION_NAMES = "calibration.json", "calibration_1.json"
+SECOND_SENSOR = name_of("events.raw", 1)
+CALIBRATION = "calibration.json"
+FALLBACK = (
+    "note: no calibration was given or found, so raw events are counted as published; "
+    "with --calibration the default detector finds lighter contacts"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,23 +88,30 @@ def run(args: Args) -> int:
     detector, first = _learn(args, replace(config, detector=name), sources, calibrations)
     learned = detector.summary()
     checked = _checked(sources, calibrations, args.strict)
-    found = _found(sources, checked, detector, live, args.realtime, first)
-    summary = {
+    if args.realtime:
+        ask_for_real_time()
+    found = _found(sources, checked, detector, live, first)
+    anomalies: Counter[str] = Counter()
+    for source in sources:
+        anomalies.update(dict(source.losses.kinds()))
+    misfits = filter(None, (getattr(one, "misfit", None) for one in checked))
+    document = {
         "contacts": [_contact(contact) for contact in found],
         "detector": name,
         "sensors": len(sources),
         "budget_per_hour": config.false_alarms_per_hour,
         "rule": learned.rule,
         "quiet": _quiet(args, learned),
-        "anomalies": _anomalies(sources),
+        "anomalies": dict(anomalies),
         "health": [source.counters().summary() for source in sources],
-        "calibration_misfit": _misfit(checked),
+        "calibration_misfit": " ".join(misfits) or None,
     }
     if args.json:
-        emit_json(summary)
-        return 0
-    _print(summary, args, fallback=config.detector is None and not calibrations)
-    return 0
+        return tell(True, document)
+    fallback = config.detector is None and not calibrations
+    notes = [f"note: {kind} {count} times in the recording" for kind, count in anomalies.items()]
+    table = _table(document, args)
+    return tell(False, document, *([FALLBACK] if fallback else []), *notes, learned.rule, table)
 
 
 def _found(
@@ -107,7 +119,6 @@ def _found(
     checked: Sequence[EventSource],
     detector: ContactDetector,
     live: bool,
-    realtime: bool,
     first: int,
 ) -> list[FoundContact]:
     """Return the contacts; those of a camera are told as they come."""
@@ -115,8 +126,6 @@ def _found(
 
     found = []
     bar = progress(f"finding contacts in {sources[0].path.name}")
-    if realtime:
-        ask_for_real_time()
     with ending_on_interrupt(*sources), bar as advance:
         for contact in find_contacts(checked, detector, live, first):
             found.append(contact)
@@ -137,10 +146,6 @@ def _checked(
     tell = refuse if strict else warn
     pairs = zip(sources, calibrations, strict=False)
     return [CheckedSource(source, own, tell) for source, own in pairs] or sources
-
-
-def _misfit(checked: Sequence[EventSource]) -> str | None:
-    return " ".join(filter(None, (getattr(one, "misfit", None) for one in checked))) or None
 
 
 def _config(args: Args) -> DetectionConfig:
@@ -200,6 +205,7 @@ def _sources(path: Path, strict: bool, second: Path | None = None) -> list[FileS
 
 def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration]:
     from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.pipeline.track import require_same_size
 
     if args.detector == "event_count":
         return []
@@ -213,23 +219,16 @@ def _calibrations(args: Args, sources: Sequence[FileSource]) -> list[Calibration
     if len(paths) != len(sources):
         return []
     calibrations = [Calibration.load(path) for path in paths]
-    for calibration, source, path in zip(calibrations, sources, paths, strict=True):
-        if calibration.size != source.size:
-            raise CalibrationError(
-                f"{path.name} is for {calibration.size[0]}x{calibration.size[1]}, the recording is "
-                f"{source.size[0]}x{source.size[1]}; calibrate this sensor: "
-                "spikingtac calibrate RECORDING -o calibration.json"
-            )
+    for calibration, source in zip(calibrations, sources, strict=True):
+        require_same_size(source.size, calibration.size)
     return calibrations
 
 
 def _beside(args: Args) -> list[Path]:
     """Return where calibrations lie unless they are named: beside each recording."""
     own = args.recording if args.recording.is_dir() else args.recording.parent
-    other = args.second if args.second is not None and args.second.is_dir() else None
-    if other is None or other == own:
-        return [own / name for name in CALIBRATION_NAMES]
-    return [own / CALIBRATION_NAMES[0], other / CALIBRATION_NAMES[0]]
+    other = args.second if args.second is not None and args.second.is_dir() else own
+    return [own / CALIBRATION, other / (name_of(CALIBRATION, 1) if other == own else CALIBRATION)]
 
 
 def _contact(found: FoundContact) -> dict[str, Any]:
@@ -242,51 +241,30 @@ def _contact(found: FoundContact) -> dict[str, Any]:
     } | (found.details.as_mapping() if found.details else {})
 
 
-def _anomalies(sources: Sequence[FileSource]) -> dict[str, int]:
-    out: dict[str, int] = {}
-    for source in sources:
-        for kind, count in source.losses.kinds():
-            out[kind] = out.get(kind, 0) + count
-    return out
-
-
-def _print(summary: dict[str, Any], args: Args, *, fallback: bool) -> None:
-    if fallback:
-        remark(
-            "note: no calibration was given or found, so raw events are counted as published; "
-            "with --calibration the default detector finds lighter contacts"
-        )
-    for kind, count in summary["anomalies"].items():
-        remark(f"note: {kind} {count} times in the recording")
+def _table(document: dict[str, Any], args: Args) -> Table:
     from spikingtac.events.open import first_event_us
 
-    quiet = summary["quiet"]
-    begin_us = first_event_us(args.recording)
+    quiet, begin_us = document["quiet"], first_event_us(args.recording)
     title = (
-        f"contacts in {args.recording.name} by {summary['detector']}, at most "
-        f"{summary['budget_per_hour']:g} false per hour; times from "
+        f"contacts in {args.recording.name} by {document['detector']}, at most "
+        f"{document['budget_per_hour']:g} false per hour; times from "
         f"{'zero' if begin_us is None else 'its first event'}"
     )
     if "mean" in quiet:
         title += "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}".format_map(
             quiet
         )
-    remark(summary["rule"])
-    emit_table(
-        title,
-        ("t ms", "ends ms", "statistic", "threshold", "where px"),
-        [
-            (
-                _ms(contact["t_us"], begin_us),
-                _ms(contact["end_us"], begin_us),
-                f"{contact['count']:.0f}",
-                f"{contact['threshold']:.0f}",
-                _places(contact),
-            )
-            for contact in summary["contacts"]
-        ],
-        words=0,
-    )
+    rows = [
+        (
+            _ms(contact["t_us"], begin_us),
+            _ms(contact["end_us"], begin_us),
+            f"{contact['count']:.0f}",
+            f"{contact['threshold']:.0f}",
+            _places(contact),
+        )
+        for contact in document["contacts"]
+    ]
+    return Table(title, ("t ms", "ends ms", "statistic", "threshold", "where px"), rows, words=0)
 
 
 def _ms(t_us: int | None, begin_us: int | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli.many import ManyArgs, means_many, run_many
+from spikingtac.cli.messages import progress, tell
+from spikingtac.cli.options import Output
 from spikingtac.errors import ConfigError, RecordingError, nearest
 
 if TYPE_CHECKING:
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.transform import Transform
     from spikingtac.types import EventPacket
-
-CHANGES = ("from_us", "to_us", "flip_polarity", "size", "crop", "flip", "rotate", "shift_us",
-           "hot_pixels", "encoding", "sensor", "strict")  # fmt: skip
-"""Options that say what is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +38,7 @@ class Args(ManyArgs):
     """Event file, recording folder, or camera to read (its address, a named pipe, or -), and the
     file to write: .raw, .npz, .csv, .h5 or .aedat4. With -o, all of them are read: files,
     folders of recordings, patterns such as 'day/*.raw'."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Output = None
     """Many files: the folder to write."""
     to: Annotated[str | None, tyro.conf.arg(metavar="raw|npz|csv|h5|aedat4")] = None
     """Many files: the format to write."""
@@ -79,29 +76,15 @@ def run(args: Args) -> int:
         raise ConfigError(
             f"--encoding {args.encoding} is for .raw files, not for {target.name!r}; leave it out"
         )
-    from spikingtac.atomic_files import require_free
-
     _refuse_same_file(source, target)
-    require_free(target, args.overwrite)
+    args.claim(target)
     with progress(f"writing {target.name}") as advance:
-        found = _convert(args, source, target, advance)
-    if args.json:
-        emit_json(found.document)
-        return 0
-    for note in found.notes:
-        remark(f"note: {note}")
-    for kind, count in found.document["anomalies"].items():
-        remark(f"note: {kind} {count} times in the input")
-    if found.document["hot_pixels_dropped"]:
-        remark(f"note: events of {found.document['hot_pixels_dropped']} hot pixels left out")
-    remark(f"written: {target}, {found.document['events']} events")
-    return 0
-
-
-@dataclass(frozen=True, slots=True)
-class _Converted:
-    document: dict[str, Any]
-    notes: list[str]
+        found, notes = _convert(args, source, target, advance)
+    notes += [f"{kind} {count} times in the input" for kind, count in found["anomalies"].items()]
+    if found["hot_pixels_dropped"]:
+        notes.append(f"events of {found['hot_pixels_dropped']} hot pixels left out")
+    written = f"written: {target}, {found['events']} events"
+    return tell(args.json, found, *(f"note: {note}" for note in notes), written)
 
 
 def _pair(args: Args) -> tuple[Path, Path]:
@@ -115,12 +98,22 @@ def _pair(args: Args) -> tuple[Path, Path]:
 
 def _convert(
     args: Args, path: Path, target: Path, advance: Callable[[float], None] = lambda share: None
-) -> _Converted:
+) -> tuple[dict[str, Any], list[str]]:
+    """Convert a recording; return the figures, and notes for a reader."""
     from spikingtac.events.create import create_events
     from spikingtac.events.hot_pixels import HotPixelFilter
     from spikingtac.events.open import open_events
+    from spikingtac.events.transform import Transform
 
-    change = _transform(args)
+    change = Transform(
+        from_us=args.from_us,
+        to_us=args.to_us,
+        shift_us=args.shift_us,
+        flip_polarity=args.flip_polarity,
+        crop_px=args.crop,
+        flip=args.flip,
+        rotate_deg=args.rotate or 0,
+    )
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
     size, written, edges = change.size(source.size), 0, 0
     hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
@@ -148,7 +141,7 @@ def _convert(
         "anomalies": dict(source.losses.kinds()),
         "health": source.counters().summary(),
     }
-    return _Converted(document, notes)
+    return document, notes
 
 
 def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, passed: int) -> int:
@@ -156,20 +149,6 @@ def _pass_triggers(source: FileSource, writer: EventWriter, change: Transform, p
     if len(source.triggers) > passed:
         writer.add_triggers(change.triggers(source.triggers.select(slice(passed, None))))
     return len(source.triggers)
-
-
-def _transform(args: Args) -> Transform:
-    from spikingtac.events.transform import Transform
-
-    return Transform(
-        from_us=args.from_us,
-        to_us=args.to_us,
-        shift_us=args.shift_us,
-        flip_polarity=args.flip_polarity,
-        crop_px=args.crop,
-        flip=args.flip,
-        rotate_deg=args.rotate or 0,
-    )
 
 
 def _changed(source: FileSource, change: Transform, hot: HotPixelFilter) -> Iterator[EventPacket]:
@@ -208,23 +187,10 @@ def _hot_pixels(source: FileSource) -> NDArray[np.int64]:
 
 
 def _run_many(args: Args) -> int:
-    from spikingtac.batch.inputs import find_recordings
-    from spikingtac.batch.run import Batch
-
     means_many(args, args.files)  # refuses options that do not go together
-    folder = require_folder(args.output, "convert")
     if args.to is None:
         raise ConfigError("of many files, convert needs the format to write: --to npz")
-    ending = _ending(args.to, args.encoding)
-    batch = Batch(
-        name="convert",
-        work=convert_one,
-        recordings=find_recordings(args.files, apart_from=folder),
-        folder=folder,
-        ending=ending,
-        settings={name: getattr(args, name) for name in CHANGES},
-    )
-    return run_many(batch, args)
+    return run_many("convert", args, args.files, convert_one, _ending(args.to, args.encoding))
 
 
 def _ending(name: str, encoding: str | None) -> str:
@@ -244,10 +210,10 @@ def _ending(name: str, encoding: str | None) -> str:
     return ending
 
 
-def convert_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+def convert_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """Convert one of many recordings and return its row of the table."""
     _refuse_same_file(recording, output)
-    found = _convert(Args(files=(recording, output), **settings), recording, output).document
+    found, _ = _convert(args, recording, output)
     return {
         "format": found["format"],
         "width": found["size"][0],

@@ -30,5 +30,5 @@ def run(args: Args) -> int:
     remark("simulating a finger on the skin; the first start compiles its kernels")
     arguments = {"source": SCENE, "preset": args.preset, "seed": args.seed}
     tracks = tracks_beside(args.picture) if args.picture else None
-    report(SCENE, show_source(arguments, args, repeat=True, tracks=tracks), as_json=args.json)
-    return 0
+    summary = show_source(arguments, args, repeat=True, tracks=tracks)
+    return report(SCENE, summary, as_json=args.json)

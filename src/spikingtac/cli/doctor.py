@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from spikingtac.cli.machine import delivery, inspect_machine
-from spikingtac.cli.messages import emit_json, emit_table
+from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
 
@@ -36,10 +36,8 @@ def run(args: Args) -> int:
     if args.source is not None:
         findings += delivery(args.source, args.seconds)
     healthy = all(finding.status != "fail" for finding in findings)
-    if args.json:
-        emit_json({"healthy": healthy, "checks": [asdict(finding) for finding in findings]})
-    else:
-        rows = ((item.name, item.status, item.found, item.remedy) for item in findings)
-        columns = ("check", "status", "found", "what to do")
-        emit_table("This machine", columns, rows, words=len(columns))
+    document = {"healthy": healthy, "checks": [asdict(finding) for finding in findings]}
+    rows = ((item.name, item.status, item.found, item.remedy) for item in findings)
+    columns = ("check", "status", "found", "what to do")
+    tell(args.json, document, Table("This machine", columns, rows, words=len(columns)))
     return 0 if healthy else EXIT_MACHINE

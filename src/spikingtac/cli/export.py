@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, emit_table, progress
+from spikingtac.cli.messages import figures, progress, tell
 from spikingtac.cli.options import WriteArgs
 
 
@@ -48,9 +48,5 @@ def run(args: Args) -> int:
         logs=args.log,
     )
     with progress(f"exporting to {args.to}") as advance:
-        figures = export(config, args.overwrite, advance)
-    if args.json:
-        emit_json(figures)
-    else:
-        emit_table(str(args.output), tuple(figures), [tuple(figures.values())], words=1)
-    return 0
+        found = export(config, args.overwrite, advance)
+    return tell(args.json, found, figures(f"{args.to} data set", found))

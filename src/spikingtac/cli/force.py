@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from spikingtac.atomic_files import require_free
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import Table, progress, remark, tell
+from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
     from spikingtac.touch.force.series import WrenchSeries
 
 MODEL = Path("force.onnx")
+ONE_SERIES = "note: one series; R2 is between its parts, a second series would be a harder test"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(WriteArgs):
     """Learn a force model from displacements with wrenches (fit), check or apply one.
 
     From labelled contacts: spikingtac force fit contacts_1.npz contacts_2.npz -o force.onnx
@@ -47,7 +48,7 @@ class Args:
     of a force sensor (t_us or t_s, fx, fy, fz, mx, my, mz). Its clock is aligned by itself."""
     force: Path = MODEL
     """check, apply: the model."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Output = None
     """The file to write: fit force.onnx unless given, apply tracks with force_n and force_sigma_n
     (n, 3) beside them."""
     shear_modulus_kpa: float | None = None
@@ -60,10 +61,6 @@ class Args:
     is pressed nearer to the camera moves outwards in the image; that is neglected unless given."""
     calibration: Path | None = None
     """With --shear-modulus-kpa: calibration.json with a scale (made with --pitch-mm)."""
-    overwrite: bool = False
-    """Replace a file that is there."""
-    json: bool = False
-    """Print one JSON object on stdout."""
 
 
 def run(args: Args) -> int:
@@ -93,7 +90,7 @@ def _fit(args: Args) -> int:
     from spikingtac.touch.force.fit import about, fit_force, network_trainer
 
     output = MODEL if args.output is None else args.output
-    require_free(output, args.overwrite)
+    args.claim(output)
     trainer = network_trainer()
     if trainer is None:
         remark(
@@ -104,21 +101,17 @@ def _fit(args: Args) -> int:
         model = fit_force([*_series(args), *_drawn(args)], trainer)
     model.save(output)
     told = about(model)
-    if args.json:
-        emit_json({"output": str(output)} | told)
-        return 0
-    emit_table(
+    table = Table(
         f"{output}: a {told['kind']} from {told['frames']} frames of {len(told['series'])} series",
         ("component", "range", "R2 between series"),
         [
             (name, "{:g} to {:g}".format(*told["range"][name]), f"{r2:.3f}")
             for name, r2 in told["r2_between_series"].items()
         ],
-        words=1,
     )
-    if len(told["series"]) == 1:
-        remark("note: one series; R2 is between its parts, a second series would be a harder test")
-    return 0
+    notes = [ONE_SERIES] if len(told["series"]) == 1 else []
+    document = {"output": str(output)} | told
+    return tell(args.json, document, table, *notes, f"written: {output}")
 
 
 def _drawn(args: Args) -> list[WrenchSeries]:
@@ -155,25 +148,19 @@ def _check(args: Args) -> int:
         for series in _series(args)
         for score in score_force(model, series)
     ]
-    if args.json:
-        emit_json({"rows": rows})
-        return 0
-    emit_table(
-        f"{args.force.name} against measured forces",
-        ("file", "component", "R2", "mean abs. error", "in 90 % interval"),
-        [
-            (
-                row["file"],
-                row["component"],
-                f"{row['r2']:.3f}",
-                f"{row['mae']:.4f} {row['unit']}",
-                f"{row['coverage90']:.1%}",
-            )
-            for row in rows
-        ],
-        words=2,
-    )
-    return 0
+    shown = [
+        (
+            row["file"],
+            row["component"],
+            f"{row['r2']:.3f}",
+            f"{row['mae']:.4f} {row['unit']}",
+            f"{row['coverage90']:.1%}",
+        )
+        for row in rows
+    ]
+    columns = ("file", "component", "R2", "mean abs. error", "in 90 % interval")
+    table = Table(f"{args.force.name} against measured forces", columns, shown, words=2)
+    return tell(args.json, {"rows": rows}, table)
 
 
 def _apply(args: Args) -> int:
@@ -185,7 +172,7 @@ def _apply(args: Args) -> int:
 
     if len(args.files) != 1 or args.output is None:
         raise ConfigError("apply takes one file of tracks, --force F and -o OUT")
-    require_free(args.output, args.overwrite)
+    args.claim(args.output)
     values, half_widths = load_force(args.force).estimate(load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}
     if values.shape[1] > 3:
@@ -197,8 +184,5 @@ def _apply(args: Args) -> int:
         np.savez_compressed(file, **kept)
     peak_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1)).max()) if len(values) else 0.0
     summary = {"output": str(args.output), "frames": len(values), "peak_force_n": round(peak_n, 4)}
-    if args.json:
-        emit_json(summary)
-    else:
-        remark(f"{args.output}: {len(values)} frames, at most {peak_n:.2f} N")
-    return 0
+    written = f"written: {args.output}, {len(values)} frames, at most {peak_n:.2f} N"
+    return tell(args.json, summary, written)

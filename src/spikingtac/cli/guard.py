@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from spikingtac.cli.interrupt import ended_by_sigterm
 from spikingtac.cli.messages import emit_json, remark, warn
 from spikingtac.cli.options import JsonArgs
-from spikingtac.cli.termination import ended_by_sigterm
 from spikingtac.contact.registry import detectors
 from spikingtac.errors import ConfigError, DeviceError, named
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
 from spikingtac.file_kinds import TOLD, document_of, kind_of
 
@@ -22,11 +22,6 @@ PEAK_WINDOW_US = 1_000
 
 US_PER_S = 1_000_000
 EVENTS_PER_MEV = 1_000_000
-UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
-         "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
-"""Ending of a figure's name -> its unit; the first that fits counts."""
-SHARES = ("_fraction", "_share")
-"""Endings of what a reader is told in per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,38 +41,32 @@ def run(args: Args) -> int:
 
     kind = kind_of(args.file)
     if kind is not None and kind in _FIGURES:
-        return _print_kind(kind, args)
+        told = {"format": kind, **_FIGURES[kind](args.file)}
+        return tell(
+            args.json, {**told, "about": TOLD[kind]}, figures(str(args.file), told), TOLD[kind]
+        )
     source = open_events(args.file, strict=args.strict, sensor=args.sensor, encoding=args.encoding)
     found = summary(source)
-    if args.json:
-        emit_json(found)
-        return 0
-    for note in source.notes:
-        remark(f"note: {note}")
-    anomalies, channels = found.pop("anomalies"), found.pop("trigger_channels")
-    emit_table(str(args.file), ("", ""), [_row(*item) for item in found.items()], words=2)
-    if channels:
+    return tell(args.json, found, *(f"note: {note}" for note in source.notes), *_shown(args, found))
+
+
+def _shown(args: Args, found: dict[str, Any]) -> list[Table | str]:
+    """Return the figures of a recording for a reader."""
+    from spikingtac.events.formats.codec import KINDS
+
+    apart = {name: found[name] for name in ("anomalies", "trigger_channels")}
+    health = {kind: count for kind, count in found["health"].items() if kind != "rate_ev_s"}
+    plain = {name: value for name, value in found.items() if name not in apart}
+    shown: list[Table | str] = [figures(str(args.file), plain | {"health": health})]
+    if channels := apart["trigger_channels"]:
         rows = [(name, *one.values()) for name, one in channels.items()]
-        emit_table("triggers", ("channel", "edges", "first us", "last us"), rows)
-    if anomalies:
-        from spikingtac.events.formats.codec import KINDS
-
+        shown.append(Table("triggers", ("channel", "edges", "first us", "last us"), rows))
+    if anomalies := apart["anomalies"]:
         rows = [(kind, KINDS.get(kind, ""), count) for kind, count in anomalies.items()]
-        emit_table("anomalies", ("kind", "what it means", "times"), rows, words=2)
+        shown.append(Table("anomalies", ("kind", "what it means", "times"), rows, words=2))
     elif not found["events"]:
-        remark("the file holds no events")
-    return 0
-
-
-def _print_kind(kind: str, args: Args) -> int:
-    """Print the figures of a file of ours that holds no events, and what takes it."""
-    found = {"format": kind, **_FIGURES[kind](args.file)}
-    if args.json:
-        emit_json({**found, "about": TOLD[kind]})
-        return 0
-    emit_table(str(args.file), ("", ""), [_row(*item) for item in found.items()], words=2)
-    remark(TOLD[kind])
-    return 0
+        shown.append("the file holds no events")
+    return shown
 
 
 def _of_tracks(path: Path) -> dict[str, Any]:
@@ -94,28 +83,29 @@ def _of_truth(path: Path) -> dict[str, Any]:
     return {
         "markers": truth["marker_px"].shape[1],
         "samples": len(t_us),
-        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
+        "duration_s": _duration_s(t_us),
         "arrays": sorted(truth),
     }
 
 
 def _of_series(path: Path) -> dict[str, Any]:
-    import numpy as np
-
     from spikingtac.events.formats.array_file import load_arrays
+    from spikingtac.tracks.columns import longest
 
     arrays = load_arrays(path, "displacements")
     t_us, moved, wrench = arrays["t_us"], arrays["displacement_mm"], arrays.get("wrench")
     return {
         "markers": moved.shape[1],
         "samples": len(t_us),
-        "duration_s": float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0,
-        "displacement_max_mm": float(np.linalg.norm(moved, axis=2).max(initial=0.0)),
+        "duration_s": _duration_s(t_us),
+        "displacement_max_mm": longest(moved),
         "wrench_components": 0 if wrench is None else wrench.shape[1],
-        "force_max_n": None
-        if wrench is None
-        else float(np.linalg.norm(wrench[:, :3], axis=1).max(initial=0.0)),
+        "force_max_n": None if wrench is None else longest(wrench[:, :3]),
     }
+
+
+def _duration_s(t_us: Any) -> float:
+    return float(t_us[-1] - t_us[0]) / US_PER_S if len(t_us) else 0.0
 
 
 def _of_force(path: Path) -> dict[str, Any]:
@@ -152,7 +142,6 @@ def _of_calibration(path: Path) -> dict[str, Any]:
     calibration = Calibration.load(path)
     measured = calibration.marker_measured
     return {
-        "format": "calibration",
         "size": list(calibration.size),
         "grid": calibration.rows_and_columns,
         "polarity": calibration.polarity,
@@ -260,38 +249,3 @@ class _PeakCounter:
             self._window, self._count = int(windows[-1]), int(counts[-1])
             self._peak = max(self._peak, int(counts.max()))
         return self._peak
-
-
-def _row(key: str, value: Any) -> tuple[str, str]:
-    """Return a figure for a reader: its unit stands behind the value, no longer in its name."""
-    if key == "px_per_mm":
-        return "scale", "not known" if value is None else f"{value:.6g} px/mm"
-    name, unit = next(
-        (
-            (key.removesuffix(ending), unit)
-            for ending, unit in UNITS.items()
-            if key.endswith(ending)
-        ),
-        (key, ""),
-    )
-    known = value not in (None, [])
-    if key.endswith(SHARES) and known:
-        return name.replace("_", " "), f"{100 * value:.4g} %"
-    if key == "health" and known:
-        value = {kind: count for kind, count in value.items() if kind != "rate_ev_s"}
-    text = f"{value:,}" if key == "events" else _text(value)
-    return name.replace("_", " "), f"{text} {unit}" if unit and known else text
-
-
-def _text(value: Any) -> str:
-    if value is None or value == []:
-        return "none" if value == [] else "not known"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key.replace('_', ' ')} {count:g}" for key, count in value.items())
-    if isinstance(value, list):
-        return (" x " if isinstance(value[0], int) else ", ").join(map(str, value))
-    return str(value)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TypeVar
 
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.cli.options import ReadArgs, WriteArgs
 from spikingtac.errors import ConfigError
 
-if TYPE_CHECKING:
-    from spikingtac.batch.run import Batch
-
 SHOWN = 20
 """Failures that are printed; the table holds all."""
+APART = frozenset(("json", "overwrite", "workers", "scheduler", "resume", "output"))
+"""Options that change no result."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +28,9 @@ class ManyArgs(WriteArgs, ReadArgs):
     """Many recordings: a Dask scheduler, tcp://127.0.0.1:8786 or tls://HOST:8786."""
     resume: bool = False
     """Many recordings: go on with the run in the folder."""
+
+
+SomeArgs = TypeVar("SomeArgs", bound=ManyArgs)
 
 
 def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
@@ -65,12 +68,61 @@ def check_workers(workers: int | None, scheduler: str | None) -> None:
         check_scheduler(scheduler)
 
 
-def require_folder(output: Path | None, verb: str) -> Path:
-    """Return the folder that results of many recordings go to.
+def run_many(
+    name: str,
+    args: SomeArgs,
+    given: Sequence[Path],
+    work: Callable[[SomeArgs, Path, Path], Mapping[str, Any]],
+    ending: str,
+    **options: Any,
+) -> int:
+    """Work on many recordings and say what came out; 1 where one failed, 0 otherwise.
 
-    Raises:
-        ConfigError: None is given, or the name of a file is.
+    Args:
+        name: The verb.
+        args: Its arguments.
+        given: What was named: files, folders, patterns.
+        work: Takes the arguments, a recording and its output; writes the output, returns its row.
+        ending: Ending of the outputs.
+        **options: Of :func:`spikingtac.batch.inputs.find_recordings`.
     """
+    from spikingtac.batch.inputs import find_recordings
+    from spikingtac.batch.run import Batch, Workers, run_batch
+
+    folder = _require_folder(getattr(args, "output", None), name)
+    fixed = _absolute(args)
+    batch = Batch(
+        name=name,
+        work=partial(work, fixed),
+        recordings=find_recordings(given, apart_from=folder, **options),
+        folder=folder,
+        ending=ending,
+        settings=_settings(fixed),
+    )
+    workers = Workers(count=args.workers, scheduler=args.scheduler)
+    try:
+        with progress(f"{name}: {len(batch.recordings)} recordings") as advance:
+            result = run_batch(batch, workers, args.resume, args.overwrite, advance)
+    except KeyboardInterrupt:
+        remark("interrupted; what is done is kept, go on with the same command and --resume")
+        raise
+    count = {"recordings": len(result.rows), "done": len(result.rows) - result.failed}
+    document = {"output": str(folder), **count, "failed": result.failed, "kept": result.kept}
+    document |= {"table": str(result.table), "rows": result.rows}
+    failures = [(Path(row["source"]).name, row["error"]) for row in result.rows if row["error"]]
+    kept = f", {result.kept} of them kept from before" if result.kept else ""
+    tell(
+        args.json,
+        document,
+        *([Table("failed", ("recording", "why"), failures[:SHOWN], words=2)] if failures else []),
+        f"{count['done']} of {len(result.rows)} recordings done{kept}, {result.failed} failed",
+        f"written: {folder}, table of all: {result.table}",
+    )
+    return 1 if result.failed else 0
+
+
+def _require_folder(output: Path | None, verb: str) -> Path:
+    """Return the folder that results of many recordings go to."""
     if output is None or (output.suffix and not output.is_dir()) or output.is_file():
         given = "none is given" if output is None else f"{str(output)!r} is given"
         raise ConfigError(
@@ -80,35 +132,24 @@ def require_folder(output: Path | None, verb: str) -> Path:
     return output
 
 
-def run_many(batch: Batch, args: ManyArgs) -> int:
-    """Work on many recordings and say what came out; 1 where one failed, 0 otherwise."""
-    from spikingtac.batch.run import Workers, run_batch
+def _absolute(args: SomeArgs) -> SomeArgs:
+    """Return arguments with paths that hold wherever a worker runs, and without the recordings."""
+    changed: dict[str, Any] = {}
+    for name, value in vars(args).items():
+        if isinstance(value, Path):
+            changed[name] = value.absolute()
+        elif isinstance(value, tuple) and any(isinstance(one, Path) for one in value):
+            changed[name] = ()
+    preset = getattr(args, "preset", "")
+    if preset.endswith(".toml"):
+        changed["preset"] = str(Path(preset).absolute())
+    return replace(args, **changed)
 
-    workers = Workers(count=args.workers, scheduler=args.scheduler)
-    try:
-        with progress(f"{batch.name}: {len(batch.recordings)} recordings") as advance:
-            result = run_batch(batch, workers, args.resume, args.overwrite, advance)
-    except KeyboardInterrupt:
-        remark("interrupted; what is done is kept, go on with the same command and --resume")
-        raise
-    done = len(result.rows) - result.failed
-    if args.json:
-        emit_json(
-            {
-                "output": str(batch.folder),
-                "recordings": len(result.rows),
-                "done": done,
-                "failed": result.failed,
-                "kept": result.kept,
-                "table": str(result.table),
-                "rows": result.rows,
-            }
-        )
-        return 1 if result.failed else 0
-    failures = [(Path(row["source"]).name, row["error"]) for row in result.rows if row["error"]]
-    if failures:
-        emit_table("failed", ("recording", "why"), failures[:SHOWN], words=2)
-    kept = f", {result.kept} of them kept from before" if result.kept else ""
-    remark(f"{done} of {len(result.rows)} recordings done{kept}, {result.failed} failed")
-    remark(f"written: {batch.folder}, table of all: {result.table}")
-    return 1 if result.failed else 0
+
+def _settings(args: ManyArgs) -> dict[str, Any]:
+    """Return the arguments that all results depend on, as JSON holds them."""
+    return {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in vars(args).items()
+        if name not in APART and value not in (None, False, ())
+    }

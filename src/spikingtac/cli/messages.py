@@ -1,4 +1,4 @@
-"""Output of the verbs: results on stdout, progress and remarks on stderr."""
+"""Output of the verbs: results on stdout, as tables or as JSON; progress and remarks on stderr."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from typing import Any, NamedTuple, Protocol
 
 PIPE_COLUMNS = 1_000
 """Width of a table that no terminal shows, in characters: wider than any."""
+UNITS = {"_mev_s": "million events/s", "_us": "us", "_ms": "ms", "_s": "s",
+         "_hz": "Hz", "_px": "px", "_mm": "mm", "_n": "N"}  # fmt: skip
+"""Ending of a figure's name -> its unit; the first that fits counts."""
+SHARES = ("_fraction", "_share")
+"""Endings of what a reader is told in per cent."""
 
 
 class Advance(Protocol):
@@ -21,6 +23,39 @@ class Advance(Protocol):
     def __call__(self, done: float) -> None:
         """Set the fraction that is done, 0 to 1."""
         ...
+
+
+class Table(NamedTuple):
+    """A table to print: see :func:`emit_table`."""
+
+    title: str
+    columns: Iterable[str]
+    rows: Iterable[Iterable[object]]
+    words: int = 1
+
+
+def tell(as_json: bool, document: Mapping[str, Any], *shown: Table | str) -> int:
+    """Print the result of a verb, and return 0.
+
+    Args:
+        as_json: Print the document and nothing else.
+        document: The result as one JSON object.
+        *shown: The result for a reader, in order: tables, and lines for stderr.
+    """
+    if as_json:
+        emit_json(document)
+        return 0
+    for one in shown:
+        if isinstance(one, str):
+            remark(one)
+        else:
+            emit_table(*one)
+    return 0
+
+
+def figures(title: str, document: Mapping[str, Any]) -> Table:
+    """Return a document as a table of names and values; units stand behind the values."""
+    return Table(title, ("", ""), [_row(*item) for item in document.items()], words=2)
 
 
 def emit_json(document: Mapping[str, Any]) -> None:
@@ -79,19 +114,41 @@ def progress(what: str) -> Iterator[Advance]:
     Yields:
         A function that takes the fraction done, 0 to 1.
     """
+    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(what), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    console = _stderr_console()
+    console = Console(stderr=True, quiet=not sys.stderr.isatty())
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bars:
         task = bars.add_task(what, total=1.0)
         yield lambda done: bars.update(task, completed=done)
 
 
-def _stderr_console() -> Console:
-    from rich.console import Console
+def _row(key: str, value: Any) -> tuple[str, str]:
+    if key == "px_per_mm":
+        return "scale", "not known" if value is None else f"{value:.6g} px/mm"
+    known = value not in (None, [])
+    if key in ("size", "grid") and known:
+        return key, " x ".join(map(str, value))
+    if key.endswith(SHARES) and known:
+        return key.replace("_", " "), f"{100 * value:.4g} %"
+    ending = next((ending for ending in UNITS if key.endswith(ending)), "")
+    text = f"{value:,}" if key == "events" else _text(value)
+    unit = f" {UNITS[ending]}" if ending and known else ""
+    return key.removesuffix(ending).replace("_", " "), text + unit
 
-    return Console(stderr=True, quiet=not sys.stderr.isatty())
+
+def _text(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return {None: "not known", True: "yes", False: "no"}[value]
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        shown = (f"{key.replace('_', ' ')} {_text(one)}" for key, one in value.items())
+        return ", ".join(shown) or "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value)) or "none"
+    return str(value)
 
 
 def _plain(value: Any) -> Any:

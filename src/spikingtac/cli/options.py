@@ -9,11 +9,16 @@ import types
 import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from spikingtac.atomic_files import require_free
 from spikingtac.errors import ConfigError, nearest
+
+Output = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
+"""Option -o: what is written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +36,16 @@ class WriteArgs(JsonArgs):
     overwrite: bool = False
     """Replace what is already there."""
 
+    def claim(self, *paths: Path | None) -> None:
+        """Refuse files to write that are there already, before anything is computed.
+
+        Raises:
+            ConfigError: One is there and --overwrite is not given, or its folder is not.
+        """
+        for path in paths:
+            if path is not None:
+                require_free(path, self.overwrite)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReadArgs(JsonArgs):
@@ -41,6 +56,18 @@ class ReadArgs(JsonArgs):
     strict: bool = False
     """Refuse damage instead of repairing and counting it, and the calibration of another sensor
     instead of a warning."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerArgs(ReadArgs):
+    """Options of verbs that track events or read tracks."""
+
+    calibration: Path | None = None
+    """calibration.json of this sensor; make one with: spikingtac calibrate."""
+    preset: str = "default"
+    """Tracker: default (accurate), fast (10 kHz) or paper (as published), or a TOML file."""
+    rate_hz: float | None = None
+    """Estimates per second; the preset's unless given."""
 
 
 COMMON = ("--help",)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import Annotated, Any, get_args
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, remark
-from spikingtac.cli.options import WriteArgs
+from spikingtac.cli.messages import tell
+from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.file_kinds import kind_of
 from spikingtac.plots.events import EventKind
 from spikingtac.plots.theme import ThemeName, WidthName
 from spikingtac.plots.tracks import Kind
-
-if TYPE_CHECKING:
-    from spikingtac.tracks import Tracks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +26,7 @@ class Args(WriteArgs):
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRACKS|RECORDING")]
     """tracks.npz; or an event file or a recording folder."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Output = None
     """File to write: .png, .svg or .pdf; .gif animates a field of tracks, with the course below.
     tracks.png or events.png unless given."""
     kind: Kind | EventKind | None = None
@@ -55,8 +52,6 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Draw, and write the figure."""
-    from spikingtac.atomic_files import require_free
-
     tracked = kind_of(args.source) in ("tracks", "truth")
     output = args.output or Path("tracks.png" if tracked else "events.png")
     kind = args.kind or ("course" if tracked else "overview")
@@ -65,13 +60,10 @@ def run(args: Args) -> int:
         what = "tracks" if tracked else "a recording"
         raise ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
     _check(args, output, kind, tracked)
-    require_free(output, args.overwrite)
+    args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
-    if args.json:
-        emit_json({"output": str(output), "kind": kind, **told})
-    else:
-        remark(f"written: {output}")
-    return 0
+    document = {"output": str(output), "kind": kind, **told}
+    return tell(args.json, document, f"written: {output}")
 
 
 def _check(args: Args, output: Path, kind: str, tracked: bool) -> None:
@@ -100,32 +92,18 @@ def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
+    from spikingtac.plots.animation import save_animation
+    from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
     from spikingtac.tracks import Tracks
 
     tracks = Tracks.load(args.source)
-    animated = output.suffix == ".gif"
-    pictures = _animate(args, output, tracks) if animated else _draw(args, output, kind, tracks)
-    return {"pictures": pictures, **tracks.summary()}
-
-
-def _draw(args: Args, output: Path, kind: str, tracks: Tracks) -> int:
-    from spikingtac.plots.tracks import US_PER_S, plot_tracks, save_figure
-
+    style: dict[str, Any] = {"theme": args.theme, "width": args.width}
+    if output.suffix == ".gif":
+        stretch_s = args.from_s, args.to_s
+        pictures = save_animation(tracks, output, stretch_s=stretch_s, slow=args.slow, **style)
+        return {"pictures": pictures, **tracks.summary()}
     at_us = None
     if args.at_s is not None and len(tracks.t_us):
         at_us = int(tracks.t_us[0]) + round(args.at_s * US_PER_S)
-    save_figure(plot_tracks(tracks, kind, at_us=at_us, theme=args.theme, width=args.width), output)
-    return 1
-
-
-def _animate(args: Args, output: Path, tracks: Tracks) -> int:
-    from spikingtac.plots.animation import save_animation
-
-    return save_animation(
-        tracks,
-        output,
-        stretch_s=(args.from_s, args.to_s),
-        slow=args.slow,
-        theme=args.theme,
-        width=args.width,
-    )
+    save_figure(plot_tracks(tracks, kind, at_us=at_us, **style), output)
+    return {"pictures": 1, **tracks.summary()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from spikingtac.cli.messages import emit_json, emit_table, remark
+from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.probe_search import ProbeArgs as Args
 
 
@@ -18,20 +18,16 @@ def run(args: Args) -> int:
     paths = output_paths(args.output, args.overwrite)
     found = probe_arm.on_arm(args) if args.arm else probe_twin.on_twin(args)
     summary = found.summary() | (write(found, paths) if paths else {})
-    if args.json:
-        emit_json(summary)
-    else:
-        _print(summary)
-    return 0
+    return tell(args.json, summary, *_shown(summary))
 
 
-def _print(summary: dict[str, Any]) -> None:
+def _shown(summary: dict[str, Any]) -> list[Table | str]:
     rows = [
         (name, summary[name], summary[f"{name}_sigma"], summary.get(f"{name}_error", "-"))
         for name in ("x_mm", "y_mm", "radius_mm")
     ]
     columns = ("", "estimate", "standard deviation", "error (simulated)")
     place = "simulated" if summary["simulated"] else "real arm"
-    emit_table(f"hole from {summary['contacts']} contacts ({place})", columns, rows)
-    if "output" in summary:
-        remark(f"written: {summary['output']}, {summary['picture']}")
+    table = Table(f"hole from {summary['contacts']} contacts ({place})", columns, rows)
+    written = [f"written: {summary['output']}, {summary['picture']}"] if "output" in summary else []
+    return [table, *written]

@@ -9,6 +9,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.cli.interrupt import ended_by_sigterm
 from spikingtac.cli.probe_result import ProbedHole
 from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
@@ -17,7 +18,6 @@ from spikingtac.cli.probe_search import (
     resolved_config,
     search,
 )
-from spikingtac.cli.termination import ended_by_sigterm
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
+import tyro
+
+from spikingtac.cli.interrupt import ending_on_interrupt
 from spikingtac.cli.messages import warn
+from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
 from spikingtac.events.manifest import name_of
 
@@ -22,24 +27,41 @@ def second_name(path: Path) -> Path:
     return path.with_name(name_of(path.name, 1))
 
 
-def require_pair(first: Path | None, second: Path | None, many: bool) -> list[Path]:
-    """Return the calibrations of two fingers.
+@dataclass(frozen=True, kw_only=True)
+class SecondArgs(JsonArgs):
+    """Options of verbs that take two fingers."""
 
-    Args:
-        first: Of the first one, or None where it was not given.
-        second: Of the other one, likewise.
-        many: Whether the command line means many recordings.
+    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
+    """The other finger: its recording or camera, put on the first one's clock."""
+    second_calibration: Path | None = None
+    """calibration.json of the other finger."""
 
-    Raises:
-        ConfigError: One is missing, or there are many recordings.
-    """
-    if many:
-        raise ConfigError("--second is the other finger of one recording; give a single one")
-    if first is None or second is None:
-        raise ConfigError(
-            "two fingers need a calibration each: --calibration and --second-calibration"
-        )
-    return [first, second]
+    def calibrations(self, first: Path | None, many: bool) -> list[Path]:
+        """Return the calibrations of two fingers.
+
+        Args:
+            first: Of the first one, or None where it was not given.
+            many: Whether the command line means many recordings.
+
+        Raises:
+            ConfigError: One is missing, or there are many recordings.
+        """
+        if many:
+            raise ConfigError("--second is the other finger of one recording; give a single one")
+        if first is None or self.second_calibration is None:
+            raise ConfigError(
+                "two fingers need a calibration each: --calibration and --second-calibration"
+            )
+        return [first, self.second_calibration]
+
+
+def work_on_two(
+    first: Path, second: Path, strict: bool, work: Callable[[int, FileSource], Result]
+) -> list[Result]:
+    """Open two fingers and do the work on both; Ctrl-C ends cameras."""
+    sources = open_two(first, second, strict=strict)
+    with ending_on_interrupt(*sources):
+        return for_each(work, sources)
 
 
 def open_two(first: Path, second: Path, *, strict: bool = False) -> list[FileSource]:

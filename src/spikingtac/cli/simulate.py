@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.messages import emit_json, progress, remark
+from spikingtac.cli.messages import emit_json, progress, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plugins import SCENE_DESIGNS, with_plugins
 from spikingtac.sim.camera.config import CAMERA_NAMES
-
-if TYPE_CHECKING:
-    from spikingtac.sim.scene.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +63,8 @@ def run(args: Args) -> int:
         )
     scene = catalog.load(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
-        scene = _with_design(scene, args.design)
+        # The package that registers the designs puts the scene on one of them.
+        scene = with_plugins({}, SCENE_DESIGNS)["design"](scene, args.design)
     with progress(f"simulating {args.scene}") as advance:
         summary = simulate(
             scene,
@@ -75,22 +74,12 @@ def run(args: Args) -> int:
             overwrite=args.overwrite,
             advance=advance,
         )
-    if args.json:
-        emit_json({"scene": args.scene, **summary})
-    else:
-        seconds, events = summary["duration_s"], summary["events"]
-        remark(f"{args.output}: {seconds:.3f} s, {events:,} events, {summary['markers']} markers")
-    return 0
-
-
-def _with_design(scene: Scene, name: str) -> Scene:
-    """Put a scene on a sensor, through the package that registers the designs."""
-    return with_plugins({}, SCENE_DESIGNS)["design"](scene, name)
+    seconds, events, markers = (summary[name] for name in ("duration_s", "events", "markers"))
+    written = f"written: {args.output}, {seconds:.3f} s, {events:,} events, {markers} markers"
+    return tell(args.json, {"scene": args.scene, **summary}, written)
 
 
 def _list(as_json: bool) -> int:
-    import sys
-
     from spikingtac.sim.scene import catalog
 
     scenes = catalog.descriptions()

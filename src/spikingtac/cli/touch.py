@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.atomic_files import require_free
+from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, progress, remark, warn
+from spikingtac.cli.many import ManyArgs, means_many, run_many
+from spikingtac.cli.messages import Table, progress, tell, warn
+from spikingtac.cli.options import Output, TrackerArgs
+from spikingtac.cli.second import SecondArgs, second_name, work_on_two
 from spikingtac.cli.touch_rows import (
-    print_rows,
-    print_vibration,
     touch_row,
+    touch_table,
     vibration_row,
+    vibration_table,
     write_rows,
 )
-from spikingtac.cli.touch_watch import WatchArgs, Watched, track, watch
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
+    from spikingtac.events.formats.file_source import FileSource
     from spikingtac.touch.ageing import Swing
-
+    from spikingtac.touch.force.series import WrenchSeries
+    from spikingtac.types import MarkerFrame
 
 VIBRATION_WINDOW_S = 1.0
 """Length of a spectrum of vibration, s: bins of 1 Hz."""
+PROGRESS_EVERY = 256
+"""Frames between two reports of progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(WatchArgs):
+class Args(ManyArgs, TrackerArgs, SecondArgs):
     """List the touches in a recording: begin, end, place, area, peak and slips of each.
 
     This verb tells touches apart and measures them, some 20 to 60 ms after they begin. To stop a
@@ -45,13 +50,25 @@ class Args(WatchArgs):
     sources: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SOURCE...")]
     """Event file, recording folder or camera, with --calibration; or tracks.npz, or arrays t_us,
     reference_mm, displacement_mm. Several, folders of them, patterns such as 'day/*.raw'."""
-    second: Annotated[Path | None, tyro.conf.arg(metavar="SOURCE")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
-    second_calibration: Path | None = None
-    """calibration.json of the other finger."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    vibration: bool = False
+    """Report the strongest line of vibration in every second, from the markers' mean motion."""
+    output: Output = None
     """CSV file to write, one line per touch; a folder for many. The second finger's touches.csv is
     touches_1.csv."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Watched:
+    """Frames with what is needed to read them; lengths are in ``unit``."""
+
+    frames: Iterator[MarkerFrame]
+    reference: Any
+    unit: str
+    scale: SkinScale | None
+    rate_hz: float
+    anomalies: dict[str, int]
+    health: dict[str, float]
+    swing: Callable[[], Swing | None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,100 +77,81 @@ class _Found:
 
     rows: list[dict[str, Any]]
     first_us: int | None
-    watched: Watched
+    watched: _Watched
     swing: Swing | None
     lines: list[dict[str, Any]] | None
+
+    @property
+    def document(self) -> dict[str, Any]:
+        watched = self.watched
+        return {
+            "t_first_us": self.first_us,
+            "touches": self.rows,
+            "anomalies": watched.anomalies,
+            "health": watched.health or None,
+            "vibration": self.lines,
+            "swing": None if self.swing is None else round(self.swing.share, 3),
+        }
+
+    def shown(self, name: str, since_us: int | None) -> list[Table | str]:
+        """Return the same for a reader, with times from ``since_us`` on."""
+        anomalies = self.watched.anomalies.items()
+        notes = [f"note: {kind} {count} times in the recording" for kind, count in anomalies]
+        px_per_mm = None if self.watched.scale is None else self.watched.scale.px_per_mm
+        tables = [touch_table(name, self.rows, px_per_mm, since_us or 0)]
+        if self.lines is not None:
+            tables.append(vibration_table(name, self.lines, px_per_mm, since_us or 0))
+        return [*notes, *tables]
 
 
 def run(args: Args) -> int:
     """Follow the markers, find the touches, and list them."""
     many = means_many(args, args.sources)
     if args.second is not None:
-        return _run_two(args, many)
+        return _run_two(args, args.second, many)
     if many:
         return _run_many(args)
     source = args.sources[0]
-    if args.output is not None:
-        require_free(args.output, args.overwrite)
+    args.claim(args.output)
     with progress(f"watching {source.name}") as advance:
-        found = _find(args, source, advance)
+        found = _listed(args, _watch(args, source, advance))
+    shown = found.shown(source.name, found.first_us)
     if args.output is not None:
         write_rows(args.output, found.rows)
-    if args.json:
-        emit_json(_document(found))
-    else:
-        _print(found, source, found.first_us)
-    return 0
+        shown.append(f"written: {args.output}")
+    return tell(args.json, found.document, *shown)
 
 
-def _run_two(args: Args, many: bool) -> int:
+def _run_two(args: Args, second: Path, many: bool) -> int:
     """List the touches of two fingers on the first one's clock."""
-    from spikingtac.cli.second import for_each, open_two, require_pair, second_name
-
-    calibrations = require_pair(args.calibration, args.second_calibration, many)
-    assert args.second is not None
+    calibrations = args.calibrations(args.calibration, many)
     paths = [] if args.output is None else [args.output, second_name(args.output)]
-    for path in paths:
-        require_free(path, args.overwrite)
-    sources = open_two(args.sources[0], args.second, strict=args.strict)
-    with ending_on_interrupt(*sources):
-        both = for_each(
-            lambda number, source: _listed(args, track(args, source, calibrations[number])), sources
-        )
-    for path, found in zip(paths, both, strict=False):
+    args.claim(*paths)
+
+    def work(number: int, source: FileSource) -> _Found:
+        return _listed(args, _track(args, source, calibrations[number]))
+
+    one, other = work_on_two(args.sources[0], second, args.strict, work)
+    for path, found in zip(paths, (one, other), strict=False):
         write_rows(path, found.rows)
-    if args.json:
-        emit_json({**_document(both[0]), "second": _document(both[1])})
-        return 0
-    for found, source in zip(both, (args.sources[0], args.second), strict=True):
-        _print(found, source, both[0].first_us)
-    return 0
-
-
-def _document(found: _Found) -> dict[str, Any]:
-    watched = found.watched
-    return {
-        "t_first_us": found.first_us,
-        "touches": found.rows,
-        "anomalies": watched.anomalies,
-        "health": watched.health or None,
-        "vibration": found.lines,
-        "swing": None if found.swing is None else round(found.swing.share, 3),
-    }
+    shown = one.shown(args.sources[0].name, one.first_us) + other.shown(second.name, one.first_us)
+    written = [f"written: {path}" for path in paths]
+    return tell(args.json, one.document | {"second": other.document}, *shown, *written)
 
 
 def _run_many(args: Args) -> int:
-    from spikingtac.batch.inputs import SERIES_MEMBERS, find_recordings
-    from spikingtac.batch.run import Batch
+    from spikingtac.batch.inputs import SERIES_MEMBERS
     from spikingtac.config import load_config
 
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
-    folder = require_folder(args.output, "touch")
     load_config(args.preset)  # what is wrong for all of them is refused before any work is done
-    preset = Path(args.preset)
-    batch = Batch(
-        name="touch",
-        work=touch_one,
-        recordings=find_recordings(args.sources, SERIES_MEMBERS, apart_from=folder),
-        folder=folder,
-        ending=".csv",
-        settings={
-            "calibration": None if args.calibration is None else str(args.calibration.absolute()),
-            "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
-            "rate_hz": args.rate_hz,
-            "sensor": args.sensor,
-            "strict": args.strict,
-        },
-    )
-    return run_many(batch, args)
+    return run_many("touch", args, args.sources, touch_one, ".csv", members=SERIES_MEMBERS)
 
 
-def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """List the touches of one of many recordings and return its row of the table."""
-    calibration = settings["calibration"]
-    path = None if calibration is None else Path(calibration)
-    found = _find(Args(**{"sources": (recording,), **settings, "calibration": path}), recording)
+    found = _listed(args, _watch(args, recording))
     write_rows(output, found.rows)
     ended = [row["duration_us"] for row in found.rows if row["duration_us"] is not None]
     return {
@@ -165,13 +163,7 @@ def touch_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dic
     }
 
 
-def _find(
-    args: Args, source: Path, advance: Callable[[float], None] = lambda share: None
-) -> _Found:
-    return _listed(args, watch(args, source, advance))
-
-
-def _listed(args: Args, watched: Watched) -> _Found:
+def _listed(args: Args, watched: _Watched) -> _Found:
     from spikingtac.touch.slip.held import HeldTouchDetector
     from spikingtac.touch.touch import TouchConfig
     from spikingtac.touch.vibration import VibrationMonitor
@@ -193,7 +185,7 @@ def _listed(args: Args, watched: Watched) -> _Found:
             asked_us = frame.t_us
             spectrum = monitor.spectrum()
             if spectrum is not None and spectrum.line_hz is not None:
-                lines.append(vibration_row(spectrum, watched.unit, watched.px_per_mm))
+                lines.append(vibration_row(spectrum, watched.unit, watched.scale))
     last = detector.finish()
     found += [] if last is None else [last]
     swing = watched.swing()
@@ -203,10 +195,91 @@ def _listed(args: Args, watched: Watched) -> _Found:
     return _Found(rows, first_us, watched, swing, None if monitor is None else lines)
 
 
-def _print(found: _Found, source: Path, since_us: int | None) -> None:
-    for kind, count in found.watched.anomalies.items():
-        remark(f"note: {kind} {count} times in the recording")
-    scale, since_us = found.watched.px_per_mm, since_us or 0
-    print_rows(source.name, found.rows, scale, since_us)
-    if found.lines is not None:
-        print_vibration(source.name, found.lines, scale, since_us)
+def _watch(
+    args: Args, path: Path, advance: Callable[[float], None] = lambda share: None
+) -> _Watched:
+    """Return the frames of a recording, of tracks, or of arrays; ``advance`` is told the share."""
+    from spikingtac.touch.force.series import is_series, load_series
+
+    if is_series(path):
+        return _watched_series(args, path, load_series(path).in_image())
+    if args.calibration is None:
+        raise ConfigError(
+            "events need the sensor's calibration: --calibration calibration.json; "
+            "make one with: spikingtac calibrate RECORDING -o calibration.json"
+        )
+    from spikingtac.events.open import open_events
+
+    source = open_events(path, strict=args.strict, sensor=args.sensor)
+    return _track(args, source, args.calibration, advance)
+
+
+def _track(
+    args: Args,
+    source: FileSource,
+    calibration_path: Path,
+    advance: Callable[[float], None] = lambda share: None,
+) -> _Watched:
+    """Return the frames that a tracker makes of events."""
+    from spikingtac.calibration.sensor_calibration import Calibration
+    from spikingtac.config import load_config
+    from spikingtac.markers.registry import make_tracker
+    from spikingtac.pipeline.checked_source import CheckedSource, refuse
+    from spikingtac.pipeline.follow import follow
+    from spikingtac.pipeline.track import require_same_size
+    from spikingtac.touch.ageing import SwingRuns
+
+    calibration = Calibration.load(calibration_path)
+    config = load_config(args.preset).with_tracking(rate_hz=args.rate_hz, hysteresis="none")
+    require_same_size(source.size, calibration.size)
+    tracker, rate_hz = make_tracker(config.tracking, calibration), config.tracking.rate_hz
+    checked = CheckedSource(source, calibration, refuse if args.strict else warn)
+    runs = SwingRuns(calibration)
+    anomalies: dict[str, int] = {}
+    health: dict[str, float] = {}
+
+    def frames() -> Iterator[MarkerFrame]:
+        with ending_on_interrupt(source):
+            packets = runs.passing(checked)
+            for index, frame in enumerate(follow(packets, tracker, rate_hz, checked.losses)):
+                runs.follow(frame.detected_px - calibration.reference_px)
+                if index % PROGRESS_EVERY == 0:
+                    advance(source.progress)
+                yield frame
+        anomalies.update(source.losses.kinds())
+        health.update(source.counters().summary())
+
+    told = (rate_hz, anomalies, health, runs.swing)
+    return _Watched(frames(), calibration.reference_px, "px", calibration.skin_scale, *told)
+
+
+def _watched_series(args: Args, path: Path, series: WrenchSeries) -> _Watched:
+    """Return the frames of a series that was measured by another sensor, or of tracks."""
+    import numpy as np
+
+    from spikingtac.types import MarkerFrame
+
+    def frames() -> Iterator[MarkerFrame]:
+        markers = len(series.reference)
+        seen, sure = np.zeros(markers, np.bool_), np.ones(markers)
+        for t_us, moved in zip(series.t_us, series.displacement, strict=True):
+            place = series.reference + moved
+            yield MarkerFrame(int(t_us), place, place, moved, seen, sure)
+
+    scale = SkinScale(1.0) if series.unit == "mm" else _scale_in_image(args, path)
+    rate_hz = 1e6 / float(np.median(np.diff(series.t_us))) if len(series.t_us) > 1 else 1.0
+    return _Watched(frames(), series.reference, series.unit, scale, rate_hz, {}, {})
+
+
+def _scale_in_image(args: Args, tracks: Path) -> SkinScale | None:
+    """Return the scale of a calibration, or else the one that tracks keep; None without either."""
+    if args.calibration is not None:
+        from spikingtac.calibration.sensor_calibration import Calibration
+
+        return Calibration.load(args.calibration).skin_scale
+    from spikingtac.tracks.tracks import Tracks
+
+    try:
+        return Tracks.load(tracks).skin_scale
+    except RecordingError:  # arrays alone, of another program
+        return None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.atomic_files import replacing
 from spikingtac.calibration.lens import SkinScale
-from spikingtac.cli.messages import emit_table
+from spikingtac.cli.messages import Table
 from spikingtac.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -65,15 +65,14 @@ def _field(touch: Touch, unit: str, scale: SkinScale | None) -> dict[str, float]
     return values
 
 
-def slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
+def _slip_text(slips: list[dict[str, Any]] | None, first_us: int) -> str:
     """Return what slipped first, and when, ms from ``first_us``."""
     first = _first_slip(slips)
     if first["slips"] is None:
         return "unknown"
-    if first["gross_us"] is not None:
-        return f"all from {(first['gross_us'] - first_us) / 1e3:.0f}"
-    if first["incipient_us"] is not None:
-        return f"part from {(first['incipient_us'] - first_us) / 1e3:.0f}"
+    for what, t_us in (("all", first["gross_us"]), ("part", first["incipient_us"])):
+        if t_us is not None:
+            return f"{what} from {(t_us - first_us) / 1e3:.0f}"
     return "none"
 
 
@@ -139,40 +138,37 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
     return out | row["field"]
 
 
-def print_rows(
+def touch_table(
     name: str, rows: list[dict[str, Any]], px_per_mm: float | None, first_us: int
-) -> None:
-    """Print the touches of a recording, times from ``first_us`` on."""
+) -> Table:
+    """Return the touches of a recording for a reader, times from ``first_us`` on."""
     unit = "mm" if px_per_mm is not None else "px"
-    emit_table(
-        f"touches in {name}, times from its first event",
-        (
-            *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"peak {unit}"),
-            *("peak strain", "slip ms"),
-        ),
-        [
-            (
-                f"{(row['begin_us'] - first_us) / 1e3:.0f}",
-                "-" if row["end_us"] is None else f"{(row['end_us'] - first_us) / 1e3:.0f}",
-                "{:.1f}, {:.1f}".format(*row[f"place_{unit}"]),
-                f"{row[f'area_{unit}2']:.1f}",
-                f"{row[f'peak_displacement_{unit}']:.2f}",
-                f"{row['peak_strength']:.3f}",
-                slip_text(row["slips"], first_us),
-            )
-            for row in rows
-        ],
-        words=0,
+    columns = (
+        *("begin ms", "end ms", f"place {unit}", f"area {unit}2", f"displacement {unit}"),
+        *("peak strain", "slip ms"),
     )
+    shown = [
+        (
+            f"{(row['begin_us'] - first_us) / 1e3:.0f}",
+            "-" if row["end_us"] is None else f"{(row['end_us'] - first_us) / 1e3:.0f}",
+            "{:.1f}, {:.1f}".format(*row[f"place_{unit}"]),
+            f"{row[f'area_{unit}2']:.1f}",
+            f"{row[f'peak_displacement_{unit}']:.2f}",
+            f"{row['peak_strength']:.3f}",
+            _slip_text(row["slips"], first_us),
+        )
+        for row in rows
+    ]
+    return Table(f"touches in {name}, times from its first event", columns, shown, words=0)
 
 
-def vibration_row(found: Spectrum, unit: str, px_per_mm: float | None) -> dict[str, Any]:
+def vibration_row(found: Spectrum, unit: str, skin: SkinScale | None) -> dict[str, Any]:
     """Return the line of a spectrum as plain values; in um, too, where the scale is known.
 
     Args:
         found: A spectrum with a line.
         unit: Unit of its amplitudes, ``px`` or ``mm``.
-        px_per_mm: Scale of the skin in that unit, or None.
+        skin: Scale of the skin in that unit, or None.
     """
     row: dict[str, Any] = {
         "t_us": found.t_us,
@@ -182,28 +178,25 @@ def vibration_row(found: Spectrum, unit: str, px_per_mm: float | None) -> dict[s
     values = {"amplitude": found.line_px, "sigma": found.noise_px}
     if unit == "px":
         row |= {f"{name}_px": round(value, 5) for name, value in values.items()}
-    if px_per_mm is not None:
-        scale = UM_PER_MM / px_per_mm
+    if skin is not None:
+        scale = UM_PER_MM / skin.px_per_mm
         row |= {f"{name}_um": round(scale * value, 3) for name, value in values.items()}
     return row
 
 
-def print_vibration(
+def vibration_table(
     name: str, lines: list[dict[str, Any]], px_per_mm: float | None, first_us: int
-) -> None:
-    """Print lines of vibration, times from ``first_us`` on."""
+) -> Table:
+    """Return lines of vibration for a reader, times from ``first_us`` on."""
     unit = "px" if px_per_mm is None else "um"
-    emit_table(
-        f"vibration in {name}, the second before each time",
-        ("until ms", "line Hz", "over noise", f"amplitude {unit}"),
-        [
-            (
-                f"{(row['t_us'] - first_us) / 1e3:.0f}",
-                f"{row['line_hz']:.1f}",
-                f"{row['noise_ratio']:.0f}",
-                f"{row[f'amplitude_{unit}']:.3g} +- {row[f'sigma_{unit}']:.2g}",
-            )
-            for row in lines
-        ],
-        words=0,
-    )
+    shown = [
+        (
+            f"{(row['t_us'] - first_us) / 1e3:.0f}",
+            f"{row['line_hz']:.1f}",
+            f"{row['noise_ratio']:.0f}",
+            f"{row[f'amplitude_{unit}']:.3g} +- {row[f'sigma_{unit}']:.2g}",
+        )
+        for row in lines
+    ]
+    columns = ("until ms", "line Hz", "over noise", f"amplitude {unit}")
+    return Table(f"vibration in {name}, the second before each time", columns, shown, words=0)

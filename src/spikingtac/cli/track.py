@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.deadlines import ask_for_real_time, require_live
-from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.many import ManyArgs, means_many, require_folder, run_many
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark, warn
+from spikingtac.cli.interrupt import ask_for_real_time, ending_on_interrupt, require_live
+from spikingtac.cli.many import ManyArgs, means_many, run_many
+from spikingtac.cli.messages import Table, progress, tell
+from spikingtac.cli.options import Output
+from spikingtac.cli.second import SecondArgs, second_name, work_on_two
 from spikingtac.types import LawName, Polarity
 
 if TYPE_CHECKING:
@@ -20,11 +21,12 @@ if TYPE_CHECKING:
     from spikingtac.events.formats.file_source import FileSource
     from spikingtac.markers.tracking_config import TrackingConfig
     from spikingtac.pipeline.checked_source import CheckedSource
-    from spikingtac.touch.force.model import ForceModel
+
+TRACKS = Path("tracks.npz")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(ManyArgs):
+class Args(ManyArgs, SecondArgs):
     """Follow every marker through a recording and write its displacement over time.
 
     Many recordings (several paths, a folder, a quoted pattern) go into a folder, with a table of
@@ -38,11 +40,7 @@ class Args(ManyArgs):
     of recordings or a pattern such as 'day/*.raw' are tracked one by one."""
     calibration: Path
     """calibration.json of this sensor; make one with: spikingtac calibrate."""
-    second: Annotated[Path | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """The other finger: its recording or camera, put on the first one's clock."""
-    second_calibration: Path | None = None
-    """calibration.json of the other finger."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Output = None
     """File to write: .npz, or .csv and .parquet in long form; tracks.npz unless given. A folder for
     many. The second finger's tracks.npz is tracks_1.npz."""
     preset: str = "default"
@@ -66,46 +64,29 @@ def run(args: Args) -> int:
     if args.realtime:
         require_live([*args.recordings, *([args.second] if args.second else ())])
     if args.second is not None:
-        return _run_two(args, many)
+        return _run_two(args, args.second, many)
     if many:
-        return _run_many(args)
-    from spikingtac.atomic_files import require_free
-
-    recording, output = args.recordings[0], args.output or Path("tracks.npz")
-    require_free(output, args.overwrite)
+        _configured(args, args.calibration)  # what is wrong for all of them is refused first
+        return run_many("track", args, args.recordings, track_one, ".npz")
+    recording, output = args.recordings[0], args.output or TRACKS
+    args.claim(output)
     with progress(f"tracking {recording.name}") as advance:
         summary = _track(args, recording, output, advance)
-    if args.json:
-        emit_json(summary)
-        return 0
-    _print(summary, recording)
-    return 0
+    return tell(args.json, summary, *_shown(summary, recording))
 
 
-def _run_two(args: Args, many: bool) -> int:
+def _run_two(args: Args, second: Path, many: bool) -> int:
     """Track two fingers on the first one's clock."""
-    from spikingtac.atomic_files import require_free
-    from spikingtac.cli.second import for_each, open_two, require_pair, second_name
-
-    calibrations = require_pair(args.calibration, args.second_calibration, many)
-    assert args.second is not None
-    output = args.output or Path("tracks.npz")
+    calibrations = args.calibrations(args.calibration, many)
+    output, first = args.output or TRACKS, args.recordings[0]
     outputs = [output, second_name(output)]
-    for path in outputs:
-        require_free(path, args.overwrite)
-    sources = open_two(args.recordings[0], args.second, strict=args.strict)
+    args.claim(*outputs)
 
     def work(number: int, source: FileSource) -> dict[str, Any]:
         return _track_source(args, source, calibrations[number], outputs[number])
 
-    with ending_on_interrupt(*sources):
-        both = for_each(work, sources)
-    if args.json:
-        emit_json({**both[0], "second": both[1]})
-        return 0
-    for summary, recording in zip(both, (args.recordings[0], args.second), strict=True):
-        _print(summary, recording)
-    return 0
+    one, other = work_on_two(first, second, args.strict, work)
+    return tell(args.json, one | {"second": other}, *_shown(one, first), *_shown(other, second))
 
 
 def _track(
@@ -128,9 +109,10 @@ def _track_source(
     from spikingtac.markers.calibration.calibrate import completed
     from spikingtac.pipeline.checked_source import CheckedSource, refuse
     from spikingtac.pipeline.track import track_to_file
+    from spikingtac.touch.force.model import load_force
 
     tracking, calibration = _configured(args, calibration_path)
-    force = _force_of(args)
+    force = None if args.force is None else load_force(args.force)
     if tracking.method != "blobs" and not is_stream(source.path):
         calibration = completed(source, calibration)
     if args.strict:
@@ -153,93 +135,39 @@ def _configured(args: Args, calibration_path: Path) -> tuple[TrackingConfig, Cal
     return config.tracking, calibration.with_polarity(args.polarity)
 
 
-def _force_of(args: Args) -> ForceModel | None:
-    """Return the force model that the options name, or None."""
-    if args.force is None:
-        return None
-    from spikingtac.touch.force.model import load_force
-
-    return load_force(args.force)
-
-
-def _run_many(args: Args) -> int:
-    from spikingtac.batch.inputs import find_recordings
-    from spikingtac.batch.run import Batch
-    from spikingtac.calibration.sensor_calibration import Calibration
-    from spikingtac.config import load_config
-
-    folder = require_folder(args.output, "track")
-    # What is wrong for all of them is refused before any work is done.
-    Calibration.load(args.calibration)
-    load_config(args.preset)
-    batch = Batch(
-        name="track",
-        work=track_one,
-        recordings=find_recordings(args.recordings, apart_from=folder),
-        folder=folder,
-        ending=".npz",
-        settings=_settings(args),
-    )
-    return run_many(batch, args)
-
-
-def _settings(args: Args) -> dict[str, Any]:
-    """Return what a worker needs to know, with paths that hold wherever it runs."""
-    preset = Path(args.preset)
-    return {
-        "calibration": str(args.calibration.absolute()),
-        "preset": str(preset.absolute()) if preset.suffix == ".toml" else args.preset,
-        "rate_hz": args.rate_hz,
-        "polarity": args.polarity,
-        "hysteresis": args.hysteresis,
-        "sensor": args.sensor,
-        "force": None if args.force is None else str(args.force.absolute()),
-        "strict": args.strict,
-    }
-
-
-def track_one(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+def track_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:
     """Track one of many recordings and return its row of the table."""
-    paths = {
-        name: None if settings[name] is None else Path(settings[name])
-        for name in ("calibration", "force")
-    }
-    args = Args(**{"recordings": (recording,), "output": output, **settings, **paths})
     summary = _track(args, recording, output)
-    return {
-        "markers": summary["markers"],
-        "estimates": summary["estimates"],
+    same = ("markers", "estimates", "held_share", "displacement_max_px", "swing")
+    return {name: summary[name] for name in same} | {
         "duration_s": summary["estimates"] / summary["rate_hz"],
-        "held_share": summary["held_share"],
-        "displacement_max_px": summary["displacement_max_px"],
         "never_observed": len(summary["never_observed"]),
         "anomalies": sum(summary["anomalies"].values()),
         "calibration_misfit": int(summary["calibration_misfit"] is not None),
-        "swing": summary["swing"],
     }
 
 
-def _print(summary: dict[str, Any], recording: Path) -> None:
-    for kind, count in summary["anomalies"].items():
-        remark(f"note: {kind} {count} times in the recording")
-    if summary["calibration_misfit"]:
-        warn(summary["calibration_misfit"])
-    if summary.get("ageing"):
-        warn(summary["ageing"])
-    for marker in summary["never_observed"]:
-        remark(f"note: marker {marker} was never observed; its positions are predictions")
-    emit_table(
-        f"tracks of {recording.name}",
-        ("markers", "estimates", "rate Hz", "held", "largest displacement px", "output"),
-        [
-            (
-                summary["markers"],
-                summary["estimates"],
-                f"{summary['rate_hz']:g}",
-                f"{summary['held_share']:.2%}",
-                f"{summary['displacement_max_px']:.2f}",
-                summary["output"],
-            )
-        ],
-        words=0,
-    )
+def _shown(summary: dict[str, Any], recording: Path) -> list[Table | str]:
+    notes = [
+        f"{kind} {count} times in the recording" for kind, count in summary["anomalies"].items()
+    ]
+    notes += [
+        f"marker {marker} was never observed; its positions are predictions"
+        for marker in summary["never_observed"]
+    ]
+    warnings = filter(None, (summary["calibration_misfit"], summary.get("ageing")))
+    cells = {
+        "markers": summary["markers"],
+        "estimates": summary["estimates"],
+        "rate Hz": f"{summary['rate_hz']:g}",
+        "held": f"{summary['held_share']:.2%}",
+        "largest displacement px": f"{summary['displacement_max_px']:.2f}",
+    }
+    if summary.get("force_max_n") is not None:
+        cells["largest force N"] = f"{summary['force_max_n']:.3f}"
+    return [
+        *(f"note: {note}" for note in notes),
+        *(f"warning: {warning}" for warning in warnings),
+        Table(f"tracks of {recording.name}", tuple(cells), [tuple(cells.values())], words=0),
+        f"written: {summary['output']}",
+    ]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from spikingtac.cli.deadlines import require_live
-from spikingtac.cli.messages import emit_json, emit_table, progress, remark
+from spikingtac.cli.interrupt import require_live
+from spikingtac.cli.messages import figures, progress, remark, tell
 from spikingtac.cli.options import WriteArgs
 from spikingtac.errors import ConfigError
 from spikingtac.plots.summary import PICTURE_ENDINGS
@@ -83,11 +83,10 @@ class Args(PageArgs):
 def run(args: Args) -> int:
     """Serve the page, and print the summary at its end."""
     check_seconds(args.seconds)
-    if args.realtime:
-        _check_deadlines(args)
+    _check_together(args)
     arguments = {
         "source": args.source,
-        "calibration": str(args.calibration) if args.calibration else None,
+        "calibration": _text(args.calibration),
         "preset": args.preset,
         "rate_hz": args.rate_hz,
         "seed": args.seed,
@@ -95,20 +94,32 @@ def run(args: Args) -> int:
     }
     if args.force is not None:
         arguments["force"] = str(args.force)
+    target = args.export or args.picture
+    if args.second is not None:
+        summary = _both_shown(arguments, args, args.second)
+    elif target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
+        summary = _exported(arguments, args, target)
+    else:
+        summary = _shown(arguments, args)
+    return report(args.source, summary, as_json=args.json)
+
+
+def _check_together(args: Args) -> None:
+    """Refuse options that do not go together."""
+    if args.realtime:
+        if args.second is not None or args.export is not None:
+            raise ConfigError(
+                "--realtime takes one camera on the page; leave out --second, --export"
+            )
+        require_live([args.source])
     if args.calibrate and (args.calibration or args.force or args.export):
         raise ConfigError(
             "--calibrate begins without one; leave out --calibration, --force and --export"
         )
     if args.export is not None and args.picture is not None:
         raise ConfigError("-o and --export write the same; give one of them")
-    if args.second is not None:
-        summary = _both_shown(arguments, args, args.second)
-    elif args.export or (args.picture and args.picture.suffix not in PICTURE_ENDINGS):
-        summary = _exported(arguments, args)
-    else:
-        summary = _shown(arguments, args)
-    report(args.source, summary, as_json=args.json)
-    return 0
+    if args.second is not None and (args.export or args.picture or args.calibrate):
+        raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
 
 
 def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str, Any]:
@@ -118,45 +129,31 @@ def _both_shown(arguments: dict[str, Any], args: Args, second: str) -> dict[str,
     from spikingtac.viewer.opening import open_felt_source, open_view_source
     from spikingtac.viewer.web.show import show
 
-    if args.export is not None or args.picture is not None or args.calibrate:
-        raise ConfigError("--export, --picture and --calibrate take one finger; leave out --second")
     recorded = Path(args.source).exists() and Path(second).exists()
-    calibration = args.second_calibration
-    other = {
-        **arguments,
-        "source": second,
-        "calibration": None if calibration is None else str(calibration),
-    }
+    other = {**arguments, "source": second, "calibration": _text(args.second_calibration)}
     opener = open_felt_source if "force" in arguments else open_view_source
     views = [Factory(function=opener, arguments=given) for given in (arguments, other)]
     if recorded:
         beside = {**other, "beside": args.source}
         views[1] = Factory(function=open_second_view, arguments=beside)
-    if recorded and args.headless:
-        first, other_summary = (_headless(view(), args, None) for view in views)
-        return {**first, "second": other_summary}
+        if args.headless:
+            first, other_summary = (_headless(view(), args, None) for view in views)
+            return {**first, "second": other_summary}
     return show(views, page_options(args), remark, one_clock=recorded)
 
 
 def _shown(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
     from spikingtac.viewer.calibrating import SaveTarget
 
+    path = Path(args.source)
     if args.force is None:
         arguments["look"] = args.calibrate
         arguments["save"] = SaveTarget(path=args.save_calibration, overwrite=args.overwrite)
-    return show_source(arguments, args, offer=_is_recording(args.source))
+    return show_source(arguments, args, offer=path.is_file() or path.is_dir())  # and no pipe
 
 
-def _is_recording(source: str) -> bool:
-    """Return whether a source is a file or a folder, and no pipe."""
-    path = Path(source)
-    return path.is_file() or path.is_dir()
-
-
-def _check_deadlines(args: Args) -> None:
-    if args.second is not None or args.export is not None:
-        raise ConfigError("--realtime takes one camera on the page; leave out --second, --export")
-    require_live([args.source])
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
 
 
 def check_seconds(seconds: float | None) -> None:
@@ -169,16 +166,14 @@ def check_seconds(seconds: float | None) -> None:
         raise ConfigError(f"--seconds is {seconds:g}, it must be above 0")
 
 
-def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
+def _exported(arguments: dict[str, Any], args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import check_target, export
     from spikingtac.viewer.openers import open_view_or_events
     from spikingtac.viewer.opening import open_view_source
 
-    target = args.export or args.picture
-    assert target is not None
     if args.force is not None:
         raise ConfigError("an export shows no forces; leave out --force")
-    check_target(target, overwrite=args.overwrite)
+    check_target(target, args.overwrite)
     # Events alone make a picture; what else is exported holds markers.
     opener = open_view_or_events if target.suffix in PICTURE_ENDINGS else open_view_source
     with progress(f"exporting to {target.name}"):
@@ -189,7 +184,7 @@ def _exported(arguments: dict[str, Any], args: Args) -> dict[str, Any]:
 
 def show_source(
     arguments: dict[str, Any],
-    args: Any,
+    args: PageArgs,
     *,
     repeat: bool = False,
     tracks: Path | None = None,
@@ -204,9 +199,8 @@ def show_source(
         tracks: File for every estimate, or None.
         offer: Let the page open the other recordings of its folder, on this machine only.
     """
-    from spikingtac.atomic_files import require_free
     from spikingtac.stream.host import Factory
-    from spikingtac.viewer.export import check_picture
+    from spikingtac.viewer.export import check_target
     from spikingtac.viewer.openers import open_from_shelf, open_view_or_events
     from spikingtac.viewer.opening import open_felt_source
     from spikingtac.viewer.web.access import is_loopback
@@ -214,9 +208,8 @@ def show_source(
 
     check_seconds(args.seconds)
     if args.picture is not None:
-        check_picture(args.picture, args.overwrite)
-    if tracks is not None:
-        require_free(tracks, args.overwrite)
+        check_target(args.picture, args.overwrite, PICTURE_ENDINGS)
+    args.claim(tracks)
     opener = open_felt_source if "force" in arguments else open_view_or_events
     if args.headless:
         return _headless(opener(**arguments), args, tracks)
@@ -226,7 +219,7 @@ def show_source(
     return show([Factory(function=opener, arguments=arguments)], options, remark)
 
 
-def _headless(view: ViewSource, args: Any, tracks: Path | None) -> dict[str, Any]:
+def _headless(view: ViewSource, args: PageArgs, tracks: Path | None) -> dict[str, Any]:
     """Track without a page: a recording to its end, what is live for some time."""
     from spikingtac.viewer.export import summarize
     from spikingtac.viewer.hosted import show_headless
@@ -241,7 +234,7 @@ def _headless(view: ViewSource, args: Any, tracks: Path | None) -> dict[str, Any
     return summary | {name: str(path) for name, path in files.items()}
 
 
-def page_options(args: Any) -> PageOptions:
+def page_options(args: PageArgs) -> PageOptions:
     """Return how the page is served, by the options that ``view`` and ``demo`` share."""
     from spikingtac.viewer.web.show import PageOptions
 
@@ -255,16 +248,6 @@ def page_options(args: Any) -> PageOptions:
     )
 
 
-def report(source: str, summary: dict[str, Any], *, as_json: bool) -> None:
+def report(source: str, summary: dict[str, Any], *, as_json: bool) -> int:
     """Print the summary, as a table or as JSON."""
-    if as_json:
-        emit_json({"source": source, **summary})
-        return
-    rows = ((name.replace("_", " "), _text(value)) for name, value in summary.items())
-    emit_table(f"summary of {source}", ("", ""), rows)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{kind} {_text(count)}" for kind, count in value.items()) or "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", summary))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.deadlines import require_live
+from spikingtac.cli.interrupt import require_live
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events.create import create_events

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from spikingtac.cli.termination import EXIT_TERMINATED, ended_by_sigterm
+from spikingtac.cli.interrupt import EXIT_TERMINATED, ended_by_sigterm
 
 
 def told_to_end(closed: list[str]) -> None:

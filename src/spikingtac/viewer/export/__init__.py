@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
         MissingExtraError: The format needs an extra.
     """
     target = Path(path)
-    check_target(target, overwrite=True)
+    check_target(target, True)
     with replacing(target) as partial:
         if target.suffix in PICTURE_ENDINGS:
             summarize(view, seconds=seconds, picture=partial)
@@ -49,15 +50,14 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
         return write(view, partial, seconds=seconds)
 
 
-def check_target(path: Path, *, overwrite: bool) -> None:
+def check_target(path: Path, overwrite: bool, endings: Sequence[str] = ENDINGS) -> None:
     """Refuse a file that no export writes or may not replace, before anything is tracked.
 
     Raises:
         ConfigError: The ending is another, the folder does not exist, or something is there.
     """
-    if path.suffix not in ENDINGS:
-        valid = ", ".join(ENDINGS)
-        hint = nearest(path.suffix, ENDINGS)
+    if path.suffix not in endings:
+        hint, valid = nearest(path.suffix, endings), ", ".join(endings)
         raise ConfigError(f"cannot write {path.name!r}{hint} (valid endings: {valid})")
     require_free(path, overwrite)
 
@@ -97,15 +97,3 @@ def export_gif(view: ViewSource, path: str | Path, *, seconds: float | None = No
 def tracks_beside(picture: Path) -> Path:
     """Return where the tracks that belong to a picture go: ``demo.png``, ``demo.tracks.npz``."""
     return picture.with_name(f"{picture.stem}.tracks.npz")
-
-
-def check_picture(path: Path, overwrite: bool) -> None:
-    """Refuse a picture that could not be written at the end, before anything is shown.
-
-    Raises:
-        ConfigError: The ending is no picture's, or as :func:`check_target`.
-    """
-    if path.suffix not in PICTURE_ENDINGS:
-        hint, valid = nearest(path.suffix, PICTURE_ENDINGS), ", ".join(PICTURE_ENDINGS)
-        raise ConfigError(f"cannot draw {path.name!r}{hint} (valid endings: {valid})")
-    require_free(path, overwrite)
