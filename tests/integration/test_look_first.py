@@ -14,8 +14,8 @@ from spikingtac.viewer.hosted import warm_up
 from spikingtac.viewer.openers import open_view_or_events
 from spikingtac.viewer.opening import open_view_source
 from spikingtac.viewer.session import Session
-from spikingtac.viewer.web.wire import decode
 from stand_ins.viewer import record_circling
+from stand_ins.wire import decode
 
 
 class Kept:

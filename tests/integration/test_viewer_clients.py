@@ -19,9 +19,9 @@ from websockets.sync.client import ClientConnection, connect
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.web.page_feed import MOST_PAGES, UNACKNOWLEDGED
 from spikingtac.viewer.web.process import SessionProcess
-from spikingtac.viewer.web.wire import decode
 from stand_ins.serving import served
 from stand_ins.viewer import open_circling, open_nothing
+from stand_ins.wire import decode
 
 pytestmark = pytest.mark.waits
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from spikingtac.stream.host import Factory
 from spikingtac.viewer.source import ViewSource
-from spikingtac.viewer.web.access import Gate
+from spikingtac.viewer.web.access import Gate, listen
 from spikingtac.viewer.web.process import SessionProcess
 from spikingtac.viewer.web.server import make_app, serve
 
@@ -22,7 +22,9 @@ def run_server(
     session = SessionProcess(Factory(function=opener, arguments=arguments), repeat=True)
     app = make_app([session], [session.command], Gate(token=token))
     try:
-        serve(app, "127.0.0.1", 0, port.put, lambda: session.alive)
+        listening = listen("127.0.0.1", 0)
+        port.put(listening.getsockname()[1])
+        serve(app, listening, lambda: session.alive)
     finally:
         session.close()
 

@@ -120,9 +120,7 @@ def run_batch(
         found = _done(journal, jobs)
         kept = len(found)
         futures = {
-            pool.submit(_work_on, batch.work, job): job
-            for job in jobs
-            if job.key not in found
+            pool.submit(_work_on, batch.work, job): job for job in jobs if job.key not in found
         }
         with journal.open("a", encoding="utf-8", newline="\n") as file:
             for future in as_completed(futures):

@@ -15,14 +15,25 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import require_free
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import SpikingTacError
+from spikingtac.events.create import create_events
+from spikingtac.events.open import open_events
 from spikingtac.events.source import EventSource
 from spikingtac.markers.calibration.advice import advice, way_of
-from spikingtac.markers.calibration.calibrate import CalibrationConfig
+from spikingtac.markers.calibration.calibrate import CalibrationConfig, calibrate
 from spikingtac.markers.calibration.guide import CalibrationGuide, GuideView
-from spikingtac.stream.host import Factory
+from spikingtac.stream.host import Asker, Factory, Host, closed_by
 from spikingtac.types import EventPacket, MarkerFrame
-from spikingtac.viewer.calibration_run import CalibrationRun, stored
 from spikingtac.viewer.replay.event_store import EventStore
+
+SHOWN_S = 0.25
+"""How often the guide's view is made anew: faster than it can be read, s."""
+MOST_EVENTS = 20_000_000
+"""Events of a camera that a calibration from the page takes, the latest ones: 60 MB on disk.
+Contacts of ten seconds are a tenth of it."""
+FULL = 255
+"""A share of 1 as a byte."""
+WAYS = ("", "left", "right", "up", "down")
+"""Codes of the way that a marker should go."""
 
 
 class GuideTracker:
@@ -87,22 +98,6 @@ class GuideTracker:
         self.begin_us = None
 
 
-def named(calibration: Calibration, recording: str) -> Calibration:
-    """Return a calibration with the name of the recording that it was learned from."""
-    return replace(calibration, provenance={**calibration.provenance, "recording": recording})
-
-
-SHOWN_S = 0.25
-"""How often the guide's view is made anew: faster than it can be read, s."""
-MOST_EVENTS = 20_000_000
-"""Events of a camera that a calibration from the page takes, the latest ones: 260 MB on disk, and
-160 MB in the memory of the process that calibrates. Contacts of ten seconds are a tenth of it."""
-FULL = 255
-"""A share of 1 as a byte."""
-WAYS = ("", "left", "right", "up", "down")
-"""Codes of the way that a marker should go."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class SaveTarget:
     """Where a calibration goes.
@@ -114,6 +109,52 @@ class SaveTarget:
 
     path: Path = Path("calibration.json")
     overwrite: bool = False
+
+
+class CalibrationRun:
+    """Calibrates from events in another process, so that the page goes on meanwhile.
+
+    Args:
+        open_source: Opens the events, there.
+        scratch: A folder of this run's own; it is removed at :meth:`close`.
+    """
+
+    def __init__(
+        self, open_source: Factory[EventSource], scratch: tempfile.TemporaryDirectory[str]
+    ) -> None:
+        self._scratch, self._result = scratch, Path(scratch.name) / "result.json"
+        given = {"open_source": open_source, "result": self._result}
+        self._host = Host(Factory(function=_calibrate, arguments=given))
+
+    def poll(self) -> Calibration | str | None:
+        """Return the calibration, or why there is none; None while it is computed."""
+        try:
+            done = self._host.receive()
+        except EOFError:
+            return str(closed_by(self._host, "the calibration"))
+        except Exception as error:  # told by the page
+            return str(error)
+        return None if done is None else Calibration.load(self._result)
+
+    def close(self) -> None:
+        """End the run, and remove what it wrote."""
+        self._host.close()
+        self._scratch.cleanup()
+
+
+def _stored(events: EventPacket, path: Path) -> Factory[EventSource]:
+    """Write the latest events into a file, and return what opens them in another process."""
+    first = max(len(events) - MOST_EVENTS, 0)
+    if first:
+        events = events.part(first, len(events), int(events.t[first]), events.t_end_us)
+    with create_events(path, events.size) as writer:
+        writer.write(events)
+    return Factory(function=open_events, arguments={"path": path})
+
+
+def _calibrate(asker: Asker, open_source: Factory[EventSource], result: Path) -> None:
+    calibrate(open_source(), CalibrationConfig()).save(result)
+    asker.tell(True)
 
 
 class CalibrationDesk:
@@ -171,12 +212,8 @@ class CalibrationDesk:
         opened = self._open_whole
         if opened is None:
             begin_us = store.t_start_us if self.tracker.begin_us is None else self.tracker.begin_us
-            events = store.between(begin_us, t_us)
-            first = max(len(events) - MOST_EVENTS, 0)
-            if first:
-                events = events.part(first, len(events), int(events.t[first]), t_us)
-            opened = stored(events, scratch.name)
-        self._run = CalibrationRun(opened, CalibrationConfig(), scratch)
+            opened = _stored(store.between(begin_us, t_us), Path(scratch.name) / "events.raw")
+        self._run = CalibrationRun(opened, scratch)
         self._begun_s = self._clock()
         self._state, self._said, self._result = "calibrating", "", None
 
@@ -190,7 +227,8 @@ class CalibrationDesk:
         if isinstance(found, str):
             self._state, self._said = "failed", found
             return None
-        found = named(found, self._label)
+        notes = {**found.provenance, "recording": self._label}
+        found = replace(found, provenance=notes)
         self._state, self._said = "done", self._saved(found)
         self._result = _figures(found)
         return found

@@ -69,7 +69,9 @@ def open_view_or_events(
         )
     events = RemoteSource.of_camera(source, None) if live else open_events(source)
     label = source if is_address(source) else Path(source).resolve().name
-    whole = None if live else Factory(function=open_whole, arguments={"path": source})
+    whole: Factory[EventSource] | None = None
+    if not live:
+        whole = Factory(function=open_events, arguments={"path": source})
     desk = CalibrationDesk(label, events.size, target, whole)
     view = ViewSource(
         label=label,
@@ -97,11 +99,6 @@ def _guided(view: ViewSource, desk: CalibrationDesk, options: dict[str, Any]) ->
         desk=desk,
         calibrated=partial(calibrated_view, preset=preset, rate_hz=rate_hz),
     )
-
-
-def open_whole(path: str) -> EventSource:
-    """Open a recording from its beginning."""
-    return open_events(path)
 
 
 def no_markers(size: tuple[int, int]) -> Calibration:

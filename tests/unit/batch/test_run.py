@@ -1,7 +1,7 @@
 """A batch without processes: what is done, kept, tried again, written and refused."""
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,7 +17,7 @@ HERE = Workers()
 SEEN: list[str] = []
 
 
-def work(settings: Mapping[str, Any], recording: Path, output: Path) -> dict[str, Any]:
+def work(recording: Path, output: Path) -> dict[str, Any]:
     """Write ``done``, and fail on recordings named so."""
     SEEN.append(recording.stem)
     if recording.stem == "fail":

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.cli.second import for_each, require_pair, second_name
+from spikingtac.cli.second import SecondArgs, for_each, second_name
 from spikingtac.errors import ConfigError
 
 PATIENCE_S = 20.0
@@ -56,8 +56,9 @@ def test_the_second_ones_files_have_its_number() -> None:
 
 
 def test_each_finger_needs_its_calibration() -> None:
-    one = Path("one.json")
-    assert require_pair(one, Path("two.json"), many=False) == [one, Path("two.json")]
-    for given, words in (((one, None, False), "each"), ((one, one, True), "single one")):
-        with pytest.raises(ConfigError, match=words):
-            require_pair(*given)
+    one, two = Path("one.json"), Path("two.json")
+    assert SecondArgs(second_calibration=two).calibrations(one, many=False) == [one, two]
+    with pytest.raises(ConfigError, match="each"):
+        SecondArgs().calibrations(one, many=False)
+    with pytest.raises(ConfigError, match="single one"):
+        SecondArgs(second_calibration=two).calibrations(one, many=True)

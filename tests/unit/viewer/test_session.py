@@ -11,7 +11,6 @@ from spikingtac.viewer import session as module
 from spikingtac.viewer.replay import event_store
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import unpack
-from spikingtac.viewer.web.wire import decode
 from stand_ins.viewer import (
     PERIOD_US,
     SIZE,
@@ -20,6 +19,7 @@ from stand_ins.viewer import (
     positions_px,
     reference_px,
 )
+from stand_ins.wire import decode
 
 
 class Kept:

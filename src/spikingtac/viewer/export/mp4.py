@@ -72,7 +72,7 @@ def as_video(animation: bytes) -> bytes:
     # The length of the media stands behind that of the film and the track, which never end.
     for kind, at, _ in _boxes(video, 0, len(video)):
         if kind == b"mdhd":
-            duration = _duration(video, at, 12)
+            (duration,) = struct.unpack_from(*_duration(video, at, 12))
     for kind, at, end in _boxes(video, 0, len(video)):
         if kind == b"ftyp":
             brands = (end - at - 8) // 4  # after the major brand and its version
@@ -82,10 +82,8 @@ def as_video(animation: bytes) -> bytes:
             video[at + HANDLER_AT : at + HANDLER_AT + 4] = VIDEO
         elif kind in (b"meta", b"edts"):  # the still picture; the order to play without end
             video[at - 4 : at] = b"free"
-        elif kind == b"mvhd":
-            _set_duration(video, at, 12, duration)
-        elif kind == b"tkhd":
-            _set_duration(video, at, 16, duration)
+        elif kind in (b"mvhd", b"tkhd"):
+            struct.pack_into(*_duration(video, at, 12 if kind == b"mvhd" else 16), duration)
     return bytes(video)
 
 
@@ -100,8 +98,8 @@ def _boxes(file: bytearray, start: int, end: int) -> Iterator[tuple[bytes, int, 
         start = stop
 
 
-def _place(file: bytearray, at: int, before: int) -> tuple[str, int]:
-    """Return the format and the place of a duration.
+def _duration(file: bytearray, at: int, before: int) -> tuple[str, bytearray, int]:
+    """Return format, file and place of a duration.
 
     Args:
         file: The file.
@@ -109,14 +107,4 @@ def _place(file: bytearray, at: int, before: int) -> tuple[str, int]:
         before: Bytes between the flags and the duration in version 0; dates have 4 bytes there.
     """
     wide = file[at] == 1  # version 1: dates and duration of 8 bytes
-    return (">Q", at + 4 + before + 8) if wide else (">I", at + 4 + before)
-
-
-def _duration(file: bytearray, at: int, before: int) -> int:
-    form, place = _place(file, at, before)
-    return struct.unpack_from(form, file, place)[0]
-
-
-def _set_duration(file: bytearray, at: int, before: int, duration: int) -> None:
-    form, place = _place(file, at, before)
-    struct.pack_into(form, file, place, duration)
+    return (">Q", file, at + 12 + before) if wide else (">I", file, at + 4 + before)

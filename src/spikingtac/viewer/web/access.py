@@ -105,8 +105,8 @@ LAST_PORT = 65_535
 VALID_HOSTS = "valid are 127.0.0.1 (this machine alone) and 0.0.0.0 (every network that it is on)"
 
 
-def check_address(host: str, port: int) -> None:
-    """Refuse an address that no page can be served on, before anything is computed.
+def listen(host: str, port: int) -> socket.socket:
+    """Take an address for the page, before anything is computed.
 
     Args:
         host: Address to bind to.
@@ -120,32 +120,28 @@ def check_address(host: str, port: int) -> None:
         raise ConfigError(f"--port is {port}, valid is 0 (any free one) to {LAST_PORT}")
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        family, kind, _, _, address = found[0]
     except (OSError, UnicodeError) as error:
         raise ConfigError(
             f"--host {host!r} is no address of this machine ({error}); {VALID_HOSTS}"
         ) from error
-    family, kind, _, _, address = found[0]
-    with socket.socket(family, kind) as probe:
-        # As the server does: a port whose last connections fade away is free.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(address)
-        except OSError as error:
-            raise unusable(host, port, error) from error
+    listening = socket.socket(family, kind)
+    # A port whose last connections fade away is free.
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind(address)
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise _unusable(host, port, error) from error
+    return listening
 
 
-def unusable(host: str, port: int, error: BaseException | None) -> SpikingTacError:
-    """Return the error of an address that the system refuses.
-
-    Args:
-        host: Address that was asked for.
-        port: Its port.
-        error: What the system said.
-    """
-    why = error.errno if isinstance(error, OSError) else None
-    if why == errno.EADDRNOTAVAIL:
+def _unusable(host: str, port: int, error: OSError) -> SpikingTacError:
+    """Return the error of an address that the system refuses."""
+    if error.errno == errno.EADDRNOTAVAIL:
         return ConfigError(f"--host {host!r} is no address of this machine; {VALID_HOSTS}")
-    if why in (errno.EACCES, errno.EPERM):
+    if error.errno in (errno.EACCES, errno.EPERM):
         return DeviceError(
             f"port {port} is not permitted (those below 1024 seldom are); give another one: "
             "--port N, or --port 0 for any free one"

@@ -19,7 +19,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from spikingtac.viewer.web.access import Gate, page_headers, unusable
+from spikingtac.viewer.web.access import Gate, page_headers
 from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
 from spikingtac.viewer.web.wire import LONGEST_COMMAND, CommandError, parse_command
@@ -178,17 +178,6 @@ def _file(name: str) -> Response:
 class _Server(uvicorn.Server):
     """Ends quietly at a signal; uvicorn's own server repeats it, which skips the clean-up."""
 
-    refused: BaseException | None = None
-    """Why it could not bind."""
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to listen; uvicorn's own leaves by SystemExit, which a task must not."""
-        try:
-            await super().startup(sockets)
-        except SystemExit as stop:
-            self.refused = stop.__context__ or stop
-            self.should_exit = True
-
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
         numbers = (signal.SIGINT, signal.SIGTERM)
@@ -200,26 +189,16 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def serve(
-    app: ASGIApp, host: str, port: int, ready: Callable[[int], None], alive: Callable[[], bool]
-) -> None:
-    """Serve until interrupted, or until the session has ended.
+def serve(app: ASGIApp, listening: socket.socket, alive: Callable[[], bool]) -> None:
+    """Serve until interrupted, or until the session has ended; the socket is closed then.
 
     Args:
         app: From :func:`make_app`.
-        host: Address to bind to.
-        port: Port, or 0 for any free one.
-        ready: Called with the port once the server listens.
+        listening: A bound socket, from :func:`spikingtac.viewer.web.access.listen`.
         alive: Polled regularly; False ends the serving.
-
-    Raises:
-        DeviceError: The port is taken.
-        ConfigError: The host is no address of this machine.
     """
     config = uvicorn.Config(
         app,
-        host=host,
-        port=port,
         http=DeadlineProtocol,
         log_level="critical",  # errors are raised or sent to the page
         ws="websockets-sansio",
@@ -231,21 +210,12 @@ def serve(
     server = _Server(config)
 
     async def run() -> None:
-        serving = asyncio.create_task(server.serve())
-        while not server.started and not serving.done():
-            await asyncio.sleep(0.01)
-        if server.started:
-            ready(server.servers[0].sockets[0].getsockname()[1])
-        try:
-            while not serving.done():
-                if not alive():  # a signal may set it meanwhile: nothing is written back
-                    server.should_exit = True
-                await asyncio.wait((serving,), timeout=ALIVE_S)
-            await serving
-        finally:  # an interrupted server leaves its sockets open
-            for listening in server.servers if server.started else ():
-                listening.close()
+        serving = asyncio.create_task(server.serve([listening]))
+        while not serving.done():
+            if not alive():  # a signal may set it meanwhile: nothing is written back
+                server.should_exit = True
+            await asyncio.wait((serving,), timeout=ALIVE_S)
+        await serving
 
-    asyncio.run(run())
-    if server.refused is not None:
-        raise unusable(host, port, server.refused) from server.refused
+    with listening:
+        asyncio.run(run())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.web.access import Gate, addresses, check_address, page_url
+from spikingtac.viewer.web.access import Gate, addresses, listen, page_url
 from spikingtac.viewer.web.process import SHUTDOWN_S, SessionProcess
 
 if TYPE_CHECKING:
@@ -80,13 +81,14 @@ def show(
         SpikingTacError: A view cannot be opened, a file cannot be written, the port is taken, or a
             session was killed.
     """
-    check_address(options.host, options.port)
+    listening = listen(options.host, options.port)
     files = {"tracks": options.tracks, "picture": options.picture, "realtime": options.realtime}
     sessions = [SessionProcess(view, repeat=options.repeat, **files) for view in open_views]
     try:
-        _serve(sessions, options, report, one_clock)
+        _serve(sessions, options, report, listening, one_clock)
         told = [session.stop() for session in sessions]
     finally:
+        listening.close()
         for session in sessions:
             session.close()
     first, *others = (_complete(summary) for summary in told)
@@ -108,18 +110,13 @@ def _serve(
     sessions: Sequence[SessionProcess],
     options: PageOptions,
     report: Callable[[str], None],
+    listening: socket.socket,
     one_clock: bool,
 ) -> None:
     from spikingtac.viewer.web.server import make_app, serve  # beside the sessions
 
     gate = Gate.for_host(options.host)
     monitors = [Monitor(session, options.seconds, report) for session in sessions]
-
-    def ready(port: int) -> None:
-        for line in addresses(options.host, port, gate.token):
-            report(line)
-        if options.browser:
-            webbrowser.open(page_url("127.0.0.1", port, gate.token))
 
     for monitor in monitors:
         monitor.await_view()
@@ -131,7 +128,12 @@ def _serve(
         together.begin()
         return all([monitor.poll() for monitor in monitors])
 
-    serve(make_app(sessions, together.commands, gate), options.host, options.port, ready, alive)
+    port = listening.getsockname()[1]
+    for line in addresses(options.host, port, gate.token):
+        report(line)
+    if options.browser:
+        webbrowser.open(page_url("127.0.0.1", port, gate.token))
+    serve(make_app(sessions, together.commands, gate), listening, alive)
     for session in sessions:
         session.require_alive()
 

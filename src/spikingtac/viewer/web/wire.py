@@ -45,28 +45,6 @@ def encode(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes
     return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *parts))
 
 
-def decode(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return what :func:`encode` was given.
-
-    Raises:
-        ValueError: The bytes are no such message.
-    """
-    if len(message) < _PREFIX.size:
-        raise ValueError(f"{len(message)} bytes are too few for a frame message")
-    magic, length = _PREFIX.unpack_from(message)
-    if magic != MAGIC:
-        raise ValueError(f"a frame message begins with {MAGIC!r}, got {magic!r}")
-    body = _PREFIX.size + length
-    meta = json.loads(message[_PREFIX.size : body])
-    arrays = {
-        name: np.frombuffer(
-            message, np.dtype(f"<{kind}"), int(np.prod(shape, dtype=np.int64)), body + offset
-        ).reshape(shape)
-        for name, kind, shape, offset in meta.pop("arrays")
-    }
-    return meta, arrays
-
-
 LONGEST_COMMAND = 1024
 """Characters; a page never needs more."""
 SLOWEST, FASTEST = 0.01, 10.0

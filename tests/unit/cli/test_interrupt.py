@@ -1,16 +1,19 @@
-"""The option --realtime: for cameras alone, and what was granted is told."""
+"""How a verb ends and keeps time: --realtime is for cameras, and SIGTERM brakes an arm."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli.interrupt import require_live
+from spikingtac.cli.interrupt import EXIT_TERMINATED, ended_by_sigterm
 from spikingtac.cli.main import main
-from spikingtac.errors import ConfigError
 from spikingtac.events.create import create_events
 from spikingtac.types import EventPacket
 
@@ -45,27 +48,22 @@ def test_a_recording_has_no_deadlines(
     assert "is a recording and has no deadlines" in capsys.readouterr().err
 
 
-def test_cameras_have_deadlines(recording: Path) -> None:
-    require_live(["-", "udp:7777?encoding=evt2&size=320x320"])
-    with pytest.raises(ConfigError, match=r"short\.raw"):
-        require_live(["-", recording])
-
-
 def test_the_page_takes_one_camera(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", "udp:7777", "--second", "udp:7778", "--realtime"]) == 2
     assert "--realtime takes one camera" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("asked", [True, False])
-def test_track_asks_before_it_follows(
-    asked: bool, recording: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[str] = []
-    module = "spikingtac.cli.track"
-    monkeypatch.setattr(f"{module}.require_live", lambda _: calls.append("checked"))
-    monkeypatch.setattr(f"{module}.ask_for_real_time", lambda: calls.append("asked"))
-    output = recording.with_name("tracks.npz")
-    options = ["--calibration", str(calibration), "-o", str(output)]
-    assert main(["track", str(recording), *options, *(["--realtime"] if asked else [])]) == 0
-    assert calls == (["checked", "asked"] if asked else [])
-    assert output.is_file()
+def told_to_end(closed: list[str]) -> None:
+    with ended_by_sigterm(), contextlib.ExitStack() as stack:
+        stack.callback(lambda: closed.append("arm"))
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Event().wait(10.0)
+
+
+def test_sigterm_closes_what_was_opened() -> None:
+    former, closed = signal.getsignal(signal.SIGTERM), []
+    with pytest.raises(SystemExit) as ended:
+        told_to_end(closed)
+    assert ended.value.code == EXIT_TERMINATED
+    assert closed == ["arm"]
+    assert signal.getsignal(signal.SIGTERM) is former
