@@ -10,7 +10,6 @@ import pytest
 import spikingtac as st
 from spikingtac import plugins
 from spikingtac.errors import ConfigError, FormatError
-from spikingtac.markers.graded.tracker import GradedTracker
 from spikingtac_paper.trials.methods import main_methods
 from stand_ins.plugin_package import install
 
@@ -38,20 +37,6 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     install(tmp_path, points)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
-
-
-@pytest.mark.usefixtures("package")
-def test_a_tracker_is_made_by_its_name() -> None:
-    config = st.load_config("default").with_tracking(method="still")
-    frame = st.make_tracker(config.tracking, CALIBRATION).estimate(1_000)
-    assert type(frame) is st.MarkerFrame
-    np.testing.assert_array_equal(frame.detected_px, CALIBRATION.reference_px)
-
-
-@pytest.mark.usefixtures("package")
-def test_an_own_name_is_not_replaced() -> None:
-    tracker = st.make_tracker(st.load_config("default").tracking, CALIBRATION)
-    assert isinstance(tracker, GradedTracker)
 
 
 @pytest.mark.usefixtures("package")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from spikingtac.batch import worker_pool as pools
-from spikingtac.batch.worker_pool import ATTEMPTS, check_scheduler, cpu_count, worker_pool
+from spikingtac.batch.worker_pool import ATTEMPTS, check_scheduler, worker_pool
 from spikingtac.errors import ConfigError, DeviceError, MissingExtraError
 from stand_ins.dask_cluster import DaskCluster
 
@@ -89,11 +89,6 @@ def test_what_is_given_up_ends_at_once() -> None:
     assert gone(pid)
 
 
-def test_one_worker_is_a_thread_unless_it_must_be_isolated() -> None:
-    with worker_pool(1, 5) as pool:
-        assert pool.submit(os.getpid).result() == os.getpid()
-
-
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_no_worker_outlives_its_parent(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "orphanage.py"
@@ -117,13 +112,6 @@ def gone(pid: int) -> bool:
             return True
         time.sleep(0.05)
     return False
-
-
-def test_there_are_never_more_workers_than_cpus() -> None:
-    assert cpu_count() >= 1
-    with worker_pool(10_000, 10_000, isolated=True) as pool:
-        assert isinstance(pool, pools.WorkerProcesses)
-        assert len(pool._workers) == cpu_count()
 
 
 @pytest.mark.parametrize(

@@ -31,34 +31,11 @@ def test_help_lists_every_verb() -> None:
     assert all(f"\n  {verb} " in done.stdout for verb in verbs())
 
 
-def test_python_m_is_the_same_command() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "spikingtac", "--version"], capture_output=True, text=True
-    )
-    assert done.stdout == spikingtac("--version").stdout
-    assert done.stdout.startswith("spikingtac ")
-
-
 def test_a_mistyped_verb_gets_a_suggestion() -> None:
     done = spikingtac("calibrat")
     assert done.returncode == 2
     assert "did you mean 'calibrate'" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_no_color_is_respected() -> None:
-    done = spikingtac("doctor", "--jsn", NO_COLOR="1", FORCE_COLOR="")
-    assert "\x1b[" not in done.stdout + done.stderr
-
-
-def test_doctor_speaks_json() -> None:
-    done = spikingtac("doctor", "--json")
-    document = json.loads(done.stdout)
-    assert done.returncode == (0 if document["healthy"] else 3)
-    assert {"python", "libraries", "kernel cache", "viewer port"} <= {
-        check["name"] for check in document["checks"]
-    }
-    assert all(check["status"] in ("ok", "note", "fail") for check in document["checks"])
 
 
 def test_a_reader_that_leaves_ends_the_command_quietly() -> None:

@@ -66,17 +66,6 @@ def test_without_a_calibration_events_are_counted_and_it_is_said(
     assert "event_count" in shown.out
 
 
-def test_two_sensors_in_a_folder_are_fused(
-    calibrated: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copy(calibrated / "events.raw", calibrated / "events_1.raw")
-    shutil.copy(calibrated / "calibration.json", calibrated / "calibration_1.json")
-    found = asked(capsys, calibrated)
-    assert found["sensors"] == 2
-    assert len(found["contacts"]) == 1
-    assert len(found["contacts"][0]["sensors"]) == 2
-
-
 def test_a_quiet_recording_of_its_own(
     calibrated: Path, data_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,13 +111,3 @@ def test_short_and_empty_recordings_are_refused(
     np.savez(tmp_path / "none.npz", t=t[:0], x=zero[:0], y=zero[:0], p=zero[:0] > 0, size=[9, 9])
     assert main(["contact", str(tmp_path / "none.npz")]) == 1
     assert "no events" in capsys.readouterr().err
-
-
-def test_a_quiet_recording_of_another_sensor_is_refused(
-    calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    t = np.arange(0, 3_000_000, 100)
-    x = np.full(len(t), 600, np.uint16)
-    np.savez(tmp_path / "other.npz", t=t, x=x, y=x // 2, p=x > 0, size=(640, 480))
-    assert main(["contact", str(calibrated), "--quiet", str(tmp_path / "other.npz")]) == 2
-    assert "640x480 px" in capsys.readouterr().err

@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.events.open import open_events
 from spikingtac.ros2.messages import FIELD
-from spikingtac.types import EventPacket
 from spikingtac.viewer.export.mcap import MESSAGE_US, export_mcap
-from stand_ins.viewer import CirclingDots, open_circling, positions_px, reference_px
+from stand_ins.viewer import open_circling, positions_px, reference_px
 
 pytest.importorskip("mcap_ros2", reason="the extra [formats] is not installed")
 
@@ -25,10 +23,6 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def whole() -> EventPacket:
-    return EventPacket.concatenate(list(CirclingDots(DURATION_US, 50)))
-
-
 def read(path: Path, topic: str) -> list[Any]:
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
@@ -36,17 +30,6 @@ def read(path: Path, topic: str) -> list[Any]:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return [found for *_, found in reader.iter_decoded_messages(topics=[topic])]
-
-
-def test_our_reader_gives_the_events_back(exported: Path) -> None:
-    truth, source = whole(), open_events(exported)
-    assert source.size == truth.size
-    found = EventPacket.concatenate(list(source))
-    assert len(found) == len(truth)
-    order, wanted = (np.lexsort((part.p, part.y, part.x, part.t)) for part in (found, truth))
-    for name in ("t", "x", "y", "p"):
-        np.testing.assert_array_equal(getattr(found, name)[order], getattr(truth, name)[wanted])
-    assert dict(source.losses) == {}
 
 
 def test_the_field_is_what_was_tracked(exported: Path) -> None:
@@ -83,22 +66,3 @@ def test_rosbags_reads_the_same(exported: Path) -> None:
     other = read(exported, "/tactile/field")
     for mine, theirs in zip(fields, other, strict=True):
         assert bytes(mine.data) == bytes(theirs.data)  # type: ignore[attr-defined]
-
-
-def test_image_and_diagnostics_are_readable(exported: Path) -> None:
-    image = read(exported, "/tactile/image")[-1]
-    assert (image.height, image.width, image.encoding) == (320, 320, "mono8")
-    assert {0, 128, 255} == set(bytes(image.data))
-    status = read(exported, "/diagnostics")[-1].status[0]
-    assert status.message == "1 markers held"
-    assert {"step_p50_us", "time_gap"} <= {item.key for item in status.values}
-
-
-def test_a_truncated_file_is_salvaged_with_a_report(exported: Path, tmp_path: Path) -> None:
-    data = exported.read_bytes()
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(data[: len(data) * 3 // 5])
-    source = open_events(cut)
-    found = sum(len(packet) for packet in source)
-    assert 0 < found < len(whole())
-    assert sum(source.losses.values()) > 0

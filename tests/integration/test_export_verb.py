@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,43 +146,6 @@ def test_a_data_set_is_replaced_only_when_asked_and_nothing_else_ever_is(
     assert main(export(day, "zarr", other, "--overwrite")) == 2
     assert (other / "thesis.txt").read_text() == "mine"
     assert not list(tmp_path.glob(".*"))
-
-
-def test_recordings_of_another_sensor_do_not_fit(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("pandas", reason="the extra [lerobot] is not installed")
-    pytest.importorskip("pyarrow", reason="the extra [lerobot] is not installed")
-    tracks = circling_tracks(estimates=20)
-    part = {name: getattr(tracks, name)[:, :9] for name in ("detected_px", "position_px")}
-    small = replace(
-        tracks,
-        **part,
-        displacement_px=tracks.displacement_px[:, :9],
-        coasted=tracks.coasted[:, :9],
-        confidence=tracks.confidence[:, :9],
-        reference_px=tracks.reference_px[:9],
-    )
-    small.save(day / "2.npz")
-    assert main(export(day, "lerobot", tmp_path / "set")) == 2
-    assert "other features" in capsys.readouterr().err
-    assert not (tmp_path / "set").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--fps", "0"], "1 to 1000"),
-        (["--log", "a.npz"], "2 recordings and 1 logs"),
-        (["--log", "a.npz", "b.npz"], "a.npz"),
-    ],
-)
-def test_mistakes_are_told(
-    day: Path, tmp_path: Path, options: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(export(day, "lerobot", tmp_path / "set", *options)) in (1, 2)
-    assert told in capsys.readouterr().err
-    assert not (tmp_path / "set").exists()
 
 
 @pytest.mark.parametrize(("form", "module"), [("lerobot", "pyarrow"), ("zarr", "zarr")])

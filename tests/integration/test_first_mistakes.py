@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import json
-import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spikingtac.cli.demo import Args
 from spikingtac.cli.main import main
 from spikingtac.cli.registry import verbs
 from spikingtac.errors import RecordingError
-from spikingtac.events.open import open_events
-from spikingtac.tracks import create_tracks
-from spikingtac.types import MarkerFrame
 from spikingtac.viewer.opening import open_view_source
-from spikingtac_paper.registry import EXPERIMENTS
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -55,14 +48,6 @@ def test_help_shows_no_none(verb: str, capsys: pytest.CaptureFixture[str]) -> No
     assert "usage: spikingtac" in text
 
 
-def test_help_keeps_what_an_option_says_and_defaults_that_tell(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    text = said(capsys, "view", "--help")[1]
-    for kept in ("--rate-hz FLOAT", "the preset's unless given", "clean|typical|noisy", "8765)"):
-        assert kept in text
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -97,11 +82,6 @@ def test_help_is_as_wide_as_the_terminal(
     assert "RECORDING..." in capsys.readouterr().out.splitlines()[0]
 
 
-def test_the_help_of_experiment_names_all_of_them(capsys: pytest.CaptureFixture[str]) -> None:
-    _, text = said(capsys, "experiment", "--help")
-    assert all(name in text for name in EXPERIMENTS)
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [(("--port", "80801"), "65535"), (("--port", "-1"), "65535"), (("--host", "999.1.1.1"), "999")],
@@ -126,24 +106,6 @@ def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
         assert "calibration" not in str(refused.value)
 
 
-@pytest.mark.parametrize("opened", [open_events, open_view_source])
-def test_an_address_on_the_net_keeps_its_slashes(opened: Callable[[str], object]) -> None:
-    address = "https://example.org/a/b.raw"
-    with pytest.raises(RecordingError, match=f"'{address}'.*download it"):
-        opened(address)
-
-
-def test_an_unknown_encoding_says_the_option_and_the_way_out(
-    noise: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, text = said(capsys, "info", str(noise))
-    assert code == 1
-    assert "--encoding" in text
-    assert "export the recording again" in text
-    foreign = noise.rename(noise.with_suffix(".bin"))
-    assert "convert it with the software of its camera" in said(capsys, "info", str(foreign))[1]
-
-
 def test_an_empty_file_is_said_to_be_empty(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,30 +113,3 @@ def test_an_empty_file_is_said_to_be_empty(
     code, text = said(capsys, "info", str(tmp_path / "empty.raw"))
     assert code == 1
     assert "0 bytes" in text
-
-
-def test_doctor_names_every_extra_and_keeps_each_row_on_a_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    project = Path(__file__).resolve().parents[2] / "pyproject.toml"
-    extras = tomllib.loads(project.read_text())["project"]["optional-dependencies"]
-    main(["doctor"])
-    lines = capsys.readouterr().out.splitlines()
-    for extra in extras.keys() - {"dev"}:
-        assert any(line.startswith(f"extra [{extra}]") for line in lines)
-    main(["doctor", "--json"])
-    checks = json.loads(capsys.readouterr().out)["checks"]
-    assert len([line for line in lines if line.strip()]) == len(checks) + 2  # title and heads
-
-
-def test_no_zero_in_a_table_is_negative(tmp_path: Path) -> None:
-    none = np.full((1, 2), -1e-9)
-    frame = MarkerFrame(0, none, none, none, np.zeros(1, bool), np.ones(1))
-    writer = create_tracks(tmp_path / "tracks.csv", np.zeros((1, 2)))
-    writer.write(frame)
-    writer.close({})
-    assert "-0.0000" not in (tmp_path / "tracks.csv").read_text()
-
-
-def test_the_demo_leaves_nothing_unless_asked() -> None:
-    assert Args().picture is None

@@ -37,18 +37,3 @@ def test_a_camera_says_what_has_to_move_and_ends_when_it_has(
     found = Calibration.load(target)
     assert np.hypot(*(found.reference_px - resting_px()).T).max() < 0.5
     assert found.provenance["unloaded_rests_us"][-1][1] < sliding_packets()[-1].t_end_us
-
-
-def test_a_recording_is_guided_when_asked_for(
-    slides: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    noise = tmp_path / "noise.raw"
-    with create_events(noise, SIZE) as writer:
-        for packet in sliding_packets()[:25]:
-            writer.write(packet)
-    assert main(["calibrate", str(noise), "-o", str(tmp_path / "x.json"), "--guide"]) == 1
-    said = capsys.readouterr().err
-    assert "0.5 s: no grid yet. Slide a flat object or a finger over all of the skin" in said
-    assert "no grid of markers" in said
-    assert main(["calibrate", str(noise), "-o", str(tmp_path / "x.json")]) == 1
-    assert "Slide a flat object" not in capsys.readouterr().err

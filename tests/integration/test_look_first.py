@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from spikingtac.cli.main import main
-from spikingtac.errors import CalibrationError
 from spikingtac.viewer.hosted import warm_up
 from spikingtac.viewer.openers import open_view_or_events
-from spikingtac.viewer.opening import open_view_source
 from spikingtac.viewer.session import Session
 from stand_ins.viewer import record_circling
 from stand_ins.wire import decode
@@ -65,22 +63,6 @@ def test_its_events_are_shown_with_figures_and_advice(
     session.close()
 
 
-def test_only_the_page_shows_events_alone(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(CalibrationError, match="spikingtac calibrate"):
-        open_view_source(str(recording))
-    assert main(["view", str(recording), "--export", str(tmp_path / "x.gif")]) == 1
-    assert "spikingtac calibrate" in capsys.readouterr().err
-
-
-def test_a_damaged_calibration_is_not_passed_over(recording: Path, tmp_path: Path) -> None:
-    (tmp_path / "events.raw").write_bytes(recording.read_bytes())
-    (tmp_path / "calibration.json").write_text("{")
-    with pytest.raises(CalibrationError):
-        open_view_or_events(str(tmp_path))
-
-
 def test_a_scene_can_be_calibrated_as_if_it_were_unknown() -> None:
     view = open_view_or_events("twin:bootstrap", look=True)
     try:
@@ -104,13 +86,3 @@ def test_a_calibration_is_either_given_or_made(
 ) -> None:
     assert main(["view", str(recording), "--calibrate", *other]) == 2
     assert "--calibrate" in capsys.readouterr().err
-
-
-def test_the_verb_serves_it_and_ends_well(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "--headless", "--seconds", "0.3", "--port", "0", "--json"
-    assert main(["view", str(recording), *words]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["played_s"] > 0
-    assert summary["displacement_max_px"] == 0.0

@@ -59,17 +59,6 @@ def test_a_file_is_replaced_only_when_asked(
     assert not list(tmp_path.glob(".*"))
 
 
-def test_a_simulation_is_replaced_only_when_asked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = ["simulate", "quiet", "-o", str(tmp_path / "s"), "--duration-s", "0.02"]
-    assert main(given) == 0
-    assert main(given) == 2
-    assert "--overwrite" in capsys.readouterr().err
-    assert main([*given, "--overwrite"]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
-
-
 WRITTEN = {"output", "picture", "target", "export"}
 """Names of the arguments that say where something is written."""
 
@@ -91,25 +80,6 @@ def test_every_verb_that_writes_has_the_flag() -> None:
                 without.append(f"{verb}: {kind.__name__}")
     assert writing >= 13  # it looks at something
     assert without == []
-
-
-@pytest.mark.parametrize(
-    ("verb", "flag", "name"),
-    [("demo", "-o", "x.png"), ("view", "-o", "x.png"), ("view", "--export", "x.gif")],
-)
-def test_a_showing_is_not_begun_where_its_file_would_replace_one(
-    recording: Path,
-    tmp_path: Path,
-    verb: str,
-    flag: str,
-    name: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    (tmp_path / name).write_bytes(b"mine")
-    source = [] if verb == "demo" else [str(recording)]
-    assert main([verb, *source, flag, str(tmp_path / name)]) == 2
-    assert "--overwrite" in capsys.readouterr().err
-    assert (tmp_path / name).read_bytes() == b"mine"
 
 
 def test_a_run_is_removed_only_when_asked_and_nothing_else_ever_is(tmp_path: Path) -> None:

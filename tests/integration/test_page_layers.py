@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
-from selenium.webdriver.common.by import By
 
 from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
@@ -53,13 +52,6 @@ def paused_at(page: WebDriver, t_us: int) -> None:
         str(t_us),
     )
     wait(page, f"Math.abs(__m.meta.t_us - {t_us}) <= 1000 && __m.meta.state === 'OK'")
-
-
-def test_it_started_without_an_alarm(page: WebDriver) -> None:
-    states = js(page, "__m.states")
-    assert {"STALE", "CLOSED", "DISCONNECTED"} & set(states) == set()
-    assert found(page, "sensor").is_displayed()
-    assert not found(page, "waiting").is_displayed()
 
 
 def test_the_legend_names_what_is_drawn_and_nothing_else(page: WebDriver) -> None:
@@ -107,45 +99,6 @@ def test_the_heat_map_shows_how_far_the_skin_moved(page: WebDriver) -> None:
         "const s = arguments[0]; s.value = 'surface'; s.dispatchEvent(new Event('change'))",
         found(page, "image"),
     )
-
-
-def test_a_marker_that_is_chosen_while_paused_has_its_course(page: WebDriver) -> None:
-    found(page, "play").click()
-    wait(page, "__m.meta.playing && __m.meta.t_us > 2000000 && __m.meta.t_us < 3000000")
-    found(page, "play").click()
-    wait(page, "!__m.meta.playing")
-    page.find_element(By.TAG_NAME, "body").send_keys("n")
-    marker = int(found(page, "marker").text)
-    sample = js(page, "__m.sample")
-    moved = positions_px(sample["t_us"]) - reference_px()
-    np.testing.assert_allclose([sample["dx"], sample["dy"]], moved[marker], atol=0.02)
-    lit = page.execute_script(
-        """
-        const canvas = arguments[0], data = canvas.getContext("2d")
-          .getImageData(canvas.width / 2, 0, canvas.width / 2, canvas.height).data;
-        let lit = 0;
-        for (let i = 3; i < data.length; i += 4) lit += data[i] > 0;
-        return lit;
-        """,
-        found(page, "trace"),
-    )
-    assert lit > 300  # two curves and two labels, not an empty panel
-
-
-def test_keys_work_on_a_control_that_was_clicked(page: WebDriver) -> None:
-    found(page, "mesh").click()
-    found(page, "mesh").send_keys(" ")  # not the box again: it was reached by a click
-    wait(page, "__m.meta.playing")
-    before = found(page, "heat").is_selected()
-    found(page, "mesh").send_keys("h")
-    assert found(page, "heat").is_selected() != before
-
-
-def test_pictures_and_tables_are_saved(page: WebDriver) -> None:
-    found(page, "picture").click()
-    wait(page, "__m.saved?.name === 'circling_dots.png' && __m.saved.bytes > 5000")
-    found(page, "save").click()
-    wait(page, "__m.saved?.name === 'circling_dots.csv' && __m.saved.bytes > 5000")
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])

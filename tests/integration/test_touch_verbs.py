@@ -116,11 +116,6 @@ def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert 0.0 <= field["strain"] < touch["peak_strength"]  # without the share of noise
 
 
-def test_events_need_a_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["touch", str(tmp_path / "events.raw")]) == 2
-    assert "--calibration" in capsys.readouterr().err
-
-
 def test_forces_are_learned_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     taught = [str(arrays(tmp_path / f"{seed}.npz", seed)) for seed in (1, 2)]
     other, model = str(arrays(tmp_path / "3.npz", 3)), str(tmp_path / "force.onnx")
@@ -154,32 +149,6 @@ def test_forces_are_added_to_tracks(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main([*line, "-o", str(out)]) == 2
     assert main(line) == 2
     assert "-o OUT" in capsys.readouterr().err
-
-
-def test_a_line_of_vibration_is_told_of_tracks_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    t_us, places = np.arange(0, 3_000_000, 1_000), 24.0 * REFERENCE[:, :2]
-    moved = 0.2 * np.sin(2e-6 * np.pi * 87.3 * t_us)[:, None, None] * [0.6, 0.8]
-    path = tmp_path / "tracks.npz"
-    np.savez(path, t_us=t_us, reference_px=places, detected_px=places + moved)
-    assert main(["touch", str(path), "--vibration", "--json"]) == 0
-    lines = json.loads(capsys.readouterr().out)["vibration"]
-    assert len(lines) == 2
-    for line in lines:
-        assert line["line_hz"] == pytest.approx(87.3, abs=0.3)
-        assert line["amplitude_px"] == pytest.approx(0.2, rel=0.1)
-        assert {"t_us", "noise_ratio", "sigma_px"} <= set(line)
-    assert main(["touch", str(path), "--vibration"]) == 0
-    assert "vibration in tracks.npz" in capsys.readouterr().out
-
-
-def test_a_missing_model_says_how_to_make_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source = str(arrays(tmp_path / "a.npz", 1))
-    assert main(["force", "check", source, "--force", str(tmp_path / "none.onnx")]) == 2
-    assert "force fit" in capsys.readouterr().err
 
 
 def test_a_skin_of_known_stiffness_needs_no_labels(

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from selenium.webdriver.support.ui import WebDriverWait
 
 from spikingtac.cameras.recording.pair import record_pair
 from spikingtac.cameras.recording.session import RecordOptions, prepare_folder
@@ -33,7 +32,6 @@ from spikingtac.events.source import PacketSource
 from spikingtac.events.windows import windows
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
-from stand_ins.browser import browser
 from stand_ins.camera_counterparts import SIZE, datagrams
 from stand_ins.viewer import CirclingDots, open_circling
 
@@ -99,20 +97,6 @@ def test_two_cameras_are_recorded_on_their_clocks_and_read_on_one(tmp_path: Path
     raw = burst_times(list(open_events(tmp_path / "day" / "events_1.raw")))
     assert abs(raw[0] - LATER_US - 1_000) < 10
     assert "clock" in " ".join(recording.events(1).notes)
-
-
-def test_a_recorder_that_was_killed_leaves_the_map_in_its_manifests(tmp_path: Path) -> None:
-    sources = two_cameras()
-    prepare_folder(tmp_path / "day", overwrite=False)
-    sender = threading.Thread(target=send_both, args=(sources,))
-    sender.start()
-    record_pair(sources, tmp_path / "day", RecordOptions(seconds=1.0))
-    sender.join()
-    path = tmp_path / "day" / "manifest_1.json"
-    manifest = json.loads(path.read_text(encoding="utf-8"))
-    del manifest["time_base"]
-    path.write_text(json.dumps(manifest), encoding="utf-8")
-    assert open_events(tmp_path / "day", sensor=1).notes[-1].startswith("times are on the first")
 
 
 def test_two_live_cameras_share_a_clock_while_they_run() -> None:
@@ -232,13 +216,6 @@ def send_dots(ports: Sequence[int], ended: threading.Event) -> None:
                 out.sendto(words.tobytes(), ("127.0.0.1", port))
 
 
-def test_contact_takes_two_recordings(day: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["contact", day / "events.raw", "--second", day / "events_1.raw"]
-    found = asked(capsys, *given, "--quiet", day, "--detector", "event_count")
-    assert found["sensors"] == 2
-    assert len(found["health"]) == 2
-
-
 def test_two_fingers_that_do_not_go_together_are_refused(day: Path, tmp_path: Path) -> None:
     for arguments, words in (
         (["track", day, "--second", day, "--calibration", day / "calibration.json"], "each"),
@@ -308,40 +285,6 @@ def test_view_shows_two_and_tells_of_both(day: Path, capsys: pytest.CaptureFixtu
     assert "error_mean_px" not in told["second"]
     assert main([*given[:4], "--export", "x.gif"]) == 2
     assert "leave out --second" in capsys.readouterr().err
-
-
-def test_the_page_of_two_shows_both_in_a_browser(day: Path, tmp_path: Path) -> None:
-    given = [
-        COMMAND,
-        "view",
-        day,
-        "--second",
-        day,
-        "--no-browser",
-        "--port",
-        "0",
-        "--seconds",
-        "40",
-    ]
-    with (
-        browser(tmp_path / "profile") as chrome,
-        subprocess.Popen(list(map(str, given)), stderr=subprocess.PIPE, text=True) as process,
-    ):
-        try:
-            assert process.stderr is not None
-            lines = iter(process.stderr.readline, "")
-            address = next(line.split()[1] for line in lines if line.startswith("open http"))
-            chrome.get(address)
-            for name in ("first", "second"):
-                chrome.switch_to.frame(name)
-                WebDriverWait(chrome, 60, 0.1).until(
-                    lambda page: page.execute_script("return window.__m && __m.frames > 3")
-                )
-                chrome.switch_to.default_content()
-            found = chrome.get_log("browser")
-            assert [entry for entry in found if entry["level"] == "SEVERE"] == []
-        finally:
-            process.terminate()
 
 
 def noise(seed: int, busy_ms: range = range(0)) -> EventPacket:

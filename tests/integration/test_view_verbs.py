@@ -11,7 +11,6 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from PIL import Image
 
 from spikingtac.cli.main import main
 from spikingtac.tracks import Tracks
@@ -107,46 +106,6 @@ def test_events_alone_make_a_picture(
         assert picture.read_bytes()[1:4] == b"PNG"
 
 
-def test_view_refuses_what_is_not_there(called: Callable[..., Done]) -> None:
-    done = called("view", "nowhere.raw", "--headless", "--port", "0", "--json")
-    assert done.returncode == 1
-    assert "no file or folder 'nowhere.raw'" in json.loads(done.stdout)["error"]
-
-
-@pytest.mark.parametrize("wrong", [("--preset", "defualt"), ("--camera", "clean")])
-def test_view_refuses_what_does_not_fit_a_recording(
-    wrong: tuple[str, str], recording: Path, called: Callable[..., Done]
-) -> None:
-    done = called("view", str(recording), "--headless", "--port", "0", *wrong)
-    assert done.returncode == 2
-    assert "default" in done.stderr or "--camera" in done.stderr
-
-
-def test_view_shows_what_is_left_of_a_cut_recording(
-    recording: Path, tmp_path: Path, called: Callable[..., Done]
-) -> None:
-    whole = recording / "events.raw"
-    cut = whole.stat().st_size // 2 | 1  # in the middle of a word
-    (tmp_path / "events.raw").write_bytes(whole.read_bytes()[:cut])
-    (tmp_path / "calibration.json").write_bytes((recording / "calibration.json").read_bytes())
-    words = "view", str(tmp_path), "--headless", "--seconds", "0.5", "--port", "0", "--json"
-    done = called(*words)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["losses"]["truncated"] == 1
-
-
-def test_a_taken_port_is_said(recording: Path) -> None:
-    import socket
-
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = str(taken.getsockname()[1])
-        done = spikingtac("view", str(recording), "--no-browser", "--port", port)
-    assert done.returncode == 3
-    assert "--port" in done.stderr
-
-
 def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
     process = subprocess.Popen(
         [COMMAND, "view", str(recording), "--no-browser", "--port", "0"],
@@ -164,16 +123,6 @@ def test_ctrl_c_ends_it_quietly(recording: Path) -> None:
     assert process.returncode == 0
     assert "estimates" in out
     assert "Traceback" not in rest
-
-
-def test_export_of_a_gif(recording: Path, tmp_path: Path, called: Callable[..., Done]) -> None:
-    target = str(tmp_path / "x.gif")
-    done = called("view", str(recording), "--export", target, "--seconds", "0.2", "--json")
-    assert done.returncode == 0, done.stderr
-    written = json.loads(done.stdout)["written"]
-    assert written == 200 // 50
-    with Image.open(tmp_path / "x.gif") as picture:
-        assert picture.n_frames == written
 
 
 @pytest.mark.parametrize("wrong", [("--seconds", "0"), ("--seconds", "-1"), ("-o", "x.png")])

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from selenium.webdriver.chrome.webdriver import WebDriver
-from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
 
 from stand_ins.browser import browser, found, js, wait
 from stand_ins.serving import served
@@ -147,46 +145,6 @@ def test_a_control_changes_what_is_drawn(page: WebDriver) -> None:
     found(page, "defaults").click()
     wait(page, f"Math.abs(__m.arrows[0][3] - {before[0, 3]}) < 0.01")
     wait(page, "__m.hello.controls[0].value === 1")
-
-
-def test_keys_work(page: WebDriver) -> None:
-    paused_at(page, 1_000_000)
-    body = page.find_element(By.TAG_NAME, "body")
-    found(page, "label").click()
-    before = int(found(page, "marker").text)
-    found(page, "discs").click()  # keys work wherever the focus is
-    found(page, "discs").click()
-    body.send_keys(Keys.ARROW_RIGHT)
-    wait(page, "__m.meta.t_us === 1010000")
-    body.send_keys(Keys.SHIFT, Keys.ARROW_LEFT, Keys.NULL)
-    wait(page, "__m.meta.t_us === 910000")
-    scale = float(found(page, "scale").get_attribute("value") or "nan")
-    body.send_keys("+")
-    assert float(found(page, "scale").get_attribute("value") or "nan") == scale + 0.5
-    body.send_keys("-")
-    body.send_keys("n")
-    assert int(found(page, "marker").text) == before + 1
-    body.send_keys("?")
-    assert found(page, "keys").is_displayed()
-    found(page, "close-keys").click()
-    body.send_keys(" ")
-    wait(page, "__m.meta.playing")
-
-
-def test_images_themes_and_widths(page: WebDriver) -> None:
-    set_value(page, "image", "map")
-    wait(page, "__m.meta.arrays.some(([name]) => name === 'map')")
-    keep(page, "viewer-map")
-    set_value(page, "image", "surface")
-    themed(page, "light")
-    keep(page, "viewer-light")
-    themed(page, "dark")
-    page.set_window_size(500, 1000)
-    wait(page, "innerWidth <= 500 && document.getElementById('sensor').clientWidth <= 500")
-    wait(page, f"__m.frames > {js(page, '__m.frames')}")
-    keep(page, "viewer-phone")
-    assert js(page, "document.documentElement.scrollWidth <= document.documentElement.clientWidth")
-    page.set_window_size(1360, 900)
 
 
 def test_everything_has_a_name_for_screen_readers(page: WebDriver) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac import kernel_cache
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
 from spikingtac.cli.main import main
@@ -66,21 +65,6 @@ def test_tracks_and_their_truth_may_be_exchanged_by_mistake(
     code, text = said(capsys, "compare", made / "truth.npz", made / "tracks.npz")
     assert code == 2
     assert f"compare {made / 'tracks.npz'} {made / 'truth.npz'}" in text
-
-
-def test_a_folder_of_recordings_names_them(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, text = said(capsys, "info", made)
-    assert code == 1
-    assert f"it holds {made / 'circling'}" in text
-    (made / "bare").mkdir()
-    assert "it holds" not in said(capsys, "info", made / "bare")[1]
-
-
-def test_info_tells_a_calibration(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, text = said(capsys, "info", made / "finger.json")
-    assert code == 0
-    for shown in ("format calibration", "grid 8 x 8", "size 320 x 320", "15.5 px/mm"):
-        assert shown in text
 
 
 def test_figures_stand_with_their_units(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,30 +145,3 @@ def test_contacts_are_told_from_the_first_event(
     assert "times from its first event" in text
     assert " 6" in text
     assert "17000000" not in text
-
-
-def test_kernels_are_kept_somewhere_where_nothing_else_can_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    kernel_cache.provide_kernel_cache()
-    chosen = Path(os.environ["NUMBA_CACHE_DIR"])
-    assert chosen == tmp_path / f"spikingtac_kernels_{os.getuid()}"
-    assert chosen.stat().st_mode & 0o777 == 0o700
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    chosen.chmod(0o777)  # others could have written into it
-    kernel_cache.provide_kernel_cache()
-    assert Path(os.environ["NUMBA_CACHE_DIR"]) != chosen
-
-
-def test_a_chosen_cache_or_one_that_can_be_written_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    kernel_cache.provide_kernel_cache(tmp_path)
-    assert "NUMBA_CACHE_DIR" not in os.environ
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
-    kernel_cache.provide_kernel_cache(tmp_path / "nowhere")
-    assert os.environ["NUMBA_CACHE_DIR"] == "mine"

@@ -15,9 +15,7 @@ import pytest
 
 from spikingtac.atomic_files import WholeFile, replacing, require_free, whole_folder, write_text
 from spikingtac.errors import ConfigError
-from spikingtac.events import create_events, open_events
-from spikingtac.events.recording import RecordingWriter
-from spikingtac.tracks import create_tracks
+from spikingtac.events import create_events
 from spikingtac.types import EventPacket
 
 NAMES = ("a.raw", "a.npz", "a.csv", "a.aedat4", "a.h5")
@@ -56,17 +54,6 @@ def test_an_error_leaves_what_was_there(tmp_path: Path, name: str) -> None:
     with pytest.raises(KeyboardInterrupt), create_events(path, SIZE) as writer:
         interrupted(writer)
     assert path.read_bytes() == before
-    assert listed(tmp_path) == [name]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_seen_before_the_end(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    writer = create_events(path, SIZE)
-    writer.write(packet())
-    assert not path.exists()
-    writer.close()
-    assert sum(len(part) for part in open_events(path)) == 5_000
     assert listed(tmp_path) == [name]
 
 
@@ -121,25 +108,6 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     assert len(listed(tmp_path)) == 1
     write_text(path, "whole")
     assert listed(tmp_path) == [path.name]
-
-
-def test_tracks_appear_at_the_end(tmp_path: Path) -> None:
-    for name in ("t.npz", "t.csv"):
-        writer = create_tracks(tmp_path / name, np.zeros((2, 2)))
-        assert not (tmp_path / name).exists()
-        writer.abandon()
-        assert listed(tmp_path) == []
-        create_tracks(tmp_path / name, np.zeros((2, 2))).close({})
-        assert (tmp_path / name).exists()
-        for file in tmp_path.iterdir():
-            file.unlink()
-
-
-def test_a_recorder_keeps_what_it_received(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "r", SIZE) as writer:
-        interrupted(writer)
-    assert listed(tmp_path / "r") == ["events.raw"]
-    assert sum(len(part) for part in open_events(tmp_path / "r")) == 5_000
 
 
 def test_folders_are_replaced_at_the_end(tmp_path: Path) -> None:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.config import PRESETS, Config, digest, load_config
+from spikingtac.config import PRESETS, Config, load_config
 from spikingtac.errors import ConfigError
-from spikingtac.markers.graded.tracker import GradedTracker
-from spikingtac.markers.published.blob_tracker import BlobTracker
 from spikingtac.markers.registry import make_tracker
 
 CALIBRATION = Calibration(
@@ -26,17 +24,6 @@ def test_presets_name_their_methods_and_rates() -> None:
     }
     assert [tracking.rate_hz for tracking in said.values()] == [1_000.0, 10_000.0, 350.0]
     assert [tracking.hysteresis for tracking in said.values()] == ["none", "none", "paper"]
-
-
-@pytest.mark.parametrize(
-    ("preset", "kind"),
-    [("default", GradedTracker), ("fast", GradedTracker), ("paper", BlobTracker)],
-)
-def test_every_preset_builds_its_tracker(preset: str, kind: type) -> None:
-    tracker = make_tracker(load_config(preset).tracking, CALIBRATION)
-    assert isinstance(tracker, kind)
-    frame = tracker.estimate(0)
-    np.testing.assert_allclose(frame.detected_px, CALIBRATION.reference_px, atol=0.1)
 
 
 def test_a_file_overrides_and_unknown_keys_are_refused(tmp_path: Path) -> None:
@@ -60,17 +47,6 @@ def test_unknown_names_get_the_nearest() -> None:
         make_tracker(Config().with_tracking(method="disk").tracking, CALIBRATION)
     with pytest.raises(ConfigError, match="anchored"):
         make_tracker(Config().with_tracking(hysteresis="anchor").tracking, CALIBRATION)
-
-
-def test_changes_of_none_change_nothing() -> None:
-    config = load_config("fast")
-    assert config.with_tracking(rate_hz=None, hysteresis=None) == config
-    assert config.with_tracking(rate_hz=2_000.0).tracking.rate_hz == 2_000.0
-
-
-def test_the_digest_tells_configurations_apart() -> None:
-    assert digest(load_config("default")) == digest(load_config("default"))
-    assert len({digest(load_config(name)) for name in PRESETS}) == 3
 
 
 def test_contact_detection_is_configured_from_a_file(tmp_path: Path) -> None:

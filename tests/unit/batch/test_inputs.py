@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.batch.inputs import (
-    SERIES_MEMBERS,
     find_recordings,
-    identity,
     is_many,
     outputs_of,
 )
@@ -43,25 +41,10 @@ def test_a_folder_stands_for_the_recordings_in_it_and_below(day: Path) -> None:
     assert names(find_recordings([day]), day) == expected
 
 
-def test_displacements_count_where_they_are_asked_for(day: Path) -> None:
-    assert "tracks.npz" in names(find_recordings([day], SERIES_MEMBERS), day)
-
-
 def test_a_pattern_and_what_it_overlaps_are_taken_once(day: Path) -> None:
     found = find_recordings([day / "*" / "*.raw", day / "later", day / "table.csv"])
     assert names(found, day) == ["later/slide.raw", "press.2/events.raw", "table.csv"]
     assert names(find_recordings([day / "p*"]), day) == ["press.2"]
-
-
-def test_what_is_named_is_taken_as_it_is(day: Path) -> None:
-    assert find_recordings([day / "gone.raw"]) == [day / "gone.raw"]
-
-
-@pytest.mark.parametrize("given", ["*.nothing", "empty"])
-def test_nothing_found_is_told(day: Path, given: str) -> None:
-    (day / "empty").mkdir()
-    with pytest.raises(ConfigError, match="holds no recording"):
-        find_recordings([day / given])
 
 
 def test_results_of_an_earlier_run_are_no_recordings(day: Path) -> None:
@@ -103,17 +86,3 @@ def test_results_lie_as_their_recordings_do(day: Path) -> None:
 def test_two_recordings_never_share_a_result(day: Path) -> None:
     with pytest.raises(ConfigError, match="would both be written"):
         outputs_of([day / "a.raw", day / "a.es"], Path("/out"), ".npz")
-
-
-def test_the_identity_changes_with_the_recording(day: Path) -> None:
-    before = identity(day / "press.2")
-    assert [name for name, _, _ in before] == ["events.raw", "truth.npz"]
-    (day / "press.2" / "events.raw").write_bytes(b"xx")
-    assert identity(day / "press.2") != before
-
-
-def test_the_address_of_one_camera_is_no_pattern() -> None:
-    address = Path("udp:7777?encoding=evt2&size=320x320")
-    assert not is_many([address])
-    assert is_many([address, address])
-    assert is_many([Path("day/*.raw")])

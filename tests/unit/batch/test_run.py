@@ -110,10 +110,3 @@ def test_results_of_other_settings_or_files_are_never_mixed(batch: Batch) -> Non
     with pytest.raises(ConfigError, match="below"):
         run_batch(replace(batch, recordings=[*batch.recordings, above]), HERE, resume=True)
     assert run_batch(other, HERE, overwrite=True).kept == 0
-
-
-def test_a_recording_cannot_take_the_place_of_the_runs_own_files(batch: Batch) -> None:
-    path = batch.recordings[0].with_name("results.raw")
-    with pytest.raises(ConfigError, match="of the run itself"):
-        run_batch(replace(batch, recordings=[path], ending=".csv"), HERE)
-    assert not batch.folder.exists()

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import types
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from spikingtac.cameras import found
-from spikingtac.cli import machine
 from spikingtac.cli.main import main
 from spikingtac.events.cameras.kinds import KINDS
 from stand_ins.camera_counterparts import with_module
@@ -53,44 +50,6 @@ def test_a_camera_is_listed_with_the_address_that_opens_it(
     ]
     assert camera["address"] == "nd:00051505"
     assert camera["model"] == "Prophesee EVK4"
-
-
-def test_a_library_that_fails_is_a_remark(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail() -> Any:
-        raise RuntimeError("Other error")
-
-    module = drivers([])
-    module.list_devices = fail
-    with with_module("neuromorphic_drivers", module):
-        assert main(["cameras"]) == 0
-    told = capsys.readouterr()
-    assert "could not look for cameras (it says: Other error)" in told.err
-
-
-def test_raspberry_pi_devices_are_found_by_their_names(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    for number, name in enumerate(["webcam", "rp1-cfe-csi2_ch0"]):
-        (tmp_path / f"video{number}").mkdir()
-        (tmp_path / f"video{number}" / "name").write_text(name + "\n")
-    monkeypatch.setattr(found, "VIDEO", tmp_path)
-    addresses = [item.address for item in found.plugged_in()]
-    assert "v4l2:/dev/video1" in addresses
-    assert "v4l2:/dev/video0" not in addresses
-
-
-def test_doctor_names_a_small_socket_buffer_and_a_slow_clock(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / "rmem").write_text("212992\n")
-    (tmp_path / "clock").write_text("hpet\n")
-    monkeypatch.setattr(machine, "_SOCKET_LIMIT", tmp_path / "rmem")
-    monkeypatch.setattr(machine, "_CLOCK", tmp_path / "clock")
-    notes = {item.name: item for item in machine.inspect_machine() if item.status == "note"}
-    assert "net.core.rmem_max=8388608" in notes["socket buffer"].remedy
-    assert "hpet" in notes["clock"].found
 
 
 def test_doctor_listens_to_a_camera(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,10 +11,8 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import probe_arm, probe_twin
 from spikingtac.cli.main import main
 from spikingtac.cli.probe import Args, run
-from spikingtac.cli.probe_result import output_paths
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqConfig, RobotiqGripper
-from spikingtac.sim.rig.walls import HoleWall, NoWall
 from spikingtac.types import EventPacket
 from stand_ins.robotiq_gripper import FakeGripper
 from stand_ins.touching import IdealProber
@@ -97,34 +95,6 @@ def test_what_no_search_can_do_is_refused_at_once(
         run(Args(**given))  # type: ignore[arg-type]
 
 
-def test_an_arm_begins_where_it_stands(arm_arguments: list[str]) -> None:
-    assert main([*arm_arguments, "--start-mm", "-0.5", "0.2"]) == 2
-
-
-def test_the_start_is_in_the_hole_on_its_rim_or_in_free_air() -> None:
-    inside = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(-0.2, 0.1)))
-    rim = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(0.9, 0.0)))
-    outside = probe_twin.trial_of(Args(radius_mm=1.0, start_mm=(0.0, 1.5)))
-    assert [type(one.wall) for one in (inside, rim, outside)] == [HoleWall, HoleWall, NoWall]
-    np.testing.assert_allclose(inside.start_mm - inside.center_mm, [-0.2, 0.1])
-
-
-@pytest.mark.parametrize(
-    ("given", "document", "picture"),
-    [
-        ("new/deep", "new/deep/hole.json", "new/deep/hole.png"),
-        ("a/x.json", "a/x.json", "a/x.png"),
-        ("x.svg", "x.json", "x.svg"),
-    ],
-)
-def test_a_folder_or_a_file_says_where_both_go(
-    given: str, document: str, picture: str, tmp_path: Path
-) -> None:
-    paths = output_paths(tmp_path / given)
-    assert paths == (tmp_path / document, tmp_path / picture)
-    assert paths[0].parent.is_dir()
-
-
 def test_a_real_arm_writes_what_it_found(
     arm_arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -205,17 +175,3 @@ def test_a_gripper_that_holds_nothing_ends_the_verb_before_the_arm_moves(
     monkeypatch.setattr(probe_arm, "connect", connected)
     assert main([*arm_arguments, "--gripper"]) == 3
     assert "holds nothing" in capsys.readouterr().err
-
-
-def test_the_twin_says_at_once_what_it_does_and_how_long_it_takes(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = []
-
-    def calibrate(args: Args, site: object) -> None:
-        said.append(capsys.readouterr().err)
-        raise ConfigError("seen enough")
-
-    monkeypatch.setattr(probe_twin, "calibrate", calibrate)
-    assert main(["probe"]) == 2
-    assert "half a minute" in said[0]

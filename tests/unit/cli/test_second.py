@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.cli.second import SecondArgs, for_each, second_name
+from spikingtac.cli.second import SecondArgs, for_each
 from spikingtac.errors import ConfigError
 
 PATIENCE_S = 20.0
@@ -48,11 +48,6 @@ def test_where_one_camera_fails_the_other_one_is_closed(failing: int) -> None:
     with pytest.raises(ConfigError, match="does not fit"):
         for_each(work, cameras)
     assert cameras[1 - failing].closed
-
-
-def test_the_second_ones_files_have_its_number() -> None:
-    assert second_name(Path("a/tracks.npz")) == Path("a/tracks_1.npz")
-    assert second_name(Path("events.raw")) == Path("events_1.raw")
 
 
 def test_each_finger_needs_its_calibration() -> None:

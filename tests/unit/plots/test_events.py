@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events, open_events
 from spikingtac.plots.events import RATE_US, SURFACE_US, event_figures, plot_events
@@ -59,12 +58,3 @@ def test_every_kind_is_drawn_with_its_axes(recorded: Path) -> None:
         plot_events(found, "momnt")
     with pytest.raises(ConfigError, match="the events last 2 s"):
         event_figures(open_events(recorded), at_s=2.5)
-
-
-def test_the_verb_draws_any_recording(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    picture = recorded.with_name("events.png")
-    assert main(["plot", str(recorded), "-o", str(picture)]) == 0
-    assert "written" in capsys.readouterr().err
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(["plot", str(recorded), "-o", str(recorded.with_name("b.png")), "--kind", "field"])
-    assert "not for a recording" in capsys.readouterr().err

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
-from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 from PIL import Image
 
 from spikingtac.errors import ConfigError
-from spikingtac.plots.field_view import cell_corners
 from spikingtac.plots.theme import THEMES, WIDTHS_IN
 from spikingtac.plots.tracks import ARROW_SHARE, Kind, plot_comparison, plot_tracks, save_figure
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
@@ -59,32 +56,6 @@ def test_arrows_point_where_the_markers_went() -> None:
     assert (tips < (right, bottom)).all()
 
 
-@pytest.mark.parametrize("kind", ["field", "map", "strain"])
-def test_a_wide_sensor_leaves_no_empty_rows(kind: str, tmp_path: Path) -> None:
-    tracks = circling_tracks(estimates=20)
-    flat = replace(tracks, reference_px=tracks.reference_px * np.float32((1.0, 0.5)))
-    save_figure(plot_tracks(flat, kind), tmp_path / "figure.png")
-    image = np.asarray(Image.open(tmp_path / "figure.png").convert("L"))
-    drawn = np.flatnonzero((image < 250).any(axis=1))
-    assert drawn[0] < 0.05 * image.shape[0]
-    assert drawn[-1] > 0.95 * image.shape[0]
-    assert image.shape[0] < 0.75 * image.shape[1]
-
-
-@pytest.mark.parametrize("kind", ["map", "strain"])
-def test_cells_meet_and_do_not_overlap(kind: str) -> None:
-    tracks = circling_tracks(estimates=20)
-    shaken = tracks.reference_px + np.random.default_rng(0).normal(0, 3, (64, 2)).astype(np.float32)
-    (cells,) = [
-        item
-        for item in plot_tracks(replace(tracks, reference_px=shaken), kind).axes[0].collections
-        if isinstance(item, QuadMesh)
-    ]
-    assert np.asarray(cells.get_coordinates()).shape == (9, 9, 2)
-    np.testing.assert_allclose(cell_corners(tracks.reference_px.reshape(8, 8, 2))[0, 0],
-                               tracks.reference_px[0] - PITCH_PX / 2, atol=1e-3)  # fmt: skip
-
-
 def test_figures_in_mm_have_axes_in_mm() -> None:
     for scale, unit in ((None, "px"), (10.0, "mm")):
         axes = plot_tracks(circling_tracks(estimates=20, px_per_mm=scale), "field").axes[0]
@@ -96,12 +67,6 @@ def test_figures_in_mm_have_axes_in_mm() -> None:
     legend = figure.axes[0].get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["each marker", "median", "largest"]
-
-
-def test_a_time_outside_of_the_tracks_is_refused() -> None:
-    for at_us in (0, 10_000_000):
-        with pytest.raises(ConfigError, match=r"the tracks go from 0 to 0\.019 s"):
-            plot_tracks(circling_tracks(estimates=20), "field", at_us=at_us)
 
 
 def test_a_comparison_shows_differences_and_errors_of_a_truth() -> None:

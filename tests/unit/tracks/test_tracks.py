@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import builtins
 import csv
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.errors import ConfigError, RecordingError
 from spikingtac.tracks import CSV_COLUMNS, FRAMES_PER_CHUNK, Tracks, create_tracks, is_tracks_file
-from spikingtac.tracks.columns import HEALTH_TYPES
 from spikingtac.tracks.comparison import compare_tracks, compare_with_truth
 from spikingtac.types import MarkerFrame, SourceHealth
 from stand_ins.tracks import HELD_MARKER, circling_tracks
@@ -64,20 +61,6 @@ def test_npz_keeps_every_frame(tmp_path: Path, count: int) -> None:
     assert again.read_bytes() == (tmp_path / "t.npz").read_bytes()
 
 
-def test_files_of_older_versions_are_read(tmp_path: Path) -> None:
-    arrays = dict(np.load(written(tmp_path / "t.npz", 3)))
-    for name in HEALTH_TYPES:
-        del arrays[name]
-    np.savez(tmp_path / "old.npz", **arrays)
-    tracks = Tracks.load(tmp_path / "old.npz")
-    assert tracks.summary()["health"] is None
-    assert next(tracks.frames()).health == SourceHealth()
-    for odd in ({"gaps": np.zeros(2, np.int32)}, {"force_n": np.zeros((3, 2), np.float32)}):
-        np.savez(tmp_path / "odd.npz", **arrays, **odd)
-        with pytest.raises(RecordingError, match="has shape"):
-            Tracks.load(tmp_path / "odd.npz")
-
-
 def test_what_holds_no_tracks_and_cannot_be_written_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t_us=np.arange(3))
     for name in ("x.npz", "missing.npz"):
@@ -105,15 +88,6 @@ def test_the_summary_is_what_was_put_in() -> None:
     assert "64 markers, 500 estimates in 0.499 s" in repr(tracks)
     none = circling_tracks(estimates=0).summary()
     assert (none["estimates"], none["displacement_max_px"], none["rate_hz"]) == (0, 0.0, None)
-
-
-def test_the_scale_makes_millimetres() -> None:
-    tracks = circling_tracks(px_per_mm=15.5)
-    np.testing.assert_allclose(tracks.displacement_mm * 15.5, tracks.displacement_px, rtol=1e-6)
-    found = tracks.summary()
-    assert found["displacement_max_mm"] == pytest.approx(found["displacement_max_px"] / 15.5)
-    with pytest.raises(ConfigError, match="--pitch-mm"):
-        _ = circling_tracks().displacement_mm
 
 
 def test_frames_are_gathered_and_what_is_saved_is_loaded(tmp_path: Path) -> None:
@@ -208,38 +182,6 @@ def test_triggers_mark_the_row_after_them(tmp_path: Path) -> None:
         Tracks.load(tmp_path / "odd.npz")
 
 
-@pytest.mark.parametrize("ending", ["npz", "csv", "parquet"])
-def test_what_is_given_up_leaves_nothing(tmp_path: Path, ending: str) -> None:
-    if ending == "parquet":
-        pytest.importorskip("pyarrow", reason="the extra [parquet] is not installed")
-    writer = create_tracks(tmp_path / f"t.{ending}", REFERENCE_PX)
-    writer.write(frame(0))
-    writer.abandon()
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("module", "extra", "call"),
-    [
-        ("pandas", "tables", lambda tracks, folder: tracks.to_pandas()),
-        ("pyarrow", "parquet", lambda tracks, folder: tracks.save(folder / "x.parquet")),
-    ],
-)
-def test_a_missing_library_is_named_with_its_extra(
-    module: str, extra: str, call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name.split(".")[0] == module:
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtraError, match=rf"spikingtac\[{extra}\]"):
-        call(circling_tracks(estimates=1), tmp_path)
-
-
 def test_a_shift_is_a_difference_at_every_marker_and_time() -> None:
     found = compare_tracks(circling_tracks(), circling_tracks(off_px=0.25))
     assert found.distance_px.shape == (500, 64)
@@ -263,17 +205,6 @@ def test_a_truth_at_other_times_is_interpolated() -> None:
     assert found.summary()["error_mean_mm"] == pytest.approx(found.distance_px.mean() / 10.0)
     alone = compare_with_truth(tracks, tracks.t_us[5:6], tracks.detected_px[5:6])
     assert (alone.t_us.tolist(), alone.distance_px.max()) == ([tracks.t_us[5]], 0.0)
-
-
-def test_coasted_markers_are_told_apart() -> None:
-    one = circling_tracks()
-    detected = one.detected_px.copy()
-    detected[:, HELD_MARKER] += 5.0
-    truth = np.stack([positions_px(t_us) for t_us in one.t_us.tolist()])
-    summary = compare_with_truth(replace(one, detected_px=detected), one.t_us, truth).summary()
-    assert summary["worst_marker"] == HELD_MARKER
-    assert summary["error_mean_px"] > 0.1
-    assert summary["error_seen_mean_px"] < 1e-3
 
 
 def test_other_sensors_and_other_times_are_refused() -> None:

@@ -92,17 +92,3 @@ def test_what_shows_no_grid_fails_with_the_reason(tmp_path: Path) -> None:
     assert not (tmp_path / "calibration.json").exists()
     desk.begin_anew()
     assert desk.shown()[0]["state"] == "guide"
-
-
-def test_a_run_that_is_given_up_leaves_nothing(store: EventStore, tmp_path: Path) -> None:
-    desk = desk_at(tmp_path / "calibration.json")
-    desk.calibrate(store, store.t_end_us)
-    run = desk._run
-    assert run is not None
-    scratch = Path(run._scratch.name)
-    assert scratch.exists()
-    desk.calibrate(store, store.t_end_us)  # one at a time
-    assert desk._run is run
-    desk.close()
-    assert not scratch.exists()
-    assert not (tmp_path / "calibration.json").exists()

@@ -29,28 +29,12 @@ def test_any_stretch_equals_the_source(capacity: int, monkeypatch: pytest.Monkey
     store.close()
 
 
-def test_views_outlive_growth(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_store, "FIRST_CAPACITY", 2)
-    store = EventStore(random_source(2, 30))
-    store.extend_to(30_000)
-    early = store.between(0, 30_000)
-    before = early.t.copy()
-    store.extend_to_end()
-    np.testing.assert_array_equal(early.t, before)
-
-
 def test_a_source_is_pulled_no_further_than_needed() -> None:
     store = EventStore(random_source(1, 20))
     assert store.extend_to(12_000)
     assert store.t_end_us == 15_000
     assert not store.extend_to(10**9)
     assert store.ended
-
-
-def test_an_empty_source_has_no_events_and_no_end() -> None:
-    store = EventStore(random_source(1, 0))
-    assert (len(store), store.ended, store.t_end_us) == (0, True, 0)
-    assert len(store.between(0, 100)) == 0
 
 
 LEFT_BEHIND = """
@@ -72,12 +56,3 @@ def test_nothing_is_left_of_a_process_that_was_killed(tmp_path: Path) -> None:
     )
     assert done.returncode == -signal.SIGKILL
     assert list(tmp_path.iterdir()) == []
-
-
-def test_returned_packets_outlive_the_store() -> None:
-    store = EventStore(random_source(2, 30))
-    store.extend_to_end()
-    packet = store.between(0, 10**9)
-    before = packet.t.copy()
-    store.close()
-    np.testing.assert_array_equal(packet.t, before)

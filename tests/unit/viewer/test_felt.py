@@ -49,29 +49,3 @@ def test_a_press_shows_force_patch_and_later_a_spectrum(model: ForceModel) -> No
 def test_a_model_of_another_sensor_is_refused(model: ForceModel) -> None:
     with pytest.raises(ConfigError, match=r"\(36, 2\) in px"):
         FeltLayer(REFERENCE[:9], 200.0, model)
-
-
-def test_the_page_is_told_how_the_contact_holds(model: ForceModel) -> None:
-    layer = FeltLayer(REFERENCE, 1_000.0, model)
-    away = (REFERENCE - REFERENCE.mean(axis=0)) / 37.0
-    press = 3.0 * away * np.exp(-0.5 * (away**2).sum(axis=1, keepdims=True))
-    for k in range(400):
-        layer.take(frame(k * 1_000, np.clip((k - 150) / 100, 0.0, 1.0) ** 2 * press))
-        if k == 150:
-            assert layer.shown()["slip"] is None
-    shown = layer.shown()
-    assert shown["slip"] == "stick"
-    assert shown["sticking_share"] > 0.8
-
-
-@pytest.mark.parametrize(("rate_hz", "seen"), [(50.0, True), (20.0, False)])
-def test_rare_estimates_are_shown_too(model: ForceModel, rate_hz: float, seen: bool) -> None:
-    layer = FeltLayer(REFERENCE, rate_hz, model)
-    for k in range(80):
-        shake = 0.5 * np.sin(2.0 * np.pi * 15.0 * k / rate_hz)
-        layer.take(frame(round(k * 1e6 / rate_hz), np.full((36, 2), shake)))
-    shown = layer.shown()
-    assert len(shown["force_n"]) == 3
-    assert (shown["line_hz"] is not None) == seen
-    if seen:
-        assert shown["line_hz"] == pytest.approx(15.0, abs=0.5)

@@ -3,8 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.contact.window import WINDOW_US
-from spikingtac.errors import ConfigError
 from spikingtac.events.source import PacketSource
 from spikingtac.pipeline.follow import follow
 from spikingtac.types import MarkerFrame
@@ -55,17 +53,6 @@ def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch)
         np.testing.assert_array_equal(tracked_to(play, times[index]), forwards[index])
 
 
-def test_copies_stay_few_and_a_new_tracker_has_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(history, "FIRST_DISTANCE_US", 1_000)
-    monkeypatch.setattr(history, "MOST_COPIES", 8)
-    play = playback()
-    tracked_to(play, play.store.t_start_us + 500_000)
-    assert 4 <= len(play._history) <= 8
-    first = tracked_to(play, play.store.t_start_us + 321_000).copy()
-    play.retune(CountingTracker)
-    np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 321_000), first)
-
-
 def test_a_tracker_that_cannot_be_copied_is_tracked_from_the_start() -> None:
     class Uncopied(CountingTracker):
         def __deepcopy__(self, memo: dict[int, object]) -> None:
@@ -75,48 +62,6 @@ def test_a_tracker_that_cannot_be_copied_is_tracked_from_the_start() -> None:
     late = tracked_to(play, play.store.t_start_us + 500_000).copy()
     tracked_to(play, play.store.t_start_us + 20_000)
     np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 500_000), late)
-
-
-def test_retuning_keeps_the_aim_and_uses_the_new_tracker() -> None:
-    play = playback()
-    at_us = play.store.t_start_us + 100_000
-    before = tracked_to(play, at_us).copy()
-    play.retune(lambda: CountingTracker(gain=2.0))
-    assert play.work(FOREVER_S)
-    assert play.position_us == at_us
-    assert play.frame is not None
-    np.testing.assert_array_equal(play.frame.detected_px, 2 * before)
-
-
-def test_work_stops_when_its_time_is_up() -> None:
-    play = playback()
-    play.aim(play.store.t_start_us + 500_000)
-    assert not play.work(0.0)
-    assert play.position_us == play.store.first_event_us < play.store.t_start_us + WINDOW_US
-
-
-def test_the_end_of_the_source_ends_the_aim() -> None:
-    play = playback(packets=5)
-    play.aim(10**12)
-    assert play.work(FOREVER_S)
-    assert play.store.ended
-    assert play.aim_us == play.position_us == play.store.t_end_us
-
-
-def test_contacts_are_found_once_however_often_a_stretch_is_played() -> None:
-    play = playback()
-    end_us = play.store.t_start_us + 500_000
-    tracked_to(play, end_us)
-    found = dict(play.contacts)
-    play.aim(play.store.t_start_us)
-    tracked_to(play, end_us)
-    assert play.contacts == found
-    assert found
-
-
-def test_a_rate_of_zero_is_refused() -> None:
-    with pytest.raises(ConfigError, match="must be above 0"):
-        playback(rate_hz=0.0)
 
 
 def test_estimates_begin_at_the_first_event_and_keep_the_times_of_follow() -> None:

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.errors import ConfigError
 from spikingtac.tracks import Tracks
 from spikingtac.types import MarkerFrame
 from spikingtac.viewer import record as module
-from spikingtac.viewer.export import check_picture, summarize, tracks_beside
+from spikingtac.viewer.export import summarize
 from spikingtac.viewer.export.stretch import open_stretch
-from spikingtac.viewer.record import Record, TrackFile
+from spikingtac.viewer.record import TrackFile
 from stand_ins.viewer import open_circling
 
 REST = np.array([[1.0, 2.0]])
@@ -45,15 +44,6 @@ def test_a_record_stays_small_and_covers_the_whole_session(
     assert (tmp_path / "x.png").read_bytes()[1:4] == b"PNG"
 
 
-def test_nothing_seen_is_nothing_drawn(tmp_path: Path) -> None:
-    with (
-        open_stretch(open_circling(1_000_000), 0.1) as stretch,
-        pytest.raises(ConfigError, match="nothing was shown"),
-    ):
-        Record().save_picture(tmp_path / "x.png", stretch.view, stretch.playback)
-    assert not (tmp_path / "x.png").exists()
-
-
 def test_a_recording_is_summarized_to_its_end() -> None:
     summary = summarize(open_circling(300_000))
     assert summary["played_s"] == pytest.approx(0.3, abs=0.011)
@@ -70,13 +60,3 @@ def test_each_time_is_written_once_however_often_it_is_played(tmp_path: Path) ->
     assert written.t_us.tolist() == [1, 2, 3, 4, 5]
     np.testing.assert_array_equal(written.displacement_px[:, 0, 0], [1, 2, 3, 4, 5])
     assert written.meta["seed"] == 3
-
-
-def test_a_picture_is_replaced_only_when_asked(tmp_path: Path) -> None:
-    path = tmp_path / "x.png"
-    check_picture(path, overwrite=False)
-    path.write_bytes(b"mine")
-    with pytest.raises(ConfigError, match="--overwrite"):
-        check_picture(path, overwrite=False)
-    check_picture(path, overwrite=True)
-    assert tracks_beside(Path("a/b.png")) == Path("a/b.tracks.npz")

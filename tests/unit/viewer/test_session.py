@@ -49,16 +49,6 @@ def stepped(opened: tuple[Session, Kept, Kept], steps: int = 1) -> tuple[dict, d
     return decode(opened[1].message)
 
 
-def test_the_greeting_says_what_stands_still(opened: tuple[Session, Kept, Kept]) -> None:
-    stepped(opened)
-    hello = json.loads(opened[2].message)
-    assert (hello["label"], hello["simulated"], hello["truth"]) == ("circling dots", True, True)
-    assert hello["size"] == list(SIZE)
-    np.testing.assert_allclose(hello["reference_px"], reference_px(), atol=1e-3)
-    assert [control["name"] for control in hello["controls"]] == ["gain", "law"]
-    assert sum(hello["overview"]["counts"]) == len(opened[0].playback.store)
-
-
 def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> None:
     meta, arrays = stepped(opened, 20)
     expected = positions_px(meta["estimate_us"])
@@ -74,17 +64,6 @@ def test_frames_hold_what_was_tracked(opened: tuple[Session, Kept, Kept]) -> Non
     np.testing.assert_array_equal(np.unique(np.nonzero(shown)[1]), np.unique(exposed.x))
     assert meta["losses"] == {"time_gap": 2}
     assert "map" not in arrays
-
-
-def test_contacts_appear_when_they_have_happened(opened: tuple[Session, Kept, Kept]) -> None:
-    assert stepped(opened, 17)[0]["contacts_us"] == []
-    meta, _ = stepped(opened, 3)
-    assert meta["contacts_us"] == [300_000]
-    assert meta["contact"]["threshold"] == 20.0
-    opened[0].command("seek_us", 100_000)
-    meta, _ = stepped(opened)
-    assert meta["contacts_us"] == []
-    assert meta["contacts_found"] == 1  # the summary counts every contact of the session once
 
 
 def test_pause_holds_the_time_and_seeking_moves_it(opened: tuple[Session, Kept, Kept]) -> None:
@@ -114,34 +93,11 @@ def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> 
     np.testing.assert_allclose(arrays["position_px"] - reference_px(), moved, atol=1e-3)
 
 
-def test_a_wrong_control_is_said_and_changes_nothing(opened: tuple[Session, Kept, Kept]) -> None:
-    opened[0].command("set", ["gain", 99.0])
-    assert "0 to 2" in stepped(opened)[0]["notice"]
-    opened[0].command("set", ["gain", 1.5])
-    assert stepped(opened)[0]["notice"] == ""
-
-
 def test_at_the_end_it_stops_and_begins_again_on_demand(opened: tuple[Session, Kept, Kept]) -> None:
     meta, _ = stepped(opened, 70)
     assert (meta["playing"], meta["t_us"]) == (False, PERIOD_US)
     opened[0].command("play", True)
     assert stepped(opened)[0]["t_us"] < 50_000
-
-
-def test_far_behind_its_aim_the_picture_stays(
-    opened: tuple[Session, Kept, Kept], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before, arrays = stepped(opened, 3)
-    monkeypatch.setattr(module, "WORK_SHARE", 0.0)
-    opened[0].command("seek_us", 900_000)
-    meta, held = stepped(opened)
-    assert meta["state"] == "CATCHING UP"
-    assert meta["t_us"] == before["t_us"]
-    np.testing.assert_array_equal(held["position_px"], arrays["position_px"])
-    monkeypatch.setattr(module, "WORK_SHARE", 600.0)
-    meta, _ = stepped(opened)
-    assert meta["state"] == "OK"
-    assert meta["t_us"] >= 900_000
 
 
 class Cut(CirclingDots):

@@ -1,13 +1,12 @@
 """The recordings that a page may open are those of one folder, and nothing else."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from spikingtac.errors import ConfigError, SpikingTacError
+from spikingtac.errors import ConfigError
 from spikingtac.viewer.hosted import _another
 from spikingtac.viewer.openers import Shelf, open_from_shelf
 from stand_ins.viewer import record_circling
@@ -36,19 +35,6 @@ def test_it_names_what_lies_in_the_folder_but_no_link_out_of_it(folder: Path) ->
 def test_nothing_else_is_opened(folder: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="choose one of the list"):
         Shelf(folder=folder).open(name)
-
-
-def test_the_first_one_offers_the_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    view = open_from_shelf(source=str(folder / "first"), preset="fast")
-    assert view.shelf is not None
-    assert isinstance(view.shelf, Shelf)
-    assert (view.opened, view.shelf.folder) == ("first", folder)
-    other = view.shelf.open("day/second")
-    assert (other.label, other.opened, other.config) == ("second", "day/second", view.config)
-    monkeypatch.chdir(folder / "first")
-    here = open_from_shelf(source=".")
-    assert here.shelf is not None
-    assert here.opened in here.shelf.names()
 
 
 class Playing:
@@ -84,17 +70,3 @@ def test_another_recording_replaces_the_one_that_is_played(folder: Path) -> None
     assert played.closed
     assert following.view.opened == "day/second"
     assert "starting" in greetings.messages[0]
-
-
-def test_one_that_cannot_be_played_changes_nothing(folder: Path) -> None:
-    def refuse(_: object) -> Playing:
-        raise SpikingTacError("it is empty")
-
-    first = open_from_shelf(source=str(folder / "first"))
-    tried: list[tuple[Any, Any]] = [(first, refuse), (replace(first, shelf=None), Playing)]
-    for view, play in tried:
-        played: Any = Playing(view)
-        greetings: Any = Published()
-        assert _another(play, greetings, played, "first") is played
-        assert played.warned
-        assert not played.closed

@@ -57,10 +57,6 @@ def test_a_slow_machine_may_compile_for_minutes_and_says_so(
     assert "(16 s so far)" in said[0]
 
 
-def test_a_quick_start_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert waited(monkeypatch, greets_s=3.0)[1] == []
-
-
 @pytest.mark.parametrize("times", [{"greets_s": 90.0, "dies_s": 30.0}, {"greets_s": 1e9}])
 def test_a_dead_or_hanging_session_is_an_error(
     monkeypatch: pytest.MonkeyPatch, times: dict[str, float]

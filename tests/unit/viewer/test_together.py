@@ -55,17 +55,6 @@ def test_on_one_clock_both_begin_at_and_go_to_the_same_time() -> None:
     assert sessions[0].commands == [*shared, ("map", True)]
 
 
-def test_nothing_begins_before_both_are_ready() -> None:
-    sessions: Any = pair()
-    sessions[1].overview = None
-    together = Together(sessions, one_clock=True)
-    together.begin()
-    assert sessions[0].commands == []
-    sessions[1].overview = {"t_start_us": 0, "t_end_us": 5_000}
-    together.begin()
-    assert sessions[0].commands == sessions[1].commands == [("seek_us", 100)]
-
-
 def test_on_clocks_of_their_own_a_time_is_meant_for_one() -> None:
     sessions: Any = pair()
     together = Together(sessions, one_clock=False)

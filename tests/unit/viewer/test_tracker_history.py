@@ -73,19 +73,3 @@ def test_the_bytes_stay_below_the_bound(monkeypatch: pytest.MonkeyPatch) -> None
         assert kept.kept_bytes <= module.MOST_BYTES
         assert len(kept) >= 3
     assert kept.distance_us > 50 * STEP_US
-
-
-def test_arrays_that_are_let_go_are_not_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, state = TrackerHistory[State](), State()
-    run(kept, state, 0, 30)
-    assert len(list(kept._alive())) == 3
-
-
-def test_what_cannot_be_copied_is_not_kept() -> None:
-    class Uncopied(State):
-        def __deepcopy__(self, memo: dict[int, object]) -> None:
-            raise TypeError("no copies")
-
-    kept = TrackerHistory[State]()
-    run(kept, Uncopied(), 0, 3)
-    assert len(kept) == 0

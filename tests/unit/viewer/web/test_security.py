@@ -1,6 +1,6 @@
 import pytest
 
-from spikingtac.viewer.web.access import Gate, is_loopback, page_headers
+from spikingtac.viewer.web.access import Gate
 
 LOCAL = {"host": "127.0.0.1:8765"}
 
@@ -45,23 +45,3 @@ def test_beyond_loopback_a_token_is_needed() -> None:
     assert gate.refusal(headers, gate.token) == ""
     assert "Origin" in gate.refusal({**headers, "origin": "http://evil.example"}, gate.token)
     assert Gate.for_host("0.0.0.0").token != gate.token
-
-
-def test_loopback_needs_no_token() -> None:
-    assert Gate.for_host("127.0.0.1").token == Gate.for_host("::1").token == ""
-
-
-@pytest.mark.parametrize(
-    ("host", "loopback"),
-    [("localhost", True), ("127.8.9.1", True), ("[::1]", True), ("10.0.0.1", False), ("x", False)],
-)
-def test_loopback(host: str, loopback: bool) -> None:
-    assert is_loopback(host) is loopback
-
-
-def test_the_page_may_load_only_its_own() -> None:
-    policy = page_headers("localhost:8765")["content-security-policy"]
-    assert policy.startswith("default-src 'none'")
-    assert "unsafe" not in policy
-    assert "ws://localhost:8765" in policy
-    assert "frame-ancestors 'none'" in policy
