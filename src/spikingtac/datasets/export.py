@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from spikingtac._version import package_version
 from spikingtac.atomic_files import PARTIAL
 from spikingtac.batch.inputs import find_recordings, outputs_of
@@ -18,22 +16,13 @@ from spikingtac.datasets.episode import Episode
 from spikingtac.datasets.lerobot import INFO, write_lerobot
 from spikingtac.errors import ConfigError, MissingExtraError
 from spikingtac.tracks import FRAMES_PER_CHUNK, Tracks
+from spikingtac.tracks.columns import COLUMN_TYPES, FORCES
 
 Form = Literal["lerobot", "zarr"]
 ROOT = "zarr.json"
 """What says that a folder is a Zarr store, version 3."""
-ARRAYS = {
-    "t_us": "t_us",
-    "detected_px": "detected_px",
-    "position_px": "position_px",
-    "displacement_px": "displacement_px",
-    "held": "coasted",
-    "confidence": "confidence",
-    "force_n": "force_n",
-    "force_sigma_n": "force_sigma_n",
-    "torque_nm": "torque_nm",
-}
-"""Name of an array -> field of the tracks; those that a recording lacks are left out."""
+ARRAYS = ("t_us", *COLUMN_TYPES, *FORCES, "reference_px")
+"""Arrays of a recording, as tracks.npz names them; those that it lacks are left out."""
 CHUNK_ROWS = 16 * FRAMES_PER_CHUNK
 """Times of a chunk."""
 MEMBERS = ("displacement_px.npy",)
@@ -93,7 +82,9 @@ def export(
     partial.mkdir(parents=True)
     try:
         if config.form == "zarr":
-            figures = write_zarr(partial, _groups(_told(found, advance), found))
+            names = [path.as_posix() for path in outputs_of(found, Path(), "")]
+            told = _told(found, advance)
+            figures = write_zarr(partial, zip(names, told, strict=True))
         else:
             figures = _lerobot(partial, config, found, advance)
         if config.output.exists():
@@ -120,12 +111,6 @@ def _lerobot(
     kept = {name: info[name] for name in ("total_episodes", "total_frames", "fps")}
     names = [name for name, one in info["features"].items() if one["names"]]
     return {**kept, "features": names, "largest_age_ms": max(ages) / 1e3}
-
-
-def _groups(told: Iterator[Path], found: Sequence[Path]) -> Iterator[tuple[str, Path]]:
-    names = (str(path) for path in outputs_of(found, Path(), ""))
-    for name, path in zip(names, told, strict=True):
-        yield Path(name).as_posix(), path
 
 
 def _told(found: Sequence[Path], advance: Callable[[float], None]) -> Iterator[Path]:
@@ -161,7 +146,6 @@ def write_zarr(folder: Path, recordings: Iterable[tuple[str, Path]]) -> dict[str
         ``recordings`` and ``frames``, their numbers.
 
     Raises:
-        ConfigError: There is no recording.
         MissingExtraError: zarr is not installed.
     """
     try:
@@ -173,18 +157,12 @@ def write_zarr(folder: Path, recordings: Iterable[tuple[str, Path]]) -> dict[str
     for name, path in recordings:
         tracks = Tracks.load(path)
         group = root.create_group(name)
-        for array, field in ARRAYS.items():
-            values = getattr(tracks, field)
+        for array in ARRAYS:
+            values = getattr(tracks, array)
             if values is not None:
-                group.create_array(array, data=values, chunks=_chunks(values))
-        group.create_array("reference_px", data=tracks.reference_px)
+                chunks = (max(1, min(len(values), CHUNK_ROWS)), *values.shape[1:])
+                group.create_array(array, data=values, chunks=chunks)
         group.attrs.update(tracks.meta)
         count, frames = count + 1, frames + len(tracks.t_us)
-    if count == 0:
-        raise ConfigError("there are no tracks to write")
     root.attrs.update({"package_version": package_version(), "recordings": count})
     return {"recordings": count, "frames": frames}
-
-
-def _chunks(values: np.ndarray) -> tuple[int, ...]:
-    return (max(1, min(len(values), CHUNK_ROWS)), *values.shape[1:])

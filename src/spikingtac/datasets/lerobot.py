@@ -1,13 +1,13 @@
 """A data set as LeRobot reads it, version v3.0: Parquet files and what describes them.
 
 Source: LeRobot 0.6 (``datasets/dataset_metadata.py``, ``dataset_writer.py``, ``feature_utils.py``).
-Episodes follow each other in files of some 100 MB, one row group each; ``meta`` holds
-``info.json``, ``stats.json``, ``tasks.parquet`` and one row for each episode.
+Episodes follow each other in one file, one row group each; ``meta`` holds ``info.json``,
+``stats.json``, ``tasks.parquet`` and one row for each episode.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +22,17 @@ VERSION = "v3.0"
 """The data set's version, ``CODEBASE_VERSION`` of LeRobot 0.4 to 0.6."""
 INFO = "meta/info.json"
 """What says that a folder is such a data set; written last."""
-CHUNK_FILES = 1_000
-FILE_MB = 100
-"""A file that is larger is followed by another one, MB (LeRobot's default)."""
-BYTES_PER_MB = 1 << 20
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+FIRST_FILE = FILE.format(chunk_index=0, file_index=0)
 INDICES = ("frame_index", "episode_index", "index", "task_index")
-
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
-Statistics = dict[str, NDArray[np.floating] | NDArray[np.integer]]
-"""Name of a statistic -> ``(k,)`` values; ``count`` is ``(1,)``."""
+Columns = dict[str, NDArray[Any]]
+"""Name of a feature -> ``(n,)`` or ``(n, k)`` values."""
 
 
 def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str) -> dict[str, Any]:
-    """Write a data set into an empty folder, one episode in memory at a time.
+    """Write a data set into an empty folder.
 
     Args:
         folder: An empty folder.
@@ -59,9 +55,7 @@ def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str
         raise MissingExtraError(
             "LeRobot data sets need: pip install 'spikingtac[lerobot]'"
         ) from error
-    writer = _DataFiles(folder, pa, pq)
-    rows: list[dict[str, Any]] = []
-    parts: list[dict[str, Statistics]] = []
+    kept, rows, frames = list[Columns](), list[dict[str, Any]](), 0
     described: dict[str, Any] = {}
     for number, episode in enumerate(episodes):
         features = _features(episode)
@@ -71,64 +65,34 @@ def write_lerobot(folder: Path, episodes: Iterable[Episode], fps: int, task: str
                 "one sensor and one kind of log"
             )
         described = features
-        columns = _columns(episode, number, writer.frames, fps)
-        where = writer.add(columns)
-        parts.append({name: statistics_of(_two(column)) for name, column in columns.items()})
-        rows.append(_row(number, len(episode.t_us), writer.frames, task) | where | _told(parts[-1]))
-    writer.close()
+        kept.append(_columns(episode, number, frames, fps))
+        rows.append(_row(number, len(episode.t_us), frames, task) | _told(kept[-1]))
+        frames += len(episode.t_us)
     if not rows:
         raise ConfigError("there is no episode to write")
-    episode_file = folder / "meta" / "episodes" / FILE.format(chunk_index=0, file_index=0)
-    episode_file.parent.mkdir(parents=True)
-    pq.write_table(pa.Table.from_pylist(rows), episode_file)
+    for name in ("data", "meta/episodes"):
+        (folder / name / FIRST_FILE).parent.mkdir(parents=True)
+    tables = [pa.table({name: _array(pa, c) for name, c in columns.items()}) for columns in kept]
+    with pq.ParquetWriter(folder / "data" / FIRST_FILE, tables[0].schema) as writer:
+        for table in tables:
+            writer.write_table(table, row_group_size=len(table))
+    pq.write_table(pa.Table.from_pylist(rows), folder / "meta" / "episodes" / FIRST_FILE)
     tasks = pandas.DataFrame({"task_index": [0]}, index=pandas.Index([task], name="task"))
     tasks.to_parquet(folder / "meta" / "tasks.parquet")
-    total = {name: merged([part[name] for part in parts]) for name in parts[0]}
-    write_json(folder / "meta" / "stats.json", {k: _plain(v) for k, v in total.items()})
-    info = _info(described, fps, len(rows), writer.frames)
+    whole = {name: np.concatenate([columns[name] for columns in kept]) for name in kept[0]}
+    write_json(folder / "meta" / "stats.json", {k: statistics_of(v) for k, v in whole.items()})
+    info = _info(described, fps, len(rows), frames)
     write_json(folder / INFO, info)
     return info
 
 
-class _DataFiles:
-    """Episodes one after another in files of limited size."""
-
-    def __init__(self, folder: Path, pa: Any, pq: Any) -> None:
-        self._folder, self._pa, self._pq = folder / "data", pa, pq
-        self._number = self._bytes = 0
-        self._writer: Any = None
-        self.frames = 0
-
-    def add(self, columns: Mapping[str, NDArray[Any]]) -> dict[str, int]:
-        """Append an episode, and return where it is."""
-        table = self._pa.table({name: self._array(column) for name, column in columns.items()})
-        if self._writer is not None and self._bytes + table.nbytes > FILE_MB * BYTES_PER_MB:
-            self.close()
-            self._number, self._bytes = self._number + 1, 0
-        chunk, file = divmod(self._number, CHUNK_FILES)
-        if self._writer is None:
-            path = self._folder / FILE.format(chunk_index=chunk, file_index=file)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = self._pq.ParquetWriter(path, table.schema)
-        self._writer.write_table(table, row_group_size=len(table))
-        self._bytes += table.nbytes
-        self.frames += len(table)
-        return {"data/chunk_index": chunk, "data/file_index": file}
-
-    def close(self) -> None:
-        """Complete the file."""
-        if self._writer is not None:
-            self._writer.close()
-        self._writer = None
-
-    def _array(self, column: NDArray[Any]) -> Any:
-        if column.ndim == 1:
-            return self._pa.array(column)
-        flat = self._pa.array(column.ravel())
-        return self._pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
+def _array(pa: Any, column: NDArray[Any]) -> Any:
+    if column.ndim == 1:
+        return pa.array(column)
+    return pa.FixedSizeListArray.from_arrays(pa.array(column.ravel()), column.shape[1])
 
 
-def _columns(episode: Episode, number: int, before: int, fps: int) -> dict[str, NDArray[Any]]:
+def _columns(episode: Episode, number: int, before: int, fps: int) -> Columns:
     frame = np.arange(len(episode.t_us), dtype=np.int64)
     one = {name: v[:, 0] if v.shape[1] == 1 else v for name, v in episode.features.items()}
     return {
@@ -150,32 +114,25 @@ def _features(episode: Episode) -> dict[str, Any]:
     return own | {n: {"dtype": kind, "shape": [1], "names": None} for n, kind in given.items()}
 
 
-def _row(number: int, length: int, after: int, task: str) -> dict[str, Any]:
+def _row(number: int, length: int, before: int, task: str) -> dict[str, Any]:
+    files = ("data/chunk_index", "data/file_index", "meta/episodes/chunk_index",
+             "meta/episodes/file_index")  # fmt: skip
     return {
         "episode_index": number,
         "tasks": [task],
         "length": length,
-        "dataset_from_index": after - length,
-        "dataset_to_index": after,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
+        "dataset_from_index": before,
+        "dataset_to_index": before + length,
+        **dict.fromkeys(files, 0),
     }
 
 
-def _told(statistics: Mapping[str, Statistics]) -> dict[str, list[float]]:
+def _told(columns: Columns) -> dict[str, list[float]]:
     return {
-        f"stats/{name}/{kind}": values.tolist()
-        for name, part in statistics.items()
-        for kind, values in part.items()
+        f"stats/{name}/{kind}": values
+        for name, column in columns.items()
+        for kind, values in statistics_of(column).items()
     }
-
-
-def _plain(statistics: Statistics) -> dict[str, list[float]]:
-    return {kind: values.tolist() for kind, values in statistics.items()}
-
-
-def _two(column: NDArray[Any]) -> NDArray[Any]:
-    return column[:, None] if column.ndim == 1 else column
 
 
 def _info(features: Mapping[str, Any], fps: int, episodes: int, frames: int) -> dict[str, Any]:
@@ -185,8 +142,8 @@ def _info(features: Mapping[str, Any], fps: int, episodes: int, frames: int) -> 
         "total_episodes": episodes,
         "total_frames": frames,
         "total_tasks": 1,
-        "chunks_size": CHUNK_FILES,
-        "data_files_size_in_mb": FILE_MB,
+        "chunks_size": 1_000,
+        "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": fps,
         "splits": {"train": f"0:{episodes}"},
@@ -196,48 +153,15 @@ def _info(features: Mapping[str, Any], fps: int, episodes: int, frames: int) -> 
     }
 
 
-def statistics_of(values: NDArray[np.floating] | NDArray[np.integer]) -> Statistics:
-    """Return the statistics of ``(n, k)`` values, column by column, with the names of LeRobot.
+def statistics_of(values: NDArray[Any]) -> dict[str, list[float]]:
+    """Return the statistics of ``(n,)`` or ``(n, k)`` values, with the names of LeRobot.
 
     Source: LeRobot 0.6, ``datasets/compute_stats.py``. Quantiles are exact; LeRobot estimates them.
     """
-    wide = values.astype(np.float64)
-    quantiles = np.quantile(wide, list(QUANTILES.values()), axis=0)
+    wide = values.reshape(len(values), -1).astype(np.float64)
+    quantiles = np.quantile(wide, list(QUANTILES.values()), axis=0).tolist()
     return {
-        "min": wide.min(axis=0),
-        "max": wide.max(axis=0),
-        "mean": wide.mean(axis=0),
-        "std": wide.std(axis=0),
-        "count": np.array([len(wide)]),
+        **{name: getattr(wide, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")},
+        "count": [len(wide)],
         **dict(zip(QUANTILES, quantiles, strict=True)),
-    }
-
-
-def merged(parts: Sequence[Statistics]) -> Statistics:
-    """Return the statistics of all frames from those of the episodes.
-
-    Quantiles are means over episodes weighted by frames, as in LeRobot; the variance is that of
-    Chan, Golub and LeVeque (1979).
-    """
-    counts = np.stack([part["count"] for part in parts]).astype(np.float64)
-    total = counts.sum(axis=0)
-    mean = sum(part["mean"] * count for part, count in zip(parts, counts, strict=True)) / total
-    variance = (
-        sum(
-            (part["std"] ** 2 + (part["mean"] - mean) ** 2) * count
-            for part, count in zip(parts, counts, strict=True)
-        )
-        / total
-    )
-    weighed = {
-        name: sum(part[name] * count for part, count in zip(parts, counts, strict=True)) / total
-        for name in QUANTILES
-    }
-    return {
-        "min": np.min([part["min"] for part in parts], axis=0),
-        "max": np.max([part["max"] for part in parts], axis=0),
-        "mean": np.asarray(mean),
-        "std": np.sqrt(np.asarray(variance)),
-        "count": total.astype(np.int64),
-        **{name: np.asarray(value) for name, value in weighed.items()},
     }
