@@ -1,23 +1,48 @@
-"""``spikingtac doctor``: what this machine has, lacks, and how to mend it."""
+"""``spikingtac doctor``: what this machine has, lacks, and how to mend it; nothing is changed."""
 
 from __future__ import annotations
 
+import os
+import platform
+import re
+import socket
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from spikingtac.cli.machine import delivery, inspect_machine
 from spikingtac.cli.messages import Table, tell
 from spikingtac.cli.options import JsonArgs
 from spikingtac.errors import ConfigError
 
 EXIT_MACHINE = 3
+VIEWER_PORT = 8765
+"""Port of ``spikingtac view`` unless given."""
+SOCKET_BUFFER_BYTES = 8 << 20
+"""Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s."""
+LATENCY_LIMIT_MS = 1.0
+"""Interval of deliveries from which on a window of 1 ms is no latency of 1 ms."""
+SLOW_DELIVERY = (
+    "ask the maker's driver for smaller transfers (openmv: words=1024; OpenEB's kernel driver: "
+    "mipi_frame_period)"
+)
+NOTHING_CAME = "see that the camera is on, its address is right, and something moves before it"
+CACHE_REMEDY = (
+    "it cannot be written: set NUMBA_CACHE_DIR to a folder of yours, or every start may compile "
+    "again"
+)
+REQUIREMENT = re.compile(r"([\w.-]+)[^;]*(?:;(?:.*\bextra == ['\"](\w+)['\"])?.*)?")
+"""A line of a package's requirements: the library, and the extra that brings it."""
+NO_USERS = ("dev",)
+"""Extras for who develops the package."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args(JsonArgs):
-    """Check this machine: Python, kernel cache, extras, CPU governor, USB, cameras, clock, ports.
+    """Check this machine: Python, kernel cache, extras, CPU governor, cameras, ports.
 
     With the address of a camera, also measure how it delivers.
     """
@@ -28,16 +53,137 @@ class Args(JsonArgs):
     """How long to listen to it, s."""
 
 
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a check found.
+
+    Attributes:
+        name: What was looked at.
+        status: ``ok``, ``note`` (works, could be better) or ``fail`` (something will not work).
+        found: What is there.
+        remedy: What to do about it, empty where nothing is to be done.
+    """
+
+    name: str
+    status: str
+    found: str
+    remedy: str = ""
+
+
 def run(args: Args) -> int:
     """Print the findings; exit 3 where something will not work."""
     if not args.seconds > 0.0:
         raise ConfigError(f"--seconds is {args.seconds:g}, it must be above 0")
-    findings = list(inspect_machine())
+    findings = [*_libraries(), *_settings()]
     if args.source is not None:
-        findings += delivery(args.source, args.seconds)
+        findings += _delivery(args.source, args.seconds)
     healthy = all(finding.status != "fail" for finding in findings)
     document = {"healthy": healthy, "checks": [asdict(finding) for finding in findings]}
     rows = ((item.name, item.status, item.found, item.remedy) for item in findings)
     columns = ("check", "status", "found", "what to do")
     tell(args.json, document, Table("This machine", columns, rows, words=len(columns)))
     return 0 if healthy else EXIT_MACHINE
+
+
+def _libraries() -> Iterator[Finding]:
+    from spikingtac.cameras.found import is_installed, remedy
+    from spikingtac.events.cameras.kinds import KINDS
+
+    version, cores = platform.python_version(), os.cpu_count() or 1
+    yield Finding("python", "ok", f"{version} on {platform.system()}, {cores} cores")
+    needed: dict[str, list[str]] = {}
+    for line in metadata.requires("spikingtac") or ():
+        library, extra = REQUIREMENT.fullmatch(line).groups("")  # type: ignore[union-attr]
+        if extra or ";" not in line:  # what only some machines need may be absent here
+            needed.setdefault(extra, []).append(library)
+    for extra in sorted(needed.keys() - {*NO_USERS}):
+        absent = [library for library in needed[extra] if not _is_there(library)]
+        found = f"without {', '.join(absent)}" if absent else "installed"
+        if extra:
+            todo = f"pip install 'spikingtac[{extra}]' if you need it"
+            yield _noted(f"extra [{extra}]", not absent, found, todo)
+        else:
+            todo = "pip install --force-reinstall spikingtac"
+            yield Finding("libraries", "fail" if absent else "ok", found, todo if absent else "")
+    for name, kind in KINDS.items():  # those of extras are told with the extras
+        if kind.module and not kind.extra:
+            found = f"{kind.about}: {'' if is_installed(name) else 'not '}installed"
+            todo = f"{remedy(name)} if you have one"
+            yield _noted("camera library", is_installed(name), found, todo)
+
+
+def _is_there(library: str) -> bool:
+    try:
+        return bool(metadata.version(library))
+    except metadata.PackageNotFoundError:
+        return False
+
+
+def _settings() -> Iterator[Finding]:
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[1]
+    # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
+    standing = next(path for path in (folder, *folder.parents) if path.exists())
+    yield _noted("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)
+    cpus = Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = {_text(path) for path in cpus} or {"not adjustable here"}
+    todo = "live at 1 kHz: sudo cpupower frequency-set -g performance"
+    good = governors <= {"performance", "not adjustable here"}
+    yield _noted("cpu governor", good, ", ".join(sorted(governors)), todo)
+    limit = _text(Path("/proc/sys/net/core/rmem_max"))
+    if limit.isdecimal():
+        todo = f"for udp: cameras: sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}"
+        enough = int(limit) >= SOCKET_BUFFER_BYTES
+        yield _noted("socket buffer", enough, f"at most {int(limit) >> 10} KiB", todo)
+    for path in sorted([*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("video*")]):
+        if not os.access(path, os.R_OK | os.W_OK):
+            group = "video" if path.name.startswith("video") else "dialout"
+            todo = f"sudo usermod -aG {group} $USER, then log in again"
+            yield Finding("permissions", "note", f"{path} may not be opened by you", todo)
+    with socket.socket() as probe:
+        free = probe.connect_ex(("127.0.0.1", VIEWER_PORT)) != 0
+    found = f"{VIEWER_PORT} is {'free' if free else 'taken'}"
+    yield _noted("viewer port", free, found, "give the viewer another one: --port N")
+
+
+def _delivery(address: str, seconds: float) -> Iterator[Finding]:
+    """Open a camera, and yield how it delivers.
+
+    Args:
+        address: The camera's.
+        seconds: How long to listen, s.
+
+    Raises:
+        SpikingTacError: The camera cannot be opened.
+    """
+    from spikingtac.cli.interrupt import ending_on_interrupt
+    from spikingtac.events.address import Address
+    from spikingtac.events.cameras.source import CameraSource
+    from spikingtac.events.formats.file_source import ReadOptions
+
+    given = Address.parse(address)
+    options = {**given.options, "seconds": f"{seconds:g}"}
+    timed = Address(kind=given.kind, target=given.target, options=options)
+    source = CameraSource(timed, ReadOptions())
+    with ending_on_interrupt(source):
+        for _ in source.columns():
+            pass
+    source.release()
+    health = source.health()
+    rate = health.events / seconds
+    fast = health.interval_p50_ms is not None and health.interval_p50_ms <= LATENCY_LIMIT_MS
+    found = f"{health.sentence}; {rate / 1e6:.3f} Mev/s over {seconds:g} s"
+    yield _noted("delivery", fast, found, SLOW_DELIVERY if health.events else NOTHING_CAME)
+    for kind, count in health.losses.items():
+        yield Finding("delivery", "note", f"{kind}: {count}")
+
+
+def _noted(name: str, good: bool, found: str, remedy: str) -> Finding:
+    return Finding(name, "ok", found) if good else Finding(name, "note", found, remedy)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""

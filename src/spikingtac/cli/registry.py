@@ -38,7 +38,7 @@ VERBS: dict[str, str] = {
     "plot": "draw tracks: displacement over time, vector field, heat map, strain",
     "compare": "compare two tracks, or tracks with a truth: errors over time and by marker",
     "cameras": "list the cameras that are plugged in, and the ways to reach one",
-    "doctor": "check this machine: extras, CPU governor, USB, cameras, clock; measure a camera",
+    "doctor": "check this machine: extras, kernel cache, CPU governor, ports; measure a camera",
 }
 """Verb -> one line of help; the module of that name has ``Args`` and ``run(args)``."""
 
