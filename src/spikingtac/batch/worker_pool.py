@@ -92,6 +92,8 @@ class WorkerProcesses(Executor):
         for worker in self._workers:
             worker.kill()
         self._threads.shutdown(wait=wait)
+        for worker in self._workers:
+            worker.close()
 
     def _run(self, task: Callable[[], Any]) -> Any:
         worker = self._idle.get()
@@ -127,6 +129,11 @@ class _Worker:
         if self._pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(self._pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+    def close(self) -> None:
+        """Join the pool's own thread: at the interpreter's end its pipe may be gone."""
+        if self._pool is not None:
+            self._pool.shutdown()
 
     def _start(self) -> ProcessPoolExecutor:
         # Fresh interpreters: a fork would copy locks whose threads it does not copy.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -263,8 +264,8 @@ def _check(args: Args, calibration: Path) -> int:
     from spikingtac.calibration.sensor_calibration import Calibration
 
     if means_many(args, args.recordings):
-        Calibration.load(calibration)  # what is wrong for all of them is refused before any work
-        return run_many("calibrate --check", args, args.recordings, check_one, ".json")
+        check = partial(Calibration.load, calibration)
+        return run_many("calibrate --check", args, args.recordings, check_one, ".json", check)
     recording = args.recordings[0]
     with progress(f"checking {recording.name}"):
         found = _checked(args, recording)

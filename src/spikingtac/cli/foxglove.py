@@ -8,15 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.publishing import (
-    PublishArgs,
-    feed_of,
-    publish_until,
-    tell,
-    wait_for_reader,
-)
+from spikingtac.cli.publishing import PublishArgs, feed_of, publish
 
-FIELD = "/tactile/field"
 FOXGLOVE_ORIGINS = ("https://app.foxglove.dev", "https://studio.foxglove.dev")
 """Origins of the Foxglove app in a browser."""
 
@@ -42,28 +35,16 @@ class Args(PublishArgs):
 def run(args: Args) -> int:
     """Serve until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.foxglove import FoxglovePublisher
-    from spikingtac.ros2.stream import SensorStream, StreamConfig, rehearse
     from spikingtac.viewer.web.access import Gate
 
     feed = feed_of(args)
-    shown = StreamConfig(
-        hardware=args.source.name,
-        events=feed.source is not None and not args.without_events,
-        wrench=feed.has_wrench,
-        field_hz=args.field_hz,
-    )
-    rehearse(feed.layout)
     gate = Gate.for_host(args.host)
     refusal = partial(_refusal, gate.refusal, args.allow_origin)
     with closing(FoxglovePublisher(args.host, args.port, refusal)) as publisher:
-        stream = SensorStream(publisher, feed.layout, shown, feed.force)
         token = f"/?token={gate.token}" if gate.token else ""
         address = f"ws://{args.host}:{publisher.port}{token}"
         remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
-        ready = partial(wait_for_reader, publisher, FIELD, args.wait_s)
-        found = publish_until(feed, stream, args.seconds, ready)
-    tell(found, as_json=args.json)
-    return 0
+        return publish(args, feed, publisher, field_hz=args.field_hz)
 
 
 def _refusal(

@@ -74,6 +74,7 @@ def run_many(
     given: Sequence[Path],
     work: Callable[[SomeArgs, Path, Path], Mapping[str, Any]],
     ending: str,
+    check: Callable[[], object] = lambda: None,
     **options: Any,
 ) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise.
@@ -84,12 +85,14 @@ def run_many(
         given: What was named: files, folders, patterns.
         work: Takes the arguments, a recording and its output; writes the output, returns its row.
         ending: Ending of the outputs.
+        check: Refuses what is wrong for all of them, before any work is done.
         **options: Of :func:`spikingtac.batch.inputs.find_recordings`.
     """
     from spikingtac.batch.inputs import find_recordings
     from spikingtac.batch.run import Batch, Workers, run_batch
 
     folder = _require_folder(getattr(args, "output", None), name)
+    check()
     fixed = _absolute(args)
     batch = Batch(
         name=name,

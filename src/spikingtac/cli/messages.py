@@ -55,7 +55,11 @@ def tell(as_json: bool, document: Mapping[str, Any], *shown: Table | str) -> int
 
 def figures(title: str, document: Mapping[str, Any]) -> Table:
     """Return a document as a table of names and values; units stand behind the values."""
-    return Table(title, ("", ""), [_row(*item) for item in document.items()], words=2)
+    rows: dict[str, str] = {}
+    for key, value in document.items():
+        name, text = _row(key, value)
+        rows[name if name not in rows else key.replace("_", " ")] = text
+    return Table(title, ("", ""), rows.items(), words=2)
 
 
 def emit_json(document: Mapping[str, Any]) -> None:

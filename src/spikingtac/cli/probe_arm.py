@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.probe_result import ProbedHole
+from spikingtac.cli.probe_result import ProbedHole, readings
 from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     ProbeArgs,
@@ -21,9 +21,10 @@ from spikingtac.cli.probe_search import (
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of
-from spikingtac.errors import CalibrationError, DeviceError
+from spikingtac.errors import DeviceError
 from spikingtac.geometry.hole import Circle, Compensation
 from spikingtac.geometry.travel import TravelModel
+from spikingtac.plots.hole import HolePicture
 from spikingtac.robot.prober import ArmProber, Touched
 from spikingtac.robot.robotiq import FULL_SCALE, Grip, RobotiqGripper
 from spikingtac.robot.watchdog import (
@@ -77,7 +78,7 @@ def on_arm(args: ProbeArgs) -> ProbedHole:
             gripper.move(OPEN)
     given = {"events": str(args.events), "calibration": str(args.calibration)}
     return ProbedHole(
-        circle=circle,
+        picture=HolePicture(circle=circle, reading_mm=readings(touches)),
         touches=touches,
         travel=travel,
         method={"search": args.search, "detector": args.detector},
@@ -208,13 +209,9 @@ def listen(args: ProbeArgs, calibration: Calibration) -> Iterator[Window]:
     """
     from spikingtac.events.open import open_events
     from spikingtac.events.windows import windows
+    from spikingtac.pipeline.track import require_same_size
 
     assert args.events is not None
     source = open_events(args.events)
-    if source.size != calibration.size:
-        raise CalibrationError(
-            f"--calibration is for {calibration.size[0]}x{calibration.size[1]}, the finger of "
-            f"--events is {source.size[0]}x{source.size[1]}; calibrate this sensor: "
-            "spikingtac calibrate RECORDING -o calibration.json"
-        )
+    require_same_size(source.size, calibration.size)
     return ((window,) for window in windows(source, period_us=1000))

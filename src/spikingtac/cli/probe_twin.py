@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.probe_result import ProbedHole, TrueHole
+from spikingtac.cli.probe_result import ProbedHole, readings
 from spikingtac.cli.probe_search import (
     ASSUMPTIONS,
     ProbeArgs,
@@ -17,6 +17,7 @@ from spikingtac.cli.probe_search import (
 )
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.geometry.travel import TravelModel
+from spikingtac.plots.hole import HolePicture
 from spikingtac.robot.prober import ArmProber
 from spikingtac.sim.rig import wall_calibration
 from spikingtac.sim.rig.hole_site import Grasp, HoleSite, HoleTrial, hole_trial
@@ -69,13 +70,17 @@ def on_twin(args: ProbeArgs) -> ProbedHole:
     x, y = trial.start_mm.tolist()
     given = {"seed": args.seed, "radius_mm": args.radius_mm, "start_mm": (x, y)}
     return ProbedHole(
-        circle=circle,
+        picture=HolePicture(
+            circle=circle,
+            reading_mm=readings(touches),
+            true_center_mm=trial.center_mm,
+            true_radius_mm=args.radius_mm,
+        ),
         touches=touches,
         travel=travel,
         method={"search": args.search, "detector": args.detector},
         config=resolved_config(args) | given,
         assumed=ASSUMPTIONS_ON_TWIN,
-        truth=TrueHole(center_mm=trial.center_mm, radius_mm=args.radius_mm),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from spikingtac.cli.interrupt import ending_on_interrupt
-from spikingtac.cli.messages import emit_json, remark, warn
-from spikingtac.cli.options import ReadArgs
+from spikingtac.cli.messages import remark, tell, warn
+from spikingtac.cli.options import TrackerArgs
 
 if TYPE_CHECKING:
     from spikingtac.ros2.feed import Feed, Pace
@@ -25,17 +24,11 @@ ENDING_S = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublishArgs(ReadArgs):
+class PublishArgs(TrackerArgs):
     """Options of verbs that publish a sensor."""
 
     source: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SOURCE")]
     """A camera's address, event file or recording folder, with --calibration; or tracks.npz."""
-    calibration: Path | None = None
-    """calibration.json of this sensor; make one with: spikingtac calibrate."""
-    preset: str = "default"
-    """Tracker: default, fast or paper, or a TOML file."""
-    rate_hz: float | None = None
-    """Frames per second; the preset's unless given."""
     force: Path | None = None
     """Force model: publish the wrench, too; make one with: spikingtac force fit."""
     without_events: bool = False
@@ -47,45 +40,54 @@ class PublishArgs(ReadArgs):
 
 
 def feed_of(args: PublishArgs) -> Feed:
-    """Return the frames that are published."""
+    """Return the frames that are published; nothing is left to compile at the first one."""
     from spikingtac.ros2.feed import FeedConfig, open_feed
+    from spikingtac.ros2.stream import rehearse
 
     names = ("source", "calibration", "preset", "rate_hz", "force", "sensor", "strict")
-    return open_feed(FeedConfig(**{name: getattr(args, name) for name in names}, tell=warn))
+    feed = open_feed(FeedConfig(**{name: getattr(args, name) for name in names}, tell=warn))
+    rehearse(feed.layout)
+    return feed
 
 
-def publish_until(
-    feed: Feed, stream: SensorStream, seconds: float | None, ready: Callable[[], None]
-) -> dict[str, Any]:
-    """Publish until the source ends, so many seconds of it are over, or Ctrl-C; return figures.
+def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **config: Any) -> int:
+    """Publish until the source ends, --seconds of it are over, or Ctrl-C; tell the figures.
 
     Args:
+        args: The verb's options.
         feed: The frames.
-        stream: What publishes them.
-        seconds: Length, s of data time; None is all of it.
-        ready: Waits for whom shall not miss the first frame.
+        publisher: Sends the messages.
+        **config: Further settings of :class:`spikingtac.ros2.stream.StreamConfig`.
     """
     from spikingtac.ros2.feed import Pace
+    from spikingtac.ros2.stream import SensorStream, StreamConfig
     from spikingtac.stream.real_time import exempt_from_collection
 
+    own = {"hardware": args.source.name, "wrench": feed.has_wrench}
+    own["events"] = feed.source is not None and not args.without_events
+    shown = StreamConfig(**own, **config)
+    stream = SensorStream(publisher, feed.layout, shown, feed.force)
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     pace, stop, begun_s = Pace(), _Stop(), time.monotonic()
     try:
-        ready()
+        wait_for_reader(publisher, f"{shown.prefix}/field", args.wait_s)
         with ending_on_interrupt(feed.source, stop):
-            _publish(feed, stream, pace, seconds, stop)
+            _publish(feed, stream, pace, args.seconds, stop)
     except KeyboardInterrupt:
         stop.close()
     if stop.asked:
         remark("ended")
     time.sleep(ENDING_S)
-    return {
+    found = {
         "seconds": round(time.monotonic() - begun_s, 3),
         "largest_lag_ms": round(1e3 * pace.largest_lag_s, 3),
         "sent_late_ms": pace.lateness_ms(),
         "messages": dict(sorted(stream.counts.items())),
         "anomalies": anomalies(feed),
     }
+    sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
+    behind = f"at most {found['largest_lag_ms']:.0f} ms behind"
+    return tell(args.json, found, f"published {sent}; {behind}")
 
 
 def wait_for_reader(publisher: Publisher, topic: str, wait_s: float) -> None:
@@ -93,15 +95,6 @@ def wait_for_reader(publisher: Publisher, topic: str, wait_s: float) -> None:
     deadline_s = time.monotonic() + wait_s
     while not publisher.readers(topic) and time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
-
-
-def tell(found: dict[str, Any], *, as_json: bool) -> None:
-    """Print what was published."""
-    if as_json:
-        emit_json(found)
-        return
-    told = ", ".join(f"{count} {name}" for name, count in found["messages"].items())
-    remark(f"published {told}; at most {found['largest_lag_ms']:.0f} ms behind")
 
 
 def anomalies(feed: Feed) -> dict[str, int]:

@@ -4,22 +4,9 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.publishing import (
-    PublishArgs,
-    feed_of,
-    publish_until,
-    tell,
-    wait_for_reader,
-)
-
-if TYPE_CHECKING:
-    from spikingtac.ros2.dds import DdsPublisher
-    from spikingtac.ros2.feed import Feed
-    from spikingtac.ros2.stream import SensorStream
+from spikingtac.cli.publishing import PublishArgs, feed_of, publish
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,39 +33,15 @@ class Args(PublishArgs):
 def run(args: Args) -> int:
     """Publish until the source ends, or until Ctrl-C."""
     from spikingtac.ros2.dds import DdsConfig, DdsPublisher, dds_topic
-    from spikingtac.ros2.stream import rehearse
+    from spikingtac.ros2.messages import camera_info_message
 
     field = f"{args.prefix}/field"
     dds_topic(field)  # refuses a prefix that is none
     config = DdsConfig(domain=args.domain, interface=args.interface, reliable=args.reliable)
     feed = feed_of(args)
-    _check_distance(args, feed)
-    rehearse(feed.layout)
-    with closing(DdsPublisher(config)) as publisher:
-        stream = _announce(args, feed, publisher)
-        where = "this machine" if args.interface == "lo" else args.interface
-        remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
-        ready = partial(wait_for_reader, publisher, field, args.wait_s)
-        found = publish_until(feed, stream, args.seconds, ready)
-    tell(found, as_json=args.json)
-    return 0
-
-
-def _check_distance(args: Args, feed: Feed) -> None:
-    from spikingtac.ros2.messages import camera_info_message
-
     if args.distance_mm is not None:
         camera_info_message(feed.layout, args.distance_mm)  # refuses it where it says nothing
-
-
-def _announce(args: Args, feed: Feed, publisher: DdsPublisher) -> SensorStream:
-    from spikingtac.ros2.stream import SensorStream, StreamConfig
-
-    config = StreamConfig(
-        prefix=args.prefix,
-        hardware=args.source.name,
-        events=feed.source is not None and not args.without_events,
-        wrench=feed.has_wrench,
-        distance_mm=args.distance_mm,
-    )
-    return SensorStream(publisher, feed.layout, config, feed.force)
+    with closing(DdsPublisher(config)) as publisher:
+        where = "this machine" if args.interface == "lo" else args.interface
+        remark(f"publishing {field} and more on {where}, domain {args.domain}; Ctrl-C ends")
+        return publish(args, feed, publisher, prefix=args.prefix, distance_mm=args.distance_mm)

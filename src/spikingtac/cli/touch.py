@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -145,8 +146,8 @@ def _run_many(args: Args) -> int:
 
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
-    load_config(args.preset)  # what is wrong for all of them is refused before any work is done
-    return run_many("touch", args, args.sources, touch_one, ".csv", members=SERIES_MEMBERS)
+    check, members = partial(load_config, args.preset), SERIES_MEMBERS
+    return run_many("touch", args, args.sources, touch_one, ".csv", check, members=members)
 
 
 def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:

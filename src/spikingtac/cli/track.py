@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,8 +67,8 @@ def run(args: Args) -> int:
     if args.second is not None:
         return _run_two(args, args.second, many)
     if many:
-        _configured(args, args.calibration)  # what is wrong for all of them is refused first
-        return run_many("track", args, args.recordings, track_one, ".npz")
+        check = partial(_configured, args, args.calibration)
+        return run_many("track", args, args.recordings, track_one, ".npz", check)
     recording, output = args.recordings[0], args.output or TRACKS
     args.claim(output)
     with progress(f"tracking {recording.name}") as advance:

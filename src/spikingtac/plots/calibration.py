@@ -6,18 +6,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import replacing
 from spikingtac.calibration.sensor_calibration import Calibration
+from spikingtac.plots.theme import new_figure, style_axes
+from spikingtac.plots.tracks import save_figure
 
-WIDTH_IN = 7.0
-"""Width of the picture, inches."""
-
+MARGIN = 0.09
+"""Height of title and legend over the figure's width."""
 STATUS: dict[str, tuple[str, Literal["-", "--"]]] = {
     "good": ("#009e73", "-"),
     "doubtful": ("#e69f00", "-"),
@@ -37,10 +33,13 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
         calibration: What to draw.
         path: File to write; its ending chooses the format.
     """
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle
+
     width, height = calibration.size
-    figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure, theme = new_figure("light", "double", height / width + MARGIN)
     axes = figure.add_subplot()
+    style_axes(axes, theme)
     axes.imshow(picture(calibration), cmap="gray", vmin=0.0, vmax=1.0)
     status = marker_status(calibration)
     for marker, center in enumerate(calibration.reference_px):
@@ -65,8 +64,7 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
         if name in status
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    with replacing(path) as partial:
-        figure.savefig(partial, dpi=120)
+    save_figure(figure, path)
 
 
 def marker_status(calibration: Calibration) -> list[str]:

@@ -140,10 +140,16 @@ def plot_events(
 
 
 def _draw_moment(axes: Axes, figures: EventFigures, theme: Theme) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    # The colours of ON and OFF events on the page and in summaries.
+    colors = LinearSegmentedColormap.from_list(
+        "polarity", (theme.second, theme.ground, theme.strong)
+    )
     bound = max(int(np.abs(figures.moment).max()), 1)
-    axes.imshow(figures.moment, cmap=theme.diverging, vmin=-bound, vmax=bound)
+    axes.imshow(figures.moment, cmap=colors, vmin=-bound, vmax=bound)
     at_s = (figures.at_us - figures.first_us) / US_PER_S
-    axes.set(title=f"ON (red), OFF (blue), {RATE_US // 1000} ms from {at_s:.3f} s")
+    axes.set(title=f"ON (blue), OFF (orange), {RATE_US // 1000} ms from {at_s:.3f} s")
     axes.set(xlabel="x (px)", ylabel="y (px)")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ON_COLOR, OFF_COLOR = "#6fb3e0", "#d98a5b"
-ARROW_COLOR, TRUTH_COLOR, CONTACT_COLOR = "#e9b44c", "#6cc28a", "#ffd479"
+ARROW_COLOR, CONTACT_COLOR = "#e9b44c", "#ffd479"
 GROUND, PANEL, TEXT, SOFT = "#0b0d0e", "#161a1d", "#dbe0e3", "#8d979e"
 RING_COLOR = "#4b545b"
 WIDTH_IN, HEIGHT_IN, DPI = 10.0, 5.6, 130
@@ -75,14 +75,9 @@ def save_summary(
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1))
-    sensor, above, below = (
-        figure.add_subplot(grid[:, 0]),
-        figure.add_subplot(grid[0, 1]),
-        figure.add_subplot(grid[1, 1]),
-    )
-    SensorDrawing(sensor, picture, arrow_scale)
-    _draw_course(above, below, course, picture.t_s)
+    panels = figure.subplot_mosaic("sa;sb", width_ratios=(1.25, 1))
+    SensorDrawing(panels["s"], picture, arrow_scale)
+    _draw_course(panels["a"], panels["b"], course, picture.t_s)
     figure.suptitle(title, color=TEXT, fontsize=11)
     with replacing(path) as partial:
         figure.savefig(partial, facecolor=PANEL, metadata={"Creator": CREATOR})
@@ -108,28 +103,14 @@ class SensorDrawing:
             picture.image, cmap=colors, vmin=0, vmax=2, interpolation="nearest"
         )
         across_px = 2.0 * np.asarray(picture.radius_px)
-        rings = EllipseCollection(
-            across_px,
-            across_px,
-            np.zeros(len(across_px)),
-            units="xy",
-            offsets=picture.reference_px,
-            offset_transform=axes.transData,
-            facecolors="none",
-            edgecolors=RING_COLOR,
-            linewidths=0.7,
-        )
+        rings = EllipseCollection(across_px, across_px, np.zeros(len(across_px)), units="xy")
+        rings.set(offsets=picture.reference_px, offset_transform=axes.transData)
+        rings.set(facecolors="none", edgecolors=RING_COLOR, linewidths=0.7)
         axes.add_collection(rings)
-        self._arrows = axes.quiver(
-            *picture.reference_px.T,
-            *self._moved(picture).T,
-            color=ARROW_COLOR,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            width=0.004,
-            headwidth=4.5,
-        )
+        rest_px, moved_px = picture.reference_px.T, self._moved(picture).T
+        look: dict[str, Any] = {"color": ARROW_COLOR, "width": 0.004, "headwidth": 4.5}
+        in_px: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1}
+        self._arrows = axes.quiver(*rest_px, *moved_px, **look, **in_px)
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
         self.show(picture)
 

@@ -6,18 +6,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from spikingtac.geometry.hole import Circle
-from spikingtac.plots.hole import (
-    PLANE_REGION,
-    HolePicture,
-    draw_hole,
-)
+from spikingtac.plots.hole import PLANE_REGION, HolePicture, draw_hole
+from spikingtac.plots.theme import THEMES
 
 RADIUS_MM = 2.0
 RESIDUAL_MM = np.array([0.02, -0.01, 0.0, 0.015])
 ANGLE_RAD = np.radians([10.0, 100.0, 190.0, 280.0])
 
 
-def picture(sigma_mm: float = 0.02, off_mm: float = 0.03, known: bool = True) -> HolePicture:
+def picture(sigma_mm: float = 0.02, off_mm: float = 0.03) -> HolePicture:
     circle = Circle(
         np.array([off_mm, 0.0]),
         RADIUS_MM,
@@ -28,15 +25,15 @@ def picture(sigma_mm: float = 0.02, off_mm: float = 0.03, known: bool = True) ->
     return HolePicture(
         circle=circle,
         reading_mm=reading,
-        true_center_mm=np.zeros(2) if known else None,
-        true_radius_mm=RADIUS_MM if known else None,
+        true_center_mm=np.zeros(2),
+        true_radius_mm=RADIUS_MM,
     )
 
 
 def test_what_is_drawn_is_what_the_legend_says() -> None:
     axes = Figure().add_subplot()
     one = picture()
-    draw_hole(axes, one)
+    draw_hole(axes, one, THEMES["light"])
     handles, labels = axes.get_legend_handles_labels()
     drawn = dict(zip(labels, handles, strict=True))
     assert axes.get_aspect() == 1.0
@@ -48,6 +45,5 @@ def test_what_is_drawn_is_what_the_legend_says() -> None:
     away = drawn[f"true centre, its distance × {one.center_factor:g}"].get_xydata()[0]
     np.testing.assert_allclose(away, [0.03 * (1.0 - one.center_factor), 0.0], atol=1e-12)
     contacts = drawn[f"contacts, residual × {one.residual_factor:g}"].get_xydata()
-    assert one.circle is not None
     distance = np.linalg.norm(contacts - one.circle.center_mm, axis=1)
     np.testing.assert_allclose(distance, RADIUS_MM + one.residual_factor * RESIDUAL_MM)
