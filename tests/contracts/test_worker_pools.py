@@ -46,16 +46,6 @@ def scheduler(request: pytest.FixtureRequest) -> str | None:
     return running.address
 
 
-def test_results_come_in_order_and_an_error_stops_nothing(scheduler: str | None) -> None:
-    with worker_pool(1, 4, scheduler, isolated=True) as pool:
-        assert pool.submit(os.getpid).result() != os.getpid()
-        wrong, right = pool.submit(divmod, 1, 0), pool.submit(divmod, 9, 4)
-        assert right.result() == (2, 1)
-        with pytest.raises(ZeroDivisionError):
-            wrong.result()
-        assert list(pool.map(divmod, (7, 9), (2, 4))) == [(3, 1), (2, 1)]
-
-
 def die(marker: str, times: int) -> str:
     """Kill the own process, so many times."""
     path = Path(marker)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -146,17 +145,3 @@ def test_a_data_set_is_replaced_only_when_asked_and_nothing_else_ever_is(
     assert main(export(day, "zarr", other, "--overwrite")) == 2
     assert (other / "thesis.txt").read_text() == "mine"
     assert not list(tmp_path.glob(".*"))
-
-
-@pytest.mark.parametrize(("form", "module"), [("lerobot", "pyarrow"), ("zarr", "zarr")])
-def test_the_extra_is_named_where_it_is_missing(
-    day: Path,
-    tmp_path: Path,
-    form: str,
-    module: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    assert main(export(day, form, tmp_path / "set")) == 3
-    assert f"spikingtac[{form}]" in capsys.readouterr().err

@@ -69,19 +69,6 @@ def test_what_the_parser_refuses_is_json_where_json_is_asked_for(
     assert shown.err.startswith("spikingtac: error: ")
 
 
-def test_help_is_as_wide_as_the_terminal(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    for words in (["track", "--help"], ["--help"]):
-        assert main(words) == 0
-        lines = capsys.readouterr().out.splitlines()
-        usage = [line for line in lines if not line.startswith(("Event-camera", "exit", "  -"))]
-        assert max(map(len, usage)) <= 60
-    assert main(["track", "--help"]) == 0
-    assert "RECORDING..." in capsys.readouterr().out.splitlines()[0]
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [(("--port", "80801"), "65535"), (("--port", "-1"), "65535"), (("--host", "999.1.1.1"), "999")],

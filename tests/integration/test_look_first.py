@@ -63,23 +63,6 @@ def test_its_events_are_shown_with_figures_and_advice(
     session.close()
 
 
-def test_a_scene_can_be_calibrated_as_if_it_were_unknown() -> None:
-    view = open_view_or_events("twin:bootstrap", look=True)
-    try:
-        assert view.simulated
-        assert view.truth is not None
-        assert view.calibration.reference_px.shape == (0, 2)
-        assert view.desk is not None
-        known = open_view_or_events("twin:bootstrap")
-        known.source.close()  # type: ignore[attr-defined]
-        assert known.desk is None
-        learned = view.calibrated(view, known.calibration)
-        assert len(learned.calibration.reference_px) == 64
-        assert learned.config == known.config
-    finally:
-        view.source.close()  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("other", [("--calibration", "x.json"), ("--export", "x.gif")])
 def test_a_calibration_is_either_given_or_made(
     other: tuple[str, str], recording: Path, capsys: pytest.CaptureFixture[str]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import get_args
@@ -11,11 +10,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from spikingtac.batch.run_folder import begin_run
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.main import main
 from spikingtac.cli.registry import module_of, verbs
-from spikingtac.errors import ConfigError
 
 
 @pytest.fixture
@@ -80,23 +77,3 @@ def test_every_verb_that_writes_has_the_flag() -> None:
                 without.append(f"{verb}: {kind.__name__}")
     assert writing >= 13  # it looks at something
     assert without == []
-
-
-def test_a_run_is_removed_only_when_asked_and_nothing_else_ever_is(tmp_path: Path) -> None:
-    run, other = tmp_path / "run", tmp_path / "other"
-    begin_run(run, {"seed": 1}, resume=False)
-    (run / "report.json").write_text("{}")
-    (run / "tables").mkdir()
-    for settings in ({"seed": 1}, {"seed": 2}):
-        with pytest.raises(ConfigError, match="--overwrite"):
-            begin_run(run, settings, resume=False)
-    with pytest.raises(ConfigError, match="give one of them"):
-        begin_run(run, {"seed": 1}, resume=True, overwrite=True)
-    begin_run(run, {"seed": 2}, resume=False, overwrite=True)
-    assert [path.name for path in run.iterdir()] == ["run.json"]
-    assert json.loads((run / "run.json").read_text()) == {"seed": 2}
-    other.mkdir()
-    (other / "thesis.txt").write_text("mine")
-    with pytest.raises(ConfigError, match="holds no run"):
-        begin_run(other, {"seed": 1}, resume=False, overwrite=True)
-    assert (other / "thesis.txt").read_text() == "mine"

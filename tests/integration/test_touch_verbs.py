@@ -9,8 +9,6 @@ import pytest
 
 import spikingtac as st
 from spikingtac.cli.main import main
-from spikingtac_paper.touch.contacts import draw_contact
-from spikingtac_paper.touch.slip import GROSS_SHARE, LATE_US, watch_contact
 
 X, Y = np.meshgrid(np.arange(6.0), np.arange(5.0))
 REFERENCE = np.column_stack([X.ravel(), Y.ravel(), 0 * X.ravel()]) * 1.5
@@ -65,26 +63,6 @@ def test_touches_of_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "--overwrite" in capsys.readouterr().err
     assert main(["touch", str(source), "-o", str(table), "--overwrite"]) == 0
     assert "touches in a.npz" in capsys.readouterr().out
-
-
-def test_slips_of_fast_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A finger is dragged over the twin, at 40 mm/s, until nothing of its contact sticks."""
-    seed = 2
-    watched = watch_contact(draw_contact(np.random.default_rng(seed), kinds=("slide",)), seed)
-    path, table = tmp_path / "slide.npz", tmp_path / "touches.csv"
-    detected_px = watched.reference_px + watched.moved_px
-    np.savez(path, t_us=watched.t_us, reference_px=watched.reference_px, detected_px=detected_px)
-    assert main(["touch", str(path), "-o", str(table), "--json"]) == 0
-    (touch,) = json.loads(capsys.readouterr().out)["touches"]
-    first = touch["slips"][0]
-    assert {"incipient_us", "gross_us", "end_us", "lead_us", "least_sticking_share"} == set(first)
-    slipped_us = watched.t_us[np.nan_to_num(watched.share, nan=1.0) < GROSS_SHARE][0]
-    assert abs(first["gross_us"] - slipped_us) <= LATE_US
-    with table.open() as file:
-        (row,) = csv.DictReader(file)
-    assert int(row["slips"]) == len(touch["slips"])
-    assert main(["touch", str(path)]) == 0
-    assert "slip ms" in capsys.readouterr().out
 
 
 def test_tracks_keep_their_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

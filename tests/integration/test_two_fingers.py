@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -24,7 +22,6 @@ from spikingtac.events.address import Address
 from spikingtac.events.cameras.source import CameraSource
 from spikingtac.events.clocks.live_pair import live_pair
 from spikingtac.events.create import create_events
-from spikingtac.events.evt.encode import Evt2Encoder
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
@@ -37,7 +34,6 @@ from stand_ins.viewer import CirclingDots, open_circling
 
 pytestmark = pytest.mark.waits
 
-COMMAND = Path(sys.executable).with_name("spikingtac")
 LATER_US = 7_000_000
 """The second sensor's clock is ahead of the first one's by so much."""
 BURSTS, PERIOD_S = 40, 0.02
@@ -183,39 +179,6 @@ def test_track_and_touch_take_two(
     assert (tmp_path / "touches_1.csv").read_text() == (tmp_path / "touches.csv").read_text()
 
 
-def test_two_cameras_are_tracked_at_once(
-    day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ports = [free_port(), free_port()]
-    addresses = [f"udp:127.0.0.1:{port}?encoding=evt2&seconds=1" for port in ports]
-    ended = threading.Event()
-    sender = threading.Thread(target=send_dots, args=(ports, ended))
-    sender.start()
-    try:
-        given = [addresses[0], "--second", addresses[1], *calibrations(day), *FAST]
-        found = asked(capsys, "track", *given, "-o", tmp_path / "t.npz")
-    finally:
-        ended.set()
-        sender.join()
-    one, other = Tracks.load(tmp_path / "t.npz"), Tracks.load(tmp_path / "t_1.npz")
-    assert min(len(one.t_us), len(other.t_us)) > 300
-    assert abs(int(one.t_us[-1]) - int(other.t_us[-1])) < 500_000
-    assert found["second"]["health"]["rate_ev_s"] > 0.0
-
-
-def send_dots(ports: Sequence[int], ended: threading.Event) -> None:
-    """Send circling dots to both ports as time passes, on clocks that are 7 s apart."""
-    encoders = [Evt2Encoder(), Evt2Encoder()]
-    begun_s = time.monotonic()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for packet in CirclingDots(duration_us=60_000_000):
-            if ended.wait(max(begun_s + packet.t_end_us / 1e6 - time.monotonic(), 0.0)):
-                return
-            for port, encoder, shift_us in zip(ports, encoders, (0, LATER_US), strict=True):
-                words = encoder.encode(packet.t + shift_us, packet.x, packet.y, packet.p)
-                out.sendto(words.tobytes(), ("127.0.0.1", port))
-
-
 def test_two_fingers_that_do_not_go_together_are_refused(day: Path, tmp_path: Path) -> None:
     for arguments, words in (
         (["track", day, "--second", day, "--calibration", day / "calibration.json"], "each"),
@@ -271,20 +234,6 @@ def test_align_writes_two_recordings_that_felt_the_same_as_one(
     alone = asked(capsys, "align", left, *poses, "-o", tmp_path / "poses.npz")
     assert alone["poses"]["rows"] == 2_500
     assert (tmp_path / "poses.npz").is_file()
-
-
-def test_view_shows_two_and_tells_of_both(day: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["view", str(day), "--second", str(day), "--headless", "--seconds", "1", "--port", "0"]
-    done = subprocess.run(
-        [COMMAND, *given, *FAST, "--json"], capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["estimates"] > 10
-    assert told["second"]["estimates"] > 10
-    assert "error_mean_px" not in told["second"]
-    assert main([*given[:4], "--export", "x.gif"]) == 2
-    assert "leave out --second" in capsys.readouterr().err
 
 
 def noise(seed: int, busy_ms: range = range(0)) -> EventPacket:

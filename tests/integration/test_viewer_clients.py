@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import resource
 import time
 from collections.abc import Iterator
@@ -127,16 +126,6 @@ def port() -> Iterator[int]:
     """A server for all tests from here on; those before have their own."""
     with served(open_circling) as number:
         yield number
-
-
-def test_a_page_gets_a_greeting_and_then_frames(port: int) -> None:
-    with admitted(port) as client:
-        greeting = client.recv(PATIENCE_S)
-        assert isinstance(greeting, str)
-        assert json.loads(greeting)["label"] == "circling dots"
-        first, _ = frame(client)
-        second, _ = frame(client)
-        assert second["stamp_ms"] > first["stamp_ms"]
 
 
 def test_a_stalled_page_gets_no_more_than_it_may(port: int) -> None:

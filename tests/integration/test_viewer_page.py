@@ -130,23 +130,6 @@ def test_scrubbing_goes_anywhere_and_back(page: WebDriver) -> None:
     assert found(page, "clock").text == "2.100 s"
 
 
-def test_a_control_changes_what_is_drawn(page: WebDriver) -> None:
-    paused_at(page, 700_000)
-    _, before = arrows(page)
-    set_value(page, "control-gain", 0.5)
-    wait(
-        page, f"Math.abs(__m.arrows[0][3] - __m.arrows[0][1]) < {abs(before[0, 3] - before[0, 1])}"
-    )
-    wait(page, "__m.meta.state === 'OK'")
-    _, after = arrows(page)
-    np.testing.assert_allclose(
-        after[:, 2:] - after[:, :2], 0.5 * (before[:, 2:] - before[:, :2]), atol=1e-2
-    )
-    found(page, "defaults").click()
-    wait(page, f"Math.abs(__m.arrows[0][3] - {before[0, 3]}) < 0.01")
-    wait(page, "__m.hello.controls[0].value === 1")
-
-
 def test_everything_has_a_name_for_screen_readers(page: WebDriver) -> None:
     nameless = js(
         page,

@@ -13,7 +13,6 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli import main as frame
 from spikingtac.cli.main import main
 from spikingtac.events.create import create_events
-from spikingtac.events.open import first_event_us
 from spikingtac.types import EventPacket
 from stand_ins.tracks import circling_tracks
 from stand_ins.viewer import record_circling
@@ -123,25 +122,3 @@ def test_what_the_system_refuses_has_a_way_out(
 ) -> None:
     frame._report(OSError(number, os.strerror(number), "x.raw"), as_json=False)
     assert told in capsys.readouterr().err
-
-
-def test_contacts_are_told_from_the_first_event(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    late_us = 1_700_000_000_000_000
-    rng = np.random.default_rng(0)
-    spans_us = ((0, 800_000, 2_000), (600_000, 700_000, 10_000))  # noise, and a burst
-    t_us = np.sort(np.concatenate([rng.integers(*span) for span in spans_us])) + late_us
-    count = len(t_us)
-    x, y = rng.integers(0, 320, (2, count)).astype(np.uint16)
-    packet = EventPacket(
-        x, y, np.ones(count, bool), t_us, int(t_us[0]), int(t_us[-1]) + 1, (320, 320)
-    )
-    with create_events(tmp_path / "late.npz", packet.size) as writer:
-        writer.write(packet)
-    assert first_event_us(tmp_path / "late.npz") == t_us[0]
-    code, text = said(capsys, "contact", tmp_path / "late.npz", "--detector", "event_count")
-    assert code == 0
-    assert "times from its first event" in text
-    assert " 6" in text
-    assert "17000000" not in text

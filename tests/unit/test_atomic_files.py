@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikingtac.atomic_files import WholeFile, replacing, require_free, whole_folder, write_text
+from spikingtac.atomic_files import WholeFile, replacing, require_free, write_text
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events
 from spikingtac.types import EventPacket
@@ -108,18 +108,6 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     assert len(listed(tmp_path)) == 1
     write_text(path, "whole")
     assert listed(tmp_path) == [path.name]
-
-
-def test_folders_are_replaced_at_the_end(tmp_path: Path) -> None:
-    folder = tmp_path / "f"
-    for text in ("one", "two"):
-        with whole_folder(folder, last="m.json") as partial:
-            write_text(partial / "m.json", text)
-            write_text(partial / "a.txt", text)
-    with pytest.raises(OSError, match=r"a\.txt"), whole_folder(folder, last="m.json") as partial:
-        os.rename(partial / "a.txt", partial / "b.txt")
-    assert [(folder / name).read_text() for name in listed(folder)] == ["two", "two"]
-    assert listed(tmp_path) == ["f"]
 
 
 def test_links_and_modes_and_devices_stay(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli import convert, info
+from spikingtac.cli import convert
 from spikingtac.cli.main import main
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events, open_events
@@ -43,14 +43,6 @@ def test_info_prints_the_contracts_keys(recorded: Path, capsys: pytest.CaptureFi
     assert found["mean_rate_mev_s"] == pytest.approx(1_500 / 20_499)
     assert found["peak_rate_mev_s"] == 0.5
     assert found["anomalies"] == {}
-
-
-def test_the_peak_does_not_depend_on_the_packets(recorded: Path) -> None:
-    peaks = {
-        info.summary(open_events(recorded, chunk_events=n))["peak_rate_mev_s"]
-        for n in (1, 7, 100, 10_000)
-    }
-    assert peaks == {0.5}
 
 
 @pytest.mark.parametrize("name", ["b.npz", "b.csv", "b.raw"])

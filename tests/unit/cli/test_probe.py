@@ -119,19 +119,6 @@ def test_a_real_arm_writes_what_it_found(
     assert Path(told["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_dead_sensor_is_known_before_the_arm_is_asked(
-    arm_arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def connected(args: Args) -> StillArm:
-        raise AssertionError("the arm was asked")
-
-    silence = [(EventPacket.empty(t, t + 1000, SIZE),) for t in range(0, 200_000, 1000)]
-    monkeypatch.setattr(probe_arm, "listen", lambda args, calibration: iter(silence))
-    monkeypatch.setattr(probe_arm, "connect", connected)
-    assert main(arm_arguments) == 3
-    assert "gave no event in its first 200 windows" in capsys.readouterr().err
-
-
 @pytest.fixture
 def gripper(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGripper]:
     """A gripper whose fingers meet the probe at half their way."""

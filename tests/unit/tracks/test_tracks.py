@@ -73,23 +73,6 @@ def test_what_holds_no_tracks_and_cannot_be_written_is_refused(tmp_path: Path) -
         create_tracks(tmp_path / "no" / "t.npz", REFERENCE_PX)
 
 
-def test_the_summary_is_what_was_put_in() -> None:
-    tracks = felt(circling_tracks())
-    found = tracks.summary()
-    assert (found["markers"], found["estimates"]) == (64, 500)
-    assert (found["t_first_us"], found["t_last_us"], found["rate_hz"]) == (7, 499_007, 1_000.0)
-    # The outermost markers circle widest; they are furthest from rest half a turn on.
-    assert found["displacement_max_px"] == pytest.approx(12.2, abs=0.1)
-    assert found["displacement_max_marker"] in (0, 7, 56, 63)
-    assert found["displacement_max_t_us"] == 499_007
-    assert (found["held_share"], found["never_observed"]) == (1 / 64, [9])
-    assert found["displacement_max_mm"] is None
-    assert found["force_max_n"] == pytest.approx(np.linalg.norm([1497, 1498, 1499]))
-    assert "64 markers, 500 estimates in 0.499 s" in repr(tracks)
-    none = circling_tracks(estimates=0).summary()
-    assert (none["estimates"], none["displacement_max_px"], none["rate_hz"]) == (0, 0.0, None)
-
-
 def test_frames_are_gathered_and_what_is_saved_is_loaded(tmp_path: Path) -> None:
     tracks = felt(circling_tracks(estimates=12, px_per_mm=8.0))
     tracks.save(tmp_path / "tracks.npz")

@@ -53,17 +53,6 @@ def test_going_back_gives_what_was_there_before(monkeypatch: pytest.MonkeyPatch)
         np.testing.assert_array_equal(tracked_to(play, times[index]), forwards[index])
 
 
-def test_a_tracker_that_cannot_be_copied_is_tracked_from_the_start() -> None:
-    class Uncopied(CountingTracker):
-        def __deepcopy__(self, memo: dict[int, object]) -> None:
-            raise TypeError("no copies")
-
-    play = Playback(EventStore(random_source(3, 60)), Uncopied, rate_hz=1000.0)
-    late = tracked_to(play, play.store.t_start_us + 500_000).copy()
-    tracked_to(play, play.store.t_start_us + 20_000)
-    np.testing.assert_array_equal(tracked_to(play, play.store.t_start_us + 500_000), late)
-
-
 def test_estimates_begin_at_the_first_event_and_keep_the_times_of_follow() -> None:
     frames: list[MarkerFrame] = []
     store = EventStore(random_source(seed=3, packets=60))

@@ -12,7 +12,6 @@ from spikingtac.viewer.replay import event_store
 from spikingtac.viewer.session import Session
 from spikingtac.viewer.snapshot import unpack
 from stand_ins.viewer import (
-    PERIOD_US,
     SIZE,
     CirclingDots,
     open_circling,
@@ -91,13 +90,6 @@ def test_a_control_acts_on_what_is_shown(opened: tuple[Session, Kept, Kept]) -> 
     opened[0].command("defaults", True)
     _, arrays = stepped(opened)
     np.testing.assert_allclose(arrays["position_px"] - reference_px(), moved, atol=1e-3)
-
-
-def test_at_the_end_it_stops_and_begins_again_on_demand(opened: tuple[Session, Kept, Kept]) -> None:
-    meta, _ = stepped(opened, 70)
-    assert (meta["playing"], meta["t_us"]) == (False, PERIOD_US)
-    opened[0].command("play", True)
-    assert stepped(opened)[0]["t_us"] < 50_000
 
 
 class Cut(CirclingDots):

@@ -139,13 +139,6 @@ def test_a_half_sent_request_is_hung_up_on(half: bytes, monkeypatch: pytest.Monk
     assert exchange([half], monkeypatch, 0.0) == b""
 
 
-def test_a_body_that_never_ends_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    posted = REQUEST.replace(b"GET", b"POST").replace(
-        b"\r\n\r\n", b"\r\nContent-Length: 99\r\n\r\n"
-    )
-    assert exchange([posted, b"x"], monkeypatch, 0.0).startswith(b"HTTP/1.1 405")
-
-
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SessionProcess]:
     """Show the circling discs and disturb the session's process once the page is served."""
