@@ -5,7 +5,6 @@ from __future__ import annotations
 import ipaddress
 import multiprocessing
 import os
-import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -76,15 +75,13 @@ class WorkerProcesses(Executor):
     """
 
     def __init__(self, count: int) -> None:
-        self._workers = [_Worker() for _ in range(count)]
-        self._idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
-        for worker in self._workers:
-            self._idle.put(worker)
-        self._threads = ThreadPoolExecutor(count)
+        self._workers: list[_Worker] = []
+        self._own = threading.local()
+        self._threads = ThreadPoolExecutor(count, initializer=self._hire)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a task in the next idle process."""
-        return self._threads.submit(self._run, partial(fn, *args, **kwargs))
+        return self._threads.submit(lambda: self._own.worker.run(partial(fn, *args, **kwargs)))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: those at work are killed where ``cancel_futures`` is set."""
@@ -95,12 +92,10 @@ class WorkerProcesses(Executor):
         for worker in self._workers:
             worker.close()
 
-    def _run(self, task: Callable[[], Any]) -> Any:
-        worker = self._idle.get()
-        try:
-            return worker.run(task)
-        finally:
-            self._idle.put(worker)
+    def _hire(self) -> None:
+        """Give a thread a process of its own."""
+        self._own.worker = _Worker()
+        self._workers.append(self._own.worker)
 
 
 class _Worker:

@@ -119,7 +119,9 @@ def track_to_file(
             moved = frame.detected_px - calibration.reference_px
             runs.follow(moved)
             if estimator is not None:
-                writer.measure(_columns(estimator.update(frame.t_us, moved)))
+                wrench = estimator.update(frame.t_us, moved)
+                writer.measure(_columns(wrench))
+                counts.feel(wrench)
             writer.write(frame)
             counts.add(frame)
             if counts.estimates % PROGRESS_EVERY == 0:
@@ -200,6 +202,10 @@ class _Counts:
         self.estimates = 0
         self._coasted = np.zeros(markers, np.int64)
         self._largest_px = 0.0
+        self._largest_n: float | None = None
+
+    def feel(self, wrench: Wrench) -> None:
+        self._largest_n = max(self._largest_n or 0.0, float(np.linalg.norm(wrench.force_n)))
 
     def add(self, frame: MarkerFrame) -> None:
         self.estimates += 1
@@ -216,6 +222,7 @@ class _Counts:
             "estimates": self.estimates,
             "held_share": float(self._coasted.sum() / total),
             "displacement_max_px": self._largest_px,
+            "force_max_n": self._largest_n,
             "never_observed": [int(marker) for marker in never],
         }
 
