@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.probe_result import ProbedHole, readings
-from spikingtac.cli.probe_search import (
+from spikingtac.cli.probe import (
     ASSUMPTIONS,
-    ProbeArgs,
+    Args,
     probing_style,
     resolved_config,
     search,
 )
+from spikingtac.cli.probe_result import ProbedHole, readings
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of
@@ -55,7 +55,7 @@ ASSUMPTIONS_ON_ARM = (
 )
 
 
-def on_arm(args: ProbeArgs) -> ProbedHole:
+def on_arm(args: Args) -> ProbedHole:
     """Search a hole with a UR arm, from where it stands.
 
     Raises:
@@ -90,7 +90,7 @@ def on_arm(args: ProbeArgs) -> ProbedHole:
 
 
 def _search_hole(
-    args: ProbeArgs, calibration: Calibration, travel: TravelModel, stack: contextlib.ExitStack
+    args: Args, calibration: Calibration, travel: TravelModel, stack: contextlib.ExitStack
 ) -> tuple[Circle, Sequence[Touched]]:
     """Learn from the quiet stream, connect the arm, and search under the watchdog."""
     arms: list[Arm] = []
@@ -127,7 +127,7 @@ def _confirm_stop(arms: Sequence[Arm]) -> None:
         arm.confirm_stop()
 
 
-def connect_gripper(args: ProbeArgs) -> RobotiqGripper:
+def connect_gripper(args: Args) -> RobotiqGripper:
     """Return the gripper of the arm's controller.
 
     Raises:
@@ -156,7 +156,7 @@ def close_on_probe(gripper: RobotiqGripper) -> dict[str, Any]:
 
 
 def learn_detector(
-    args: ProbeArgs, calibration: Calibration, stream: Iterator[Window]
+    args: Args, calibration: Calibration, stream: Iterator[Window]
 ) -> ContactDetector:
     """Build the detector from the first windows of the stream, before the arm moves.
 
@@ -174,9 +174,7 @@ def learn_detector(
     return make_detector(args.detector, DetectionConfig(), [calibration], quiet)
 
 
-def _live_source(
-    args: ProbeArgs, stream: Iterator[Window], watchdog: Watchdog
-) -> ThreadedSource | None:
+def _live_source(args: Args, stream: Iterator[Window], watchdog: Watchdog) -> ThreadedSource | None:
     """Return a thread that reads the stream of a camera; None for a file, which waits."""
     from spikingtac.events.evt.raw_stream import is_stream
     from spikingtac.stream.arrivals import timed
@@ -188,7 +186,7 @@ def _live_source(
     return ThreadedSource(timed(stream), watchdog)
 
 
-def connect(args: ProbeArgs) -> Arm:
+def connect(args: Args) -> Arm:
     """Return the arm, at rest.
 
     Raises:
@@ -201,7 +199,7 @@ def connect(args: ProbeArgs) -> Arm:
     return URArm(args.arm)
 
 
-def listen(args: ProbeArgs, calibration: Calibration) -> Iterator[Window]:
+def listen(args: Args, calibration: Calibration) -> Iterator[Window]:
     """Return the windows of the finger, 1 ms each.
 
     Raises:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.probe_result import ProbedHole, readings
-from spikingtac.cli.probe_search import (
+from spikingtac.cli.probe import (
     ASSUMPTIONS,
-    ProbeArgs,
+    Args,
     probing_style,
     resolved_config,
     search,
 )
+from spikingtac.cli.probe_result import ProbedHole, readings
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.plots.hole import HolePicture
@@ -44,7 +44,7 @@ ASSUMPTIONS_ON_TWIN = (
 )
 
 
-def on_twin(args: ProbeArgs) -> ProbedHole:
+def on_twin(args: Args) -> ProbedHole:
     """Calibrate on a flat wall of the twin, then search one hole.
 
     Raises:
@@ -84,7 +84,7 @@ def on_twin(args: ProbeArgs) -> ProbedHole:
     )
 
 
-def trial_of(args: ProbeArgs) -> HoleTrial:
+def trial_of(args: Args) -> HoleTrial:
     """Return the twin's hole and the start of the probe.
 
     A start whose bit lies beyond the rim is outside the hole: there is no wall around it.
@@ -97,7 +97,7 @@ def trial_of(args: ProbeArgs) -> HoleTrial:
     return replace(trial, wall=NoWall()) if outside else trial
 
 
-def calibrate(args: ProbeArgs, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
+def calibrate(args: Args, site: HoleSite) -> tuple[ContactDetector, TravelModel]:
     """Return the detector, from quiet windows, and the travel, from touches of a flat wall."""
     style = DEFAULT if args.search == "default" else CROSS
     quiet = wall_calibration.quiet_windows(site)

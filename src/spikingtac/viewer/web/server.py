@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib import resources
 from typing import Any
 
+import h11
 import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
@@ -18,9 +19,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from spikingtac.viewer.web.access import Gate, page_headers
-from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.page_feed import MOST_PAGES, Feed, Page, PageFeeds
 from spikingtac.viewer.web.wire import LONGEST_COMMAND, CommandError, parse_command
 
@@ -38,6 +39,9 @@ SHUTDOWN_S = 1
 """Pages never close by themselves, so the server does not wait for them at its end."""
 ALIVE_S = 0.05
 """How often the session is polled while serving."""
+REQUEST_S = 10.0
+"""Longest time from the start of a connection, or the last answer, to the next whole request, s."""
+_INCOMPLETE = (h11.IDLE, h11.SEND_BODY)
 
 Command = Callable[[str, Any], None]
 
@@ -173,6 +177,48 @@ def _file(name: str) -> Response:
     if kind is None or "/" in name or "\\" in name or not source.is_file():
         return PlainTextResponse("not found\n", 404)
     return Response(source.read_bytes(), media_type=kind)
+
+
+class DeadlineProtocol(H11Protocol):
+    """uvicorn's HTTP protocol with a deadline for each request; single bytes do not extend it."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes of a request."""
+        super().data_received(data)
+        self._watch()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Hand the connection over to the socket's protocol, which has its own time limits."""
+        self._cancel()
+        super().handle_websocket_upgrade(event)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request."""
+        super().on_response_complete()
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the deadline."""
+        self._cancel()
+        super().connection_lost(exc)
+
+    def _watch(self) -> None:
+        if self.conn.their_state not in _INCOMPLETE or self.transport.get_protocol() is not self:
+            self._cancel()
+        elif self._deadline is None and not self.transport.is_closing():
+            self._deadline = self.loop.call_later(REQUEST_S, self.transport.abort)
+
+    def _cancel(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
 
 
 class _Server(uvicorn.Server):

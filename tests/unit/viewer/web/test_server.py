@@ -17,12 +17,11 @@ from uvicorn.server import ServerState
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Factory
-from spikingtac.viewer.web import deadline, process
+from spikingtac.viewer.web import process, server
 from spikingtac.viewer.web import show as show_module
 from spikingtac.viewer.web.access import Gate
-from spikingtac.viewer.web.deadline import DeadlineProtocol
 from spikingtac.viewer.web.process import SessionProcess
-from spikingtac.viewer.web.server import make_app
+from spikingtac.viewer.web.server import DeadlineProtocol, make_app
 from spikingtac.viewer.web.show import PageOptions, show
 from stand_ins.viewer import open_circling
 
@@ -105,7 +104,7 @@ def test_a_request_without_host_is_refused_and_enters_no_policy(token: str, path
 
 def exchange(sent: list[bytes], monkeypatch: pytest.MonkeyPatch, pause_s: float) -> bytes:
     """Send pieces to a server with a deadline of 0.3 s; return what came until it hung up."""
-    monkeypatch.setattr(deadline, "REQUEST_S", 0.3)
+    monkeypatch.setattr(server, "REQUEST_S", 0.3)
     monkeypatch.setattr(asyncio.StreamWriter, "__del__", lambda self: None, raising=False)
 
     async def run() -> bytes:
