@@ -214,17 +214,11 @@ def _convert_tuple(items: tuple[Any, ...], value: Any, where: str) -> tuple[Any,
 def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is Any:
         return value
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is float and number:
-        if value != value or value in (float("inf"), float("-inf")):
-            raise ConfigError(f"{where}: {value!r} is not a finite number")
-        if abs(value) > LARGEST:
-            raise ConfigError(f"{where}: the number is beyond {LARGEST:g}")
-        return float(value)
-    if hint is int and isinstance(value, int) and not isinstance(value, bool):
-        if abs(value) > LARGEST:
-            raise ConfigError(f"{where}: the number is beyond {LARGEST:g}")
-        return value
+    number = int | float if hint is float else int
+    if hint in (int, float) and isinstance(value, number) and not isinstance(value, bool):
+        if not abs(value) <= LARGEST:  # no comparison holds for NaN
+            raise ConfigError(f"{where}: the number is not finite, or beyond {LARGEST:g}")
+        return hint(value)
     if hint in (str, bool) and isinstance(value, hint):
         return value
     if (hint is dict or typing.get_origin(hint) is dict) and isinstance(value, Mapping):
