@@ -235,13 +235,19 @@ class _Server(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-def serve(app: ASGIApp, listening: socket.socket, alive: Callable[[], bool]) -> None:
+def serve(
+    app: ASGIApp,
+    listening: socket.socket,
+    alive: Callable[[], bool],
+    ready: Callable[[], object] = lambda: None,
+) -> None:
     """Serve until interrupted, or until the session has ended; the socket is closed then.
 
     Args:
         app: From :func:`make_app`.
         listening: A bound socket, from :func:`spikingtac.viewer.web.access.listen`.
         alive: Polled regularly; False ends the serving.
+        ready: Called once the server answers, and ends at a signal.
     """
     config = uvicorn.Config(
         app,
@@ -257,6 +263,9 @@ def serve(app: ASGIApp, listening: socket.socket, alive: Callable[[], bool]) -> 
 
     async def run() -> None:
         serving = asyncio.create_task(server.serve([listening]))
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.01)
+        ready()
         while not serving.done():
             if not alive():  # a signal may set it meanwhile: nothing is written back
                 server.should_exit = True

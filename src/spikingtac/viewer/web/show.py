@@ -128,12 +128,14 @@ def _serve(
         together.begin()
         return all([monitor.poll() for monitor in monitors])
 
-    port = listening.getsockname()[1]
-    for line in addresses(options.host, port, gate.token):
-        report(line)
-    if options.browser:
-        webbrowser.open(page_url("127.0.0.1", port, gate.token))
-    serve(make_app(sessions, together.commands, gate), listening, alive)
+    def ready() -> None:
+        port = listening.getsockname()[1]
+        for line in addresses(options.host, port, gate.token):
+            report(line)
+        if options.browser:
+            webbrowser.open(page_url("127.0.0.1", port, gate.token))
+
+    serve(make_app(sessions, together.commands, gate), listening, alive, ready)
     for session in sessions:
         session.require_alive()
 
