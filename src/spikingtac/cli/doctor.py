@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +37,11 @@ CACHE_REMEDY = (
 )
 REQUIREMENT = re.compile(r"([\w.-]+)[^;]*(?:;(?:.*\bextra == ['\"](\w+)['\"])?.*)?")
 """A line of a package's requirements: the library, and the extra that brings it."""
+INTEGRATIONS = {
+    "spikingtac_mujoco": "./integrations/mujoco",
+    "lerobot_camera_spikingtac": "./integrations/lerobot_camera_spikingtac",
+}
+"""Module of a distribution beside the package -> where it is installed from."""
 NO_USERS = ("dev",)
 """Extras for who develops the package."""
 
@@ -105,6 +111,11 @@ def _libraries() -> Iterator[Finding]:
         else:
             todo = "pip install --force-reinstall spikingtac"
             yield Finding("libraries", "fail" if absent else "ok", found, todo if absent else "")
+    for module, folder in INTEGRATIONS.items():
+        installed = find_spec(module) is not None
+        todo = f"pip install {folder} in a copy of the repository if you need it"
+        found = f"{'' if installed else 'not '}installed"
+        yield _noted(f"integration {module}", installed, found, todo)
     for name, kind in KINDS.items():  # those of extras are told with the extras
         if kind.module and not kind.extra:
             found = f"{kind.about}: {'' if is_installed(name) else 'not '}installed"

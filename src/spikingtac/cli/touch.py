@@ -99,6 +99,8 @@ class _Found:
         anomalies = self.watched.anomalies.items()
         notes = [f"note: {kind} {count} times in the recording" for kind, count in anomalies]
         px_per_mm = None if self.watched.scale is None else self.watched.scale.px_per_mm
+        if not self.rows:
+            notes.append(f"note: no touch was found in {name}")
         tables = [touch_table(name, self.rows, px_per_mm, since_us or 0)]
         if self.lines is not None:
             tables.append(vibration_table(name, self.lines, px_per_mm, since_us or 0))

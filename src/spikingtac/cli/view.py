@@ -250,4 +250,5 @@ def page_options(args: PageArgs) -> PageOptions:
 
 def report(source: str, summary: dict[str, Any], *, as_json: bool) -> int:
     """Print the summary, as a table or as JSON."""
-    return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", summary))
+    shown = summary | {"calibration": summary.get("calibration") or "none"}
+    return tell(as_json, {"source": source, **summary}, figures(f"summary of {source}", shown))
