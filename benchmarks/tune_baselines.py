@@ -24,11 +24,12 @@ import numpy as np
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
-from spikingtac.denoise.registry import make_denoiser
 from spikingtac.markers.registry import make_tracker
 from spikingtac.markers.tracker import MarkerTracker
+from spikingtac_paper.baselines.ekalibr import RATE_HZ as EKALIBR_HZ
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac_paper.trials.methods import Method
 from spikingtac_paper.trials.metrics import point_scores
@@ -93,14 +94,14 @@ def build(name: str, values: dict[str, Any], calibration: Calibration) -> Marker
     if name == "paper":
         blobs = replace(published.blobs, **values)
         return make_tracker(replace(published, blobs=blobs), calibration)
-    return neutac_tracker(NeutacConfig(**values), calibration, make_denoiser(published.denoiser))
+    return neutac_tracker(NeutacConfig(**values), calibration)
 
 
 def rate_hz(name: str) -> float:
     """Return the method's own rate."""
     rates = {
-        "ekalibr": EkalibrConfig().rate_hz,
-        "neutac": NeutacConfig().rate_hz,
+        "ekalibr": EKALIBR_HZ,
+        "neutac": NEUTAC_HZ,
         "paper": load_config("paper").tracking.rate_hz,
     }
     return rates.get(name, SLICED_HZ)
@@ -129,10 +130,10 @@ def tuned(name: str, folder: Path, tell: Callable[[str], None]) -> list[dict[str
         method = Method(
             name=name,
             about="",
+            tracker=name,
             rate_hz=rate_hz(name),
             build=lambda calibration, v=values: build(name, v, calibration),
             settings=values,
-            code=(),
         )
         scores = [
             point_scores(predict(method, events, calibration, truth), truth)

@@ -51,13 +51,6 @@ def test_a_changed_kernel_reaches_the_callers_of_other_files(tmp_path: Path) -> 
     assert twice(sources, after) == 42
 
 
-def test_what_defines_no_kernel_and_is_not_asked_by_one_changes_nothing(tmp_path: Path) -> None:
-    sources, root = package(tmp_path), tmp_path / "cache"
-    before = prepare_cache(root, sources.parent)
-    (sources / "command.py").write_text(f"import {PACKAGE}.caller\n", encoding="utf-8")
-    assert prepare_cache(root, sources.parent) == before
-
-
 def test_folders_of_former_sources_go(tmp_path: Path) -> None:
     sources, root = package(tmp_path), tmp_path / "cache"
     (root / "not-a-cache").mkdir(parents=True)

@@ -3,7 +3,7 @@ import pytest
 from spikingtac.sim.scene import catalog
 from spikingtac_paper.denoise.experiment import (
     METHODS,
-    UNITS,
+    METRICS,
     DenoiseConfig,
     report_rows,
     score_all,
@@ -28,7 +28,7 @@ def test_every_method_case_and_metric_is_there(rows):
     for kind in ("binary", "graded"):
         assert {f"{kind}@1.0-0.5", f"slow/{kind}@1.0-0.5", f"heldout/{kind}@1.0-0.5"} <= cases
     for row in rows:
-        assert row.unit == UNITS[row.metric]
+        assert row.unit == METRICS[row.metric].unit
         assert row.source == "twin"
         assert row.n > 0 or row.value is None
 

@@ -34,9 +34,7 @@ def test_markers_stand_where_an_independent_reference_has_them(
     data_dir: Path, tracks: Path
 ) -> None:
     found = Tracks.load(tracks)
-    prediction = Prediction(
-        found.t_us, found.detected_px, found.position_px, found.coasted, found.reference_px
-    )
+    prediction = Prediction(found.t_us, found.detected_px, found.position_px, found.reference_px)
     plateaus = Plateaus.load(data_dir / "gel" / "real_presses.reference.npz")
     calibration = Calibration.load(tracks.with_name("calibration.json"))
     scores = plateau_scores(prediction, plateaus, calibration)

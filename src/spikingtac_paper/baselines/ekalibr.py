@@ -18,14 +18,13 @@ the circle must be near the calibrated ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from spikingtac import Calibration
-from spikingtac.errors import ConfigError
 from spikingtac.events import HotPixelFilter
 from spikingtac.markers import UNMATCHED, associate, smallest_spacing_px
 from spikingtac.types import EventPacket, MarkerFrame
@@ -36,43 +35,39 @@ from spikingtac_paper.baselines.ekalibr_kernels import (
     update_active_kernel,
 )
 
+RATE_HZ = 100.0
+"""Estimates per second, Hz (ours: two per window)."""
+ROUNDS = 2
+"""Number of fits of each plane (original)."""
+TOLERANCE_US = 2_000.0
+"""Largest residual of a plane's inlier, us (original)."""
+INLIER_FRACTION = 0.6
+"""Smallest fraction of inliers of a plane (original)."""
+MIN_CLUSTER_PX = 10
+"""Smallest cluster, px (original)."""
+ANGLE_DEG = 30.0
+"""Largest angle between the flows of a pair, degrees (original)."""
+RESIDUAL_PX = 2.0
+"""Largest mean residual of a circle, px (original)."""
+ITERATIONS = 6
+"""Iterations of the circle's fit (ours)."""
+PROXIMITY_FRACTION = 0.5
+"""Association threshold as a fraction of the smallest spacing of the markers (ours)."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EkalibrConfig:
-    """Parameters of the original, and those that tracking adds.
+    """Parameters of the original that were tuned, and one that tracking adds.
 
     Attributes:
-        rate_hz: Estimates per second, Hz (ours: two per window).
         window_us: Time for which an event is active, us (original: 20 ms).
-        rounds: Number of fits of each plane (original: 2).
-        tolerance_us: Largest residual of a plane's inlier, us (original: 2 ms).
-        inlier_fraction: Smallest fraction of inliers (original: 0.6).
         dilate_px: Largest distance of pixels of one cluster, px (original: 3; tuned).
-        min_cluster_px: Smallest cluster, px (original: 10).
-        angle_deg: Largest angle between the flows of a pair, degrees (original: 30).
-        residual_px: Largest mean residual of a circle, px (original: 2).
         radius_tolerance: Largest relative deviation of the radius from the calibrated one.
-        iterations: Iterations of the circle's fit.
-        proximity_fraction: Association threshold as a fraction of the smallest spacing.
     """
 
-    rate_hz: float = 100.0
     window_us: int = 20_000
-    rounds: int = 2
-    tolerance_us: float = 2_000.0
-    inlier_fraction: float = field(default=0.6, metadata={"former_names": ("inlier_share",)})
     dilate_px: int = 5
-    min_cluster_px: int = field(default=10, metadata={"former_names": ("fewest_px",)})
-    angle_deg: float = 30.0
-    residual_px: float = 2.0
     radius_tolerance: float = 0.35
-    iterations: int = 6
-    proximity_fraction: float = field(default=0.5, metadata={"former_names": ("proximity_share",)})
-
-    def __post_init__(self) -> None:
-        for name in ("rate_hz", "window_us", "rounds", "dilate_px", "min_cluster_px", "iterations"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
 
 
 class EkalibrTracker:
@@ -89,7 +84,7 @@ class EkalibrTracker:
         self._hot = HotPixelFilter(calibration.hot_px, calibration.size)
         self._radius_px = float(calibration.radius_px.mean())
         spacing_px = smallest_spacing_px(calibration.reference_px)
-        self._proximity_px = config.proximity_fraction * spacing_px
+        self._proximity_px = PROXIMITY_FRACTION * spacing_px
         width, height = calibration.size
         self._last_us = np.empty((2, height, width), np.int64)
         self._flow = np.empty((2, 2, height, width))
@@ -103,15 +98,16 @@ class EkalibrTracker:
         """
         packet.require_map(self._last_us.shape[1:])
         packet = self._hot.kept(packet)
+        if not len(packet):
+            return
         bright = packet.p != (self._calibration.polarity == "dark")
-        polarity = bright.astype(np.int64)
-        update_active_kernel(packet.x, packet.y, polarity, packet.t, self._last_us)
-        self._recent.add(packet, polarity)
+        update_active_kernel(packet.x, packet.y, bright.astype(np.int64), packet.t, self._last_us)
+        self._recent.append(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``. A marker without a circle keeps its last place."""
         since_us = t_us - self._config.window_us
-        self._recent.drop_before(since_us)
+        self._recent = [packet for packet in self._recent if packet.t[-1] >= since_us]
         center_px = self._circles(t_us, since_us)
         match = associate(self._detected_px, center_px, self._proximity_px)
         coasted = match == UNMATCHED
@@ -129,7 +125,7 @@ class EkalibrTracker:
     def reset(self) -> None:
         """Return to the calibrated rest positions."""
         self._last_us[:] = NEVER
-        self._recent = RecentEvents()
+        self._recent: list[EventPacket] = []
         self._detected_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
 
     def _circles(self, t_us: int, since_us: int) -> NDArray[np.float64]:
@@ -140,18 +136,16 @@ class EkalibrTracker:
             normal_flow_kernel(
                 self._last_us[polarity],
                 since_us,
-                config.rounds,
-                config.tolerance_us,
-                config.inlier_fraction,
+                ROUNDS,
+                TOLERANCE_US,
+                INLIER_FRACTION,
                 self._flow[polarity],
             )
             active = self._last_us[polarity] >= since_us
-            label, found = find_arcs(
-                active, self._flow[polarity], config.dilate_px, config.min_cluster_px
-            )
+            label, found = find_arcs(active, self._flow[polarity], config.dilate_px, MIN_CLUSTER_PX)
             labels.append(label)
             arcs.append(found)
-        pairs = pair_arcs(arcs[0], arcs[1], config.angle_deg, 3.0 * self._radius_px)
+        pairs = pair_arcs(arcs[0], arcs[1], ANGLE_DEG, 3.0 * self._radius_px)
         if not pairs:
             return np.empty((0, 2))
         points, first = self._grouped(labels, t_us)
@@ -169,9 +163,14 @@ class EkalibrTracker:
         self, labels: list[NDArray[np.int32]], t_us: int
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return the recent events ``(n, 3)`` sorted by arc, and the first index of each arc."""
-        x, y, polarity, t = self._recent.columns()
+        x, y, p, t = (
+            np.concatenate([getattr(packet, name) for packet in self._recent]) for name in "xypt"
+        )
+        recent = t >= t_us - self._config.window_us
+        x, y, p, t = x[recent], y[recent], p[recent], t[recent]
+        bright = p != (self._calibration.polarity == "dark")
         offset = int(labels[0].max()) + 1
-        group = np.where(polarity > 0, offset + labels[1][y, x], labels[0][y, x])
+        group = np.where(bright, offset + labels[1][y, x], labels[0][y, x])
         group = group.astype(np.int16)  # so few that numpy sorts by digits
         order = np.argsort(group, kind="stable")
         points = np.column_stack([x, y, (t - t_us) / self._config.window_us])[order]
@@ -185,9 +184,9 @@ class EkalibrTracker:
         speed = 0.5 * (trailing.flow_px_us + leading.flow_px_us) * self._config.window_us
         # Half of the window ago the marker was in the middle of its arcs.
         start = np.array([*(middle_px + 0.5 * speed), *speed, self._radius_px, 0.0])
-        fit, residual_px = moving_circle_kernel(points, start, self._config.iterations)
+        fit, residual_px = moving_circle_kernel(points, start, ITERATIONS)
         deviation = abs(fit[4] - self._radius_px) / self._radius_px
-        fits = residual_px < self._config.residual_px
+        fits = residual_px < RESIDUAL_PX
         if not (fits and deviation < self._config.radius_tolerance):
             return None
         return fit[:2]
@@ -292,34 +291,3 @@ def _stack(arcs: list[Arc], name: str) -> NDArray[np.float64]:
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.maximum(length, np.finfo(np.float64).tiny)
-
-
-Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64], NDArray[np.int64]]
-
-
-class RecentEvents:
-    """Stores packets until their events are too old."""
-
-    def __init__(self) -> None:
-        self._parts: list[Columns] = []
-
-    def add(self, packet: EventPacket, polarity: NDArray[np.int64]) -> None:
-        """Append the events of a packet. ``polarity`` ``(n,)`` is 1 for brighter, 0 for darker."""
-        if len(packet):
-            self._parts.append((packet.x, packet.y, polarity, packet.t))
-
-    def drop_before(self, since_us: int) -> None:
-        """Drop the events before ``since_us``."""
-        self._parts = [part for part in self._parts if part[3][-1] >= since_us]
-        if self._parts and self._parts[0][3][0] < since_us:
-            x, y, polarity, t = self._parts[0]
-            first = int(np.searchsorted(t, since_us))
-            self._parts[0] = (x[first:], y[first:], polarity[first:], t[first:])
-
-    def columns(self) -> Columns:
-        """Return ``(n,)`` x, y, polarity and t of the stored events."""
-        if not self._parts:
-            none = np.empty(0, np.uint16)
-            return none, none, np.empty(0, np.int64), np.empty(0, np.int64)
-        x, y, polarity, t = zip(*self._parts, strict=True)
-        return np.concatenate(x), np.concatenate(y), np.concatenate(polarity), np.concatenate(t)

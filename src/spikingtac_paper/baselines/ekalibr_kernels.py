@@ -89,7 +89,13 @@ def normal_flow_kernel(
 
 
 @njit(cache=True)
-def _plane_kernel(dx, dy, dt, use, count):  # type: ignore[no-untyped-def]
+def _plane_kernel(
+    dx: NDArray[np.float64],
+    dy: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    use: NDArray[np.bool_],
+    count: int,
+) -> tuple[float, float, float]:
     n, sx, sy, st, sxx, sxy, syy, sxt, syt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(count):
         if use[k]:

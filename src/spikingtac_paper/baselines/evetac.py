@@ -21,7 +21,7 @@ are run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from spikingtac import Calibration
 from spikingtac.calibration import marker_pitch_px
-from spikingtac.errors import ConfigError
 from spikingtac.events import BackgroundActivityFilter, HotPixelFilter
 from spikingtac.types import EventPacket, MarkerFrame
 
@@ -50,30 +49,34 @@ SOURCE_CAP_PX = 1.2
 """Largest step per slice and axis, px at the original's pitch."""
 
 
+RATE_HZ = 500.0
+"""Rate at which the dots are read out, Hz (ours); they move in slices at any rate."""
+
+SLICE_US = 1_000
+"""Length of a slice, us (original: 1 ms)."""
+
+TURN_RATIO = 1.25
+"""R divided by the outer radius of the ring (original)."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvetacConfig:
-    """Parameters of the original, and those that were tuned for another sensor.
+    """Parameters of the original that were tuned for another sensor.
 
     Attributes:
         gain: Step per unit of attraction (original: 0.003).
         regularizer: Weight of the regulariser, inside of the gain (original: 7.5e-5).
         reach_ratio: Outer radius of the ring divided by the disc's radius (original: 1 / 0.3 to 1 /
             0.5).
-        turn_ratio: R divided by the outer radius (original: 1.25).
         gate: Smallest number of non-zero components of the attraction per slice (original: 10,
             about 5 events).
-        cap_ratio: Largest step divided by the original's scaled one (original: 1).
-        slice_us: Length of a slice, us (original: 1 ms).
         support_us: Window of the background-activity filter, us (original: 100 ms; tuned).
     """
 
     gain: float = 0.002
     regularizer: float = 7.5e-5
-    reach_ratio: float = field(default=2.2, metadata={"former_names": ("reach_share",)})
-    turn_ratio: float = field(default=1.25, metadata={"former_names": ("turn_share",)})
+    reach_ratio: float = 2.2
     gate: int = 4
-    cap_ratio: float = field(default=1.0, metadata={"former_names": ("cap_share",)})
-    slice_us: int = 1_000
     support_us: int = 50_000
 
     @classmethod
@@ -84,13 +87,6 @@ class EvetacConfig:
         tuned separately, behind the original's filter.
         """
         return cls(gain=1e-4, regularizer=7.5e-5 / 0.003, support_us=100_000)
-
-    def __post_init__(self) -> None:
-        for name in ("gain", "reach_ratio", "turn_ratio", "cap_ratio", "slice_us", "support_us"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, it must be positive")
-        if self.regularizer < 0 or self.gate < 0:
-            raise ConfigError("regularizer and gate must not be negative")
 
 
 class EvetacTracker:
@@ -137,7 +133,7 @@ class EvetacTracker:
     def reset(self) -> None:
         """Return to the calibrated rest positions."""
         self._filter = BackgroundActivityFilter(self._calibration.size, self._config.support_us)
-        self._slices = SliceBuffer(self._config.slice_us)
+        self._slices = SliceBuffer(SLICE_US)
         self._center_px: NDArray[np.float64] = self._calibration.reference_px.astype(np.float64)
         self._support[:] = 0
 
@@ -150,7 +146,7 @@ class EvetacTracker:
             self._center_px,
             inner_px,
             self._outer_px,
-            config.turn_ratio * self._outer_px,
+            TURN_RATIO * self._outer_px,
             self._pull,
             self._support,
         )
@@ -159,7 +155,7 @@ class EvetacTracker:
         weight = config.regularizer / scale**2
         step_px = config.gain * (self._pull.clip(-clamp_px, clamp_px) - weight * self._regularizer)
         step_px[self._support < config.gate] = 0.0
-        cap_px = SOURCE_CAP_PX * scale * config.cap_ratio
+        cap_px = SOURCE_CAP_PX * scale
         self._center_px -= step_px.clip(-cap_px, cap_px)
 
 

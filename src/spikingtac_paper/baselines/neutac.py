@@ -17,59 +17,49 @@ last-polarity map the same pipeline is that preset without its law, which the ex
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac import Calibration
-from spikingtac.denoise import Denoiser
-from spikingtac.errors import ConfigError
+from spikingtac.config import load_config
+from spikingtac.denoise import make_denoiser
 from spikingtac.markers import BlobTracker, BlobTrackerConfig
 from spikingtac.state_map import paint_binary_discs
 from spikingtac.types import EventPacket
 
+RATE_HZ = 300.0
+"""Estimates per second, Hz (table I of the SpikingTac paper)."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NeutacConfig:
-    """The known parameters of NeuTac, and those that had to be chosen.
+    """The parameters of NeuTac that had to be chosen.
 
     Attributes:
-        rate_hz: Estimates per second, Hz (300 Hz: table I of the SpikingTac paper).
         support_us: Window of the background-activity filter, us (ours; tuned).
         decay_us: Time constant of the time surface, us (tuned).
         level: Threshold on the denoised time surface; 0.5 is grey (tuned).
-        blobs: Blob detection, as for the ``paper`` preset.
     """
 
-    rate_hz: float = 300.0
     support_us: int = 5_000
     decay_us: float = 100_000_000.0
     level: float = 0.5
-    blobs: BlobTrackerConfig = field(default_factory=BlobTrackerConfig)
-
-    def __post_init__(self) -> None:
-        if not self.rate_hz > 0.0 or not self.decay_us > 0.0 or not 0.0 < self.level < 1.0:
-            raise ConfigError(
-                f"rate_hz {self.rate_hz} and decay_us {self.decay_us} must be positive, "
-                f"level {self.level} between 0 and 1"
-            )
 
 
-def neutac_tracker(
-    config: NeutacConfig, calibration: Calibration, denoiser: Denoiser
-) -> BlobTracker:
+def neutac_tracker(config: NeutacConfig, calibration: Calibration) -> BlobTracker:
     """Assemble the published stages from those of this package, behind a filter of isolated events.
 
     Args:
         config: Surface and threshold.
         calibration: Rest positions of the markers; the initial surface is drawn from it.
-        denoiser: Denoiser of the surface.
     """
+    denoiser = make_denoiser(load_config("paper").tracking.denoiser)
     start = paint_binary_discs(calibration.size, calibration.reference_px, calibration.radius_px)
     surface = TimeSurface(start, config.decay_us, dark_markers=calibration.polarity == "dark")
-    blobs = replace(config.blobs, threshold=config.level, support_us=config.support_us)
+    blobs = BlobTrackerConfig(threshold=config.level, support_us=config.support_us)
     return BlobTracker(blobs, calibration, denoiser, state_map=surface)
 
 
@@ -90,16 +80,11 @@ class TimeSurface:
         start: ``(height, width)`` of 0 and 1: initial state, as if every pixel had just fired.
         decay_us: τ, us.
         dark_markers: True if markers are darker than the ground: the polarities are swapped.
-
-    Raises:
-        ConfigError: ``decay_us`` is not positive.
     """
 
     def __init__(
         self, start: NDArray[np.float32], decay_us: float, *, dark_markers: bool = False
     ) -> None:
-        if not decay_us > 0.0:
-            raise ConfigError(f"decay_us is {decay_us}, it must be positive")
         self._start, self._decay_us, self._dark = start, decay_us, dark_markers
         self._values = np.empty_like(start, np.float32)
         self.reset()

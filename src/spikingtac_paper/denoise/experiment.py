@@ -8,6 +8,7 @@ so the reference is exact.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -34,7 +35,7 @@ from spikingtac_paper.denoise.scoring import (
     score_recording,
 )
 from spikingtac_paper.harness.figures import dot_figure
-from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac_paper.harness.report import Metric, Report, Row, by_name, lines_of, write_report
 from spikingtac_paper.harness.run import Progress, RunOptions, provenance
 from spikingtac_paper.training.dataset import US_PER_S
 from spikingtac_paper.trials.trial import V2E
@@ -72,15 +73,15 @@ FILTER_PRODUCT = 0.03
 noise events that pass. The filter is the same for all methods."""
 FAST_PX_S = 20.0
 """Markers that move faster count as fast, others as slow, px/s (ours)."""
-DEFINITIONS = {
-    "centroid_mean_px": "distance of a found blob's centroid to the marker's true centre, mean",
-    "excess_mean_px": "distance of a found blob's centroid to that which the same map gives without"
-    " noise, drops and activity filter, mean over markers and moments",
-    "recall": "fraction of the markers and moments of the clean map that have a blob within half"
-    " a pitch of the clean centroid",
-    "step_p50_us": "time from map to blobs, median over the moments",
-}
-UNITS = {"centroid_mean_px": "px", "excess_mean_px": "px", "recall": "1", "step_p50_us": "us"}
+METRICS = by_name(
+    Metric("centroid_mean_px", "px", "distance of a found blob's centroid to the marker's true "
+           "centre, mean"),
+    Metric("excess_mean_px", "px", "distance of a found blob's centroid to that which the same map "
+           "gives without noise, drops and activity filter, mean over markers and moments"),
+    Metric("recall", "1", "fraction of the markers and moments of the clean map that have a blob "
+           "within half a pitch of the clean centroid"),
+    Metric("step_p50_us", "us", "time from map to blobs, median over the moments"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -198,7 +199,7 @@ def denoiser_of(method: str) -> Denoiser:
 def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
     """Score every method in every case on one recording."""
     denoisers = {name: denoiser_of(name) for name in METHODS}
-    samples: Samples = {}
+    samples: Samples = defaultdict(list)
     for kind in config.maps:
         reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)
         _warm_up(denoisers, recording.clean)
@@ -211,34 +212,22 @@ def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Sam
                 scores = score_recording(recording.clean, kind, degradation, reference, denoisers)
                 for method, score in scores.items():
                     for prefix, sample in _samples(recording, reference, score, config):
-                        samples.setdefault((prefix + case, method), []).append(sample)
+                        samples[prefix + case, method].append(sample)
     return samples
 
 
 def report_rows(parts: Sequence[Samples]) -> list[Row]:
     """Return the rows of the report from the samples of all recordings."""
-    merged: Samples = {}
+    merged: Samples = defaultdict(list)
     for part in parts:
         for key, samples in part.items():
-            merged.setdefault(key, []).extend(samples)
-    rows = []
-    for (case, method), samples in merged.items():
-        if sum(sample.excess_px.size for sample in samples) == 0:
-            continue
-        for metric, (value, count) in _metrics(samples).items():
-            rows.append(
-                Row(
-                    method=method,
-                    case=case,
-                    metric=metric,
-                    value=value,
-                    unit=UNITS[metric],
-                    n=count,
-                    source=samples[0].source,
-                    definition=DEFINITIONS[metric],
-                )
-            )
-    return rows
+            merged[key] += samples
+    return [
+        METRICS[metric].row(method, case, value, count, source=samples[0].source)
+        for (case, method), samples in merged.items()
+        if sum(sample.excess_px.size for sample in samples)
+        for metric, (value, count) in _metrics(samples).items()
+    ]
 
 
 def _warm_up(denoisers: Mapping[str, Denoiser], recording: CleanRecording) -> None:

@@ -51,6 +51,11 @@ class Metric:
     definition: str
     over_trials: Literal["mean", "sum"] = "mean"
 
+    def row(self, method: str, case: str, value: float | None, n: int, **more: Any) -> Row:
+        """Return a row of the report: a value over ``n`` trials, with further attributes."""
+        about = {"metric": self.name, "unit": self.unit, "definition": self.definition}
+        return Row(method=method, case=case, value=value, n=n, **about, **more)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
@@ -146,19 +151,21 @@ def _row(
     seeds = np.array([record["trial"]["seed"] for record in group])
     total = values.sum() if metric.over_trials == "sum" else values.mean()
     per_seed = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
-    return Row(
-        method=method,
-        case=case,
-        metric=metric.name,
-        value=float(total),
-        unit=metric.unit,
-        n=len(values),
+    return metric.row(
+        method,
+        case,
+        float(total),
+        len(values),
         source=str(group[0]["trial"]["source"]),
         paper=printed.get((method, metric.name)),
-        definition=metric.definition,
         ci95=interval(per_seed) if metric.over_trials == "mean" else None,
         seeds=len(per_seed),
     )
+
+
+def by_name(*metrics: Metric) -> dict[str, Metric]:
+    """Return metrics by their names, in order."""
+    return {metric.name: metric for metric in metrics}
 
 
 def interval(values: np.ndarray) -> tuple[float, float] | None:
@@ -170,12 +177,6 @@ def interval(values: np.ndarray) -> tuple[float, float] | None:
     half = float(t.ppf(0.5 + CONFIDENCE / 2.0, len(values) - 1)) * values.std(ddof=1)
     half /= np.sqrt(len(values))
     return float(values.mean() - half), float(values.mean() + half)
-
-
-def find_row(rows: Sequence[Row], method: str, case: str, metric: str) -> Row | None:
-    """Return the row of a method, case and metric, or None."""
-    key = (method, case, metric)
-    return next((row for row in rows if (row.method, row.case, row.metric) == key), None)
 
 
 def lines_of(rows: Sequence[Row], cases: Iterable[str], methods: Sequence[str]) -> list[str]:

@@ -13,8 +13,7 @@ from spikingtac.geometry import Circle, TouchFitConfig, TravelModel
 from spikingtac.robot import Touched, calibrated_circle, hole_around, published_circle
 from spikingtac.sim import CROSS, DEFAULT, SIGMAS_MM, touched_of, travel_of
 from spikingtac.types import FloatArray
-from spikingtac_paper.harness.report import Row, interval
-from spikingtac_paper.holes.alignment import align
+from spikingtac_paper.harness.report import Metric, Row, by_name, interval
 from spikingtac_paper.holes.jobs import MOST_CONTACTS, trial_of
 
 CROSS_CONTACTS = 4
@@ -34,7 +33,7 @@ position and radius deviation'. Its abstract calls the signed mean an RMSE; the 
 from the ten printed errors."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class HoleMethod:
     """A way to estimate a hole from stored touches.
 
@@ -51,24 +50,15 @@ class HoleMethod:
 
 METHODS: dict[str, HoleMethod] = {
     "cross4-published": HoleMethod(
-        style=CROSS,
-        contacts=CROSS_CONTACTS,
-        about="the paper's search at 0.8 mm/s with its constants, R_offset 0.375 mm and delta_crit "
-        "0.4 mm; it states no uncertainty, coverage95 uses that of four even contacts",
-    ),
+        CROSS, CROSS_CONTACTS, "the paper's search at 0.8 mm/s with its constants, R_offset "
+        "0.375 mm and delta_crit 0.4 mm; it states no uncertainty, coverage95 uses that of four "
+        "even contacts"),
     "cross4": HoleMethod(
-        style=CROSS,
-        contacts=CROSS_CONTACTS,
-        about="the same touches and formulas with delta_crit calibrated by direction and the "
-        "hexagon's mean reach",
-    ),
-    "default-4": HoleMethod(
-        style=DEFAULT, contacts=4, about="the adaptive search, its first 4 contacts"
-    ),
-    "default-12": HoleMethod(
-        style=DEFAULT, contacts=MOST_CONTACTS, about="the adaptive search with 12 contacts"
-    ),
-}
+        CROSS, CROSS_CONTACTS, "the same touches and formulas with delta_crit calibrated by "
+        "direction and the hexagon's mean reach"),
+    "default-4": HoleMethod(DEFAULT, 4, "the adaptive search, its first 4 contacts"),
+    "default-12": HoleMethod(DEFAULT, MOST_CONTACTS, "the adaptive search with 12 contacts"),
+}  # fmt: skip
 """Name -> method."""
 
 
@@ -174,35 +164,29 @@ def hole_rows(
     return rows
 
 
-DEFINITIONS = {
-    "position_rmse_mm": "root mean square distance of estimated and true centre, robot frame",
-    "position_rmse_kabsch_mm": "the same after each plate's estimated centres were laid onto the "
-    "true ones by rotation and translation (Kabsch), as in the paper",
-    "radius_rmse_mm": "root mean square error of the radius",
-    "radius_mean_signed_mm": "signed mean error of the radius (the paper's 0.0452 mm, which its "
-    "abstract calls RMSE)",
-    "coverage95": "fraction of trials whose stated 95 % region of centre and radius contains the "
-    "truth",
-    "bound_ratio": "position RMSE over 2 sigma_c / sqrt(contacts), sigma_c being the standard "
-    "deviation of a contact on the calibration's flat wall",
-    "contacts": "number of readings that an estimate uses",
-    "touches": "number of presses against the wall for them, finding and conditioning included",
-    "diverged": "trials without an estimate, or off by more than 0.5 mm in any coordinate; they "
-    "are left out of the other figures",
-}
-"""Metric -> definition."""
-
-UNITS = {
-    "coverage95": "1",
-    "bound_ratio": "times",
-    **dict.fromkeys(("contacts", "touches", "diverged"), "count"),
-}
-"""Metric -> unit; all others are lengths in mm."""
+METRICS = by_name(
+    Metric("position_rmse_mm", "mm", "root mean square distance of estimated and true centre, "
+           "robot frame"),
+    Metric("position_rmse_kabsch_mm", "mm", "the same after each plate's estimated centres were "
+           "laid onto the true ones by rotation and translation (Kabsch), as in the paper"),
+    Metric("radius_rmse_mm", "mm", "root mean square error of the radius"),
+    Metric("radius_mean_signed_mm", "mm", "signed mean error of the radius (the paper's 0.0452 mm, "
+           "which its abstract calls RMSE)"),
+    Metric("coverage95", "1", "fraction of trials whose stated 95 % region of centre and radius "
+           "contains the truth"),
+    Metric("bound_ratio", "times", "position RMSE over 2 sigma_c / sqrt(contacts), sigma_c being "
+           "the standard deviation of a contact on the calibration's flat wall"),
+    Metric("contacts", "count", "number of readings that an estimate uses"),
+    Metric("touches", "count", "number of presses against the wall for them, finding and "
+           "conditioning included"),
+    Metric("diverged", "count", "trials without an estimate, or off by more than 0.5 mm in any "
+           "coordinate; they are left out of the other figures"),
+)  # fmt: skip
 
 
 def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
     good = [one for one in scores if not one.diverged]
-    values: dict[str, float | None] = dict.fromkeys(DEFINITIONS)
+    values: dict[str, float | None] = dict.fromkeys(METRICS)
     values["diverged"] = float(len(scores) - len(good))
     values["contacts"] = float(METHODS[method].contacts)
     spans: dict[str, tuple[float, float] | None] = {}
@@ -215,16 +199,14 @@ def _rows(method: str, case: str, scores: Sequence[HoleScore]) -> list[Row]:
             spans["coverage95"] = max(ends[0], 0.0), min(ends[1], 1.0)
     if not case.endswith("/all"):
         del values["position_rmse_kabsch_mm"]
+    printed = PUBLISHED if case == "rep028/all" else {}
     return [
-        Row(
-            method=method,
-            case=case,
-            metric=name,
-            value=value,
-            unit=UNITS.get(name, "mm"),
-            n=len(scores) if name == "diverged" else len(good),
-            paper=PUBLISHED.get((method, name)) if case == "rep028/all" else None,
-            definition=DEFINITIONS[name],
+        METRICS[name].row(
+            method,
+            case,
+            value,
+            len(scores if name == "diverged" else good),
+            paper=printed.get((method, name)),
             ci95=spans.get(name),
             seeds=len({one.seed for one in scores}),
         )
@@ -236,14 +218,13 @@ def _figures(scores: Sequence[HoleScore]) -> dict[str, float]:
     error = np.array([one.error_mm for one in scores])
     position = _rms(np.linalg.norm(error[:, :2], axis=1))
     sigma = _rms(np.array([one.sigma_mm for one in scores]))
-    bound = 2.0 * sigma / math.sqrt(scores[0].contacts)
     return {
         "position_rmse_mm": position,
         "position_rmse_kabsch_mm": _rms(_aligned(scores)),
         "radius_rmse_mm": _rms(error[:, 2]),
         "radius_mean_signed_mm": float(error[:, 2].mean()),
         "coverage95": float(np.mean([one.covered for one in scores])),
-        "bound_ratio": position / bound,
+        "bound_ratio": position / (2.0 * sigma / math.sqrt(scores[0].contacts)),
         "touches": float(np.mean([one.presses for one in scores])),
     }
 
@@ -255,8 +236,21 @@ def _aligned(scores: Sequence[HoleScore]) -> FloatArray:
         plate = [(one.circle, one.center_mm) for one in scores if one.seed == seed]
         found = np.array([circle.center_mm for circle, _ in plate if circle is not None])
         true = np.array([center for _, center in plate])
-        left.append(np.linalg.norm(align(found, true).apply(found) - true, axis=1))
+        left.append(np.linalg.norm(laid_onto(found, true) - true, axis=1))
     return np.concatenate(left)
+
+
+def laid_onto(points: FloatArray, onto: FloatArray) -> FloatArray:
+    """Return points ``(n, 2)`` after the rigid motion that brings them nearest to others (Kabsch).
+
+    The rotation is proper: a mirrored set is not reached by a reflection.
+
+    Source: Kabsch, doi:10.1107/S0567739476001873; sign handling as Umeyama, doi:10.1109/34.88573.
+    """
+    middle, goal = points.mean(axis=0), onto.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (onto - goal))
+    sign = np.diag([1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    return (points - middle) @ (vt.T @ sign @ u.T).T + goal
 
 
 def _rms(values: FloatArray) -> float:

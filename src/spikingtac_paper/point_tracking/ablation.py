@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from spikingtac import Calibration, MarkerTracker, make_tracker
 from spikingtac.config import Config, load_config
 from spikingtac.events import BackgroundActivityFilter
-from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket, MarkerFrame
 from spikingtac_paper.point_tracking.cases import CAMERAS, LOOPS
 from spikingtac_paper.trials.methods import (
-    LawMethod,
     Method,
     as_published,
     compared_laws,
@@ -41,7 +38,7 @@ SHIFT_PX = 1.0
 """Error of the wrong calibration, px."""
 
 
-def ablation_methods() -> dict[str, Method | LawMethod]:
+def ablation_methods() -> dict[str, Method]:
     """Return the default tracker, its variants, and those of the published pipeline."""
     return {method.name: method for method in (*_variants(), *_references(), *compared_laws())}
 
@@ -90,7 +87,10 @@ def _variants() -> Iterator[Method]:
     yield _changed(
         "default-binary-map", "every event sets its pixel, as in the paper", base, _binary
     )
-    yield _filtered("default-activity-filter", "background-activity filter before the map", base)
+    filtered = of_config(
+        "default-activity-filter", "filter of isolated events before the map", base
+    )
+    yield replace(filtered, before=_without_isolated_events)
     yield _without_hold("default-no-hold", "an unobserved marker is output at rest", base)
     yield _changed_disc("default-no-lag", "no lag correction", base, lag_us=0.0)
     yield _changed_disc("default-no-leak", "the map never leaks", base, leak_per_s=0.0)
@@ -132,34 +132,17 @@ def _changed_disc(name: str, about: str, base: Config, **changes: float | bool) 
 def _changed(
     name: str, about: str, base: Config, change: Callable[[Calibration], Calibration]
 ) -> Method:
-    return replace(
-        of_config(name, about, base),
-        build=lambda calibration: make_tracker(base.tracking, change(calibration)),
-        settings=_settings(about, base),
-    )
+    def build(calibration: Calibration) -> MarkerTracker:
+        return make_tracker(base.tracking, change(calibration))
 
-
-def _filtered(name: str, about: str, base: Config) -> Method:
-    plain = of_config(name, about, base)
-    return replace(
-        plain,
-        before=_without_isolated_events,
-        settings=_settings(about, base),
-    )
+    return replace(of_config(name, about, base), build=build)
 
 
 def _without_hold(name: str, about: str, base: Config) -> Method:
-    plain = of_config(name, about, base)
-    return replace(
-        plain,
-        build=lambda calibration: NoHold(make_tracker(base.tracking, calibration), calibration),
-        settings=_settings(about, base),
-        reads=(),
-    )
+    def build(calibration: Calibration) -> MarkerTracker:
+        return NoHold(make_tracker(base.tracking, calibration), calibration)
 
-
-def _settings(about: str, base: Config) -> dict[str, Any]:
-    return {"change": about, **to_mapping(base.tracking)}
+    return replace(of_config(name, about, base), build=build, reads=())
 
 
 def _without_isolated_events(

@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spikingtac import Calibration, calibrate, follow
-from spikingtac.atomic_files import replacing
+from spikingtac import Calibration
 from spikingtac.batch import begin_run
-from spikingtac.config import digest, load_config
+from spikingtac.config import digest
 from spikingtac.errors import ConfigError, SpikingTacError
 from spikingtac.events import open_events
 from spikingtac_paper.harness.report import Report, lines_of, rows_of, write_report
@@ -25,9 +24,9 @@ from spikingtac_paper.harness.run import (
 )
 from spikingtac_paper.real_gels.scoring import METRICS, Plateaus, plateau_scores, truth_scores
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import Method, main_methods
+from spikingtac_paper.trials.methods import main_methods
 from spikingtac_paper.trials.prediction import Prediction
-from spikingtac_paper.trials.trial import calibration_digest
+from spikingtac_paper.trials.trial import calibration_digest, kept_calibration
 
 NAME = "real"
 OWN = ("default", "fast", "paper")
@@ -78,35 +77,17 @@ class GelCase:
         return all((folder / name).is_file() for name in self.files())
 
 
-CASES: tuple[GelCase, ...] = (
-    GelCase(
-        name="real-presses",
-        events="real_presses.aedat4",
-        reference="real_presses.reference.npz",
-        source=RECORDED,
-    ),
-    GelCase(
-        name="sim-presses/slides",
-        events="sim_presses.raw",
-        slides="sim_presses_bootstrap.raw",
-        truth="sim_presses.truth.npz",
-        source=SIMULATED,
-    ),
-    GelCase(
-        name="sim-presses/itself",
-        events="sim_presses.raw",
-        truth="sim_presses.truth.npz",
-        source=SIMULATED,
-    ),
-    GelCase(
-        name="gel/slides",
-        events="gel.raw",
-        slides="gel_bootstrap.raw",
-        truth="gel.truth.npz",
-        source=V2E,
-    ),
-    GelCase(name="gel/itself", events="gel.raw", truth="gel.truth.npz", source=V2E),
-)
+CASES = (
+    GelCase(name="real-presses", events="real_presses.aedat4", source=RECORDED,
+            reference="real_presses.reference.npz"),
+    GelCase(name="sim-presses/slides", events="sim_presses.raw", source=SIMULATED,
+            slides="sim_presses_bootstrap.raw", truth="sim_presses.truth.npz"),
+    GelCase(name="sim-presses/itself", events="sim_presses.raw", source=SIMULATED,
+            truth="sim_presses.truth.npz"),
+    GelCase(name="gel/slides", events="gel.raw", source=V2E,
+            slides="gel_bootstrap.raw", truth="gel.truth.npz"),
+    GelCase(name="gel/itself", events="gel.raw", source=V2E, truth="gel.truth.npz"),
+)  # fmt: skip
 """All cases, the real recording first."""
 
 
@@ -203,54 +184,37 @@ def make_calibration(job: GelJob) -> str:
     Returns:
         The reason why that failed, or an empty text.
     """
-    path = calibration_path(job)
-    if path.is_file():
-        return ""
     try:
-        source = open_events(job.data / job.case.calibrated_from)
-        calibration = calibrate(source, load_config("default").calibration)
+        kept_calibration(calibration_path(job), lambda: job.data / job.case.calibrated_from)
     except SpikingTacError as error:
         return str(error)
-    with replacing(path) as temporary:
-        calibration.save(temporary)
     return ""
 
 
 def run_method(job: GelJob) -> Record:
     """Track a recording with one method and score it, or read the results from disk."""
+    case, method = job.case, main_methods()[job.method]
     calibration = Calibration.load(calibration_path(job))
-    method = main_methods()[job.method]
-    key = digest(
-        {
-            "calibration": calibration_digest(calibration, method.reads),
-            "method": method.key(),
-            "case": asdict(job.case),
-            "kept_hz": KEPT_HZ,
-        }
-    )
-    name = f"{job.case.name.replace('/', '-')}"
-    file = job.folder / "predictions" / job.method / f"{name}.npz"
+    about = {
+        "calibration": calibration_digest(calibration, method.reads),
+        "method": method.key(),
+        "case": asdict(case),
+        "kept_hz": KEPT_HZ,
+    }
+    key, stem = digest(about), case.name.replace("/", "-")
+
+    def tracked() -> Prediction:
+        return method.track(open_events(job.data / case.events), calibration, KEPT_HZ)
 
     def scored() -> Record:
-        prediction = Prediction.load(file, key)
-        if prediction is None:
-            prediction = _tracked(job, method, calibration)
-            prediction.save(file, key)
-        trial = {"case": job.case.name, "groups": [], "seed": 0, "source": job.case.source}
+        file = job.folder / "predictions" / job.method / f"{stem}.npz"
+        prediction = Prediction.kept(file, key, tracked)
+        trial = {"case": case.name, "groups": [], "seed": 0, "source": case.source}
         scores = _scores(job, prediction, calibration)
         return {"method": job.method, "trial": trial, "scores": scores}
 
     score_key = digest({"prediction": key, "code": code_digest()})
-    return kept(job.folder / "scores" / job.method / f"{name}.json", score_key, scored)
-
-
-def _tracked(job: GelJob, method: Method, calibration: Calibration) -> Prediction:
-    frames = follow(
-        open_events(job.data / job.case.events), method.build(calibration), method.rate_hz
-    )
-    return Prediction.collect(
-        frames, calibration.reference_px, max(1, round(method.rate_hz / KEPT_HZ))
-    )
+    return kept(job.folder / "scores" / job.method / f"{stem}.json", score_key, scored)
 
 
 def _scores(job: GelJob, prediction: Prediction, calibration: Calibration) -> dict[str, float]:

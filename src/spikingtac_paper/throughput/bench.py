@@ -12,9 +12,9 @@ import numpy as np
 from spikingtac import Calibration
 from spikingtac.batch import begin_run
 from spikingtac.config import digest
-from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac_paper.harness.report import Metric, Report, Row, by_name, lines_of, write_report
 from spikingtac_paper.harness.run import Record, RunOptions, code_digest, kept, provenance
-from spikingtac_paper.throughput.decoding import REPEATS, decoder_figures
+from spikingtac_paper.throughput.decoding import decoder_rows
 from spikingtac_paper.throughput.peers import PEERS
 from spikingtac_paper.throughput.stopwatch import (
     PACE_US,
@@ -26,7 +26,7 @@ from spikingtac_paper.throughput.stopwatch import (
 )
 from spikingtac_paper.throughput.stream import BenchStream, bench_stream
 from spikingtac_paper.trials.methods import main_methods
-from spikingtac_paper.trials.trial import calibration_of
+from spikingtac_paper.trials.trial import Trial, calibration_of
 
 NAME = "throughput"
 CAMERAS = ("typical", "noisy")
@@ -42,16 +42,17 @@ PACED_S, QUICK_PACED_S = 30.0, 5.0
 SLOW_EVERY = {"trackpy": 10}
 """Slow peers estimate at every n-th window only, to bound the duration; times are per estimate."""
 
-DEFINITIONS = {
-    "step_p50_us": "median of absorb + estimate, free running, one core",
-    "step_p99_us": "99th percentile of the same",
-    "error_mean_px": "mean distance of detected_px to the truth over the stream",
-    "speedup_vs_opencv_tuned": "median map-to-centres time of tuned OpenCV over this one's, "
-    "same 1 ms stream, same run",
-    "paced_1khz_p99_us": "99th percentile from a window's end to its output, paced, own process",
-    "paced_1khz_missed": "share of steps that were not done when the next window was complete",
-}
-UNITS = {"error_mean_px": "px", "speedup_vs_opencv_tuned": "times", "paced_1khz_missed": "1"}
+METRICS = by_name(
+    Metric("step_p50_us", "us", "median of absorb + estimate, free running, one core"),
+    Metric("step_p99_us", "us", "99th percentile of the same"),
+    Metric("error_mean_px", "px", "mean distance of detected_px to the truth over the stream"),
+    Metric("speedup_vs_opencv_tuned", "times", "median map-to-centres time of tuned OpenCV over "
+           "this one's, same 1 ms stream, same run"),
+    Metric("paced_1khz_p99_us", "us", "99th percentile from a window's end to its output, paced, "
+           "own process"),
+    Metric("paced_1khz_missed", "1", "share of steps that were not done when the next window was "
+           "complete"),
+)  # fmt: skip
 
 
 def run(options: RunOptions) -> dict[str, Any]:
@@ -80,14 +81,11 @@ def run(options: RunOptions) -> dict[str, Any]:
 def _part(camera: str, options: RunOptions) -> Record:
     """Measure on one camera's stream."""
     stream = bench_stream(camera, options.seed, QUICK_TURNS if options.quick else TURNS)
-    calibration = calibration_of(stream.trial, options.output)
-    rows = list(_camera_rows(stream, calibration, options.quick))
+    sensor = Trial(case=camera, scene="quiet", seed=options.seed, camera=camera)
+    calibration = calibration_of(sensor, options.output)
+    rows = list(_camera_rows(camera, stream, calibration, options.quick))
     if camera == CAMERAS[0]:
-        rows += [
-            Row(method="decoder", case="all", metric=metric, value=value, unit=unit, n=REPEATS,
-                definition=f"{definition}; fastest of {REPEATS} runs")
-            for metric, value, unit, definition in decoder_figures(stream.events, options.output)
-        ]  # fmt: skip
+        rows += decoder_rows(stream.events, options.output)
     return {"rate_hz": stream.rate_hz, "rows": [asdict(row) for row in rows]}
 
 
@@ -108,7 +106,9 @@ def paced_process(
     queue.put(paced_run(main_methods()[name].build, calibration, windows, duration_s))
 
 
-def _camera_rows(stream: BenchStream, calibration: Calibration, quick: bool) -> Iterator[Row]:
+def _camera_rows(
+    camera: str, stream: BenchStream, calibration: Calibration, quick: bool
+) -> Iterator[Row]:
     methods, windows = main_methods(), windows_of(stream, PACE_US)
     at_1khz: dict[str, FreeRun] = {
         name: free_run(methods[name].build(calibration), windows, stream) for name in OWN
@@ -133,12 +133,4 @@ def _camera_rows(stream: BenchStream, calibration: Calibration, quick: bool) -> 
             values["paced_1khz_p99_us"] = float(np.percentile(late_us, 99))
             values["paced_1khz_missed"] = float((late_us > PACE_US).mean())
         for metric, value in values.items():
-            yield Row(
-                method=name,
-                case=stream.trial.camera,
-                metric=metric,
-                value=value,
-                unit=UNITS.get(metric, "us"),
-                n=len(own.step_us),
-                definition=DEFINITIONS[metric],
-            )
+            yield METRICS[metric].row(name, camera, value, len(own.step_us))

@@ -11,6 +11,7 @@ import numpy as np
 from spikingtac.events import create_events, open_events
 from spikingtac.state_map import BinaryStateMap
 from spikingtac.types import EventPacket
+from spikingtac_paper.harness.report import Metric, Row
 
 ENCODINGS = ("evt2", "evt21", "evt3")
 REPEATS = 5
@@ -21,13 +22,18 @@ PACKET_US = 10_000
 """Length of the packets of the count and map measurement."""
 
 
-def decoder_figures(events: EventPacket, folder: Path) -> Iterator[tuple[str, float, str, str]]:
-    """Yield metric, value, unit and definition of the method ``decoder``.
+def decoder_rows(events: EventPacket, folder: Path) -> Iterator[Row]:
+    """Yield the rows of the method ``decoder``.
 
     Args:
         events: The stream.
         folder: Where to write it in each encoding.
     """
+
+    def row(name: str, unit: str, definition: str, value: float) -> Row:
+        metric = Metric(name, unit, f"{definition}; fastest of {REPEATS} runs")
+        return metric.row("decoder", "all", value, REPEATS)
+
     millions = len(events) / 1e6
     taken_s = {}
     for encoding in ENCODINGS:
@@ -36,14 +42,14 @@ def decoder_figures(events: EventPacket, folder: Path) -> Iterator[tuple[str, fl
         with create_events(path, events.size, encoding=encoding) as writer:
             writer.write(events)
         taken_s[encoding] = fastest_s(lambda path=path: [len(part) for part in open_events(path)])
-        definition = f"{encoding.upper()} file on disk to checked event packets"
-        yield f"decode_{encoding}_mev_s", millions / taken_s[encoding], "Mev/s", definition
+        about = f"{encoding.upper()} file on disk to checked event packets"
+        yield row(f"decode_{encoding}_mev_s", "Mev/s", about, millions / taken_s[encoding])
     library_s = _library_s(folder / "streams" / "evt3.raw")
     if library_s is not None:
-        definition = "decode_evt3_mev_s over that of the evt3 package, the same file"
-        yield "decode_vs_evt3_library", library_s / taken_s["evt3"], "times", definition
-    definition = "events to 1 ms counts and the map, bounds and order of time checked"
-    yield "counts_and_map_mev_s", millions / _count_s(events), "Mev/s", definition
+        about = "decode_evt3_mev_s over that of the evt3 package, the same file"
+        yield row("decode_vs_evt3_library", "times", about, library_s / taken_s["evt3"])
+    about = "events to 1 ms counts and the map, bounds and order of time checked"
+    yield row("counts_and_map_mev_s", "Mev/s", about, millions / _count_s(events))
 
 
 def fastest_s(action: Callable[[], object]) -> float:

@@ -12,13 +12,19 @@ import numpy as np
 
 from spikingtac import Calibration
 from spikingtac.batch import begin_run
-from spikingtac.sim import EventCamera, Optics, load_scene
-from spikingtac_paper.harness.report import Report, Row, lines_of, write_report
+from spikingtac.sim import Scene, load_scene
+from spikingtac_paper.harness.report import (
+    Metric,
+    Report,
+    Row,
+    by_name,
+    lines_of,
+    write_report,
+)
 from spikingtac_paper.harness.run import RunOptions, provenance
 from spikingtac_paper.throughput.stopwatch import PACE_US, US_PER_S, free_run, windows_of
-from spikingtac_paper.throughput.stream import BenchStream, circling
+from spikingtac_paper.throughput.stream import BenchStream, circling, turns_for
 from spikingtac_paper.trials.methods import main_methods
-from spikingtac_paper.trials.trial import Trial
 
 NAME = "skins"
 METHODS = ("default", "fast")
@@ -28,25 +34,17 @@ FAR_MM = 200.0
 """Distance of the lens: a wide skin is seen without distortion, so that all its markers are alike
 (ours)."""
 TRY_US = 50_000
-"""Length of a trial, from which the speed for the wanted rate follows."""
-TRIES = 2
-"""The rate grows less than the speed; after two trials it is within some per cent."""
+"""Length of a trial, from which the speed for the wanted rate follows, us."""
 FIRST_TURNS_HZ = 2.0
 """Circles per second of the first trial, for 64 markers and 1 Mev/s."""
-DEFINITIONS = {
-    "step_p50_us": "median of absorb + estimate, every ms, free running",
-    "step_p99_us": "99th percentile of the same",
-    "absorb_mev_s": "events per window over the median time to absorb them",
-    "start_s": "time to make the tracker",
-    "error_mean_px": "mean distance of detected_px to the truth over the stream",
-    "events_mev_s": "events of the stream per second",
-}
-UNITS = {
-    "absorb_mev_s": "Mev/s",
-    "start_s": "s",
-    "error_mean_px": "px",
-    "events_mev_s": "Mev/s",
-}
+METRICS = by_name(
+    Metric("step_p50_us", "us", "median of absorb + estimate, every ms, free running"),
+    Metric("step_p99_us", "us", "99th percentile of the same"),
+    Metric("absorb_mev_s", "Mev/s", "events per window over the median time to absorb them"),
+    Metric("start_s", "s", "time to make the tracker"),
+    Metric("error_mean_px", "px", "mean distance of detected_px to the truth over the stream"),
+    Metric("events_mev_s", "Mev/s", "events of the stream per second"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +68,19 @@ class Skin:
         """Number of markers."""
         return self.grid[0] * self.grid[1]
 
+    def scene(self) -> Scene:
+        """Return the skin at rest before the camera preset ``typical``."""
+        scene = load_scene("quiet")
+        lens = replace(
+            scene.optics,
+            size=self.size,
+            px_per_mm=self.px_per_mm,
+            distance_mm=FAR_MM,
+            k1=0.0,
+            discs=replace(scene.optics.discs, radius_mm=self.radius_mm),
+        )
+        return replace(scene, optics=lens, skin=replace(scene.skin, grid=self.grid))
+
 
 SKINS = (
     Skin((8, 8), (320, 320), 15.5, 0.45),
@@ -80,7 +91,7 @@ SKINS = (
 
 
 def skin_stream(skin: Skin, rate_mev_s: float, seed: int, duration_us: int) -> BenchStream:
-    """Simulate a skin in motion, with the camera preset ``typical`` but no cap of its readout.
+    """Simulate a skin in motion without the cap of the camera's readout.
 
     Args:
         skin: Which one.
@@ -88,44 +99,9 @@ def skin_stream(skin: Skin, rate_mev_s: float, seed: int, duration_us: int) -> B
         seed: Of the camera's noise.
         duration_us: Length, us.
     """
-    turns_hz = FIRST_TURNS_HZ * rate_mev_s * SKINS[0].count / skin.count
-    for _ in range(TRIES):
-        turns_hz *= rate_mev_s * 1e6 / _moved(skin, turns_hz, seed, TRY_US).rate_hz
-    return _moved(skin, turns_hz, seed, duration_us)
-
-
-def _at_rest(skin: Skin, stream: BenchStream) -> Calibration:
-    """Return the calibration of a stream's skin, from its truth."""
-    return Calibration(
-        reference_px=stream.truth.reference_px,
-        radius_px=stream.truth.radius_px,
-        grid=skin.grid,
-        size=skin.size,
-        provenance={"from": "the twin's truth at rest"},
-    )
-
-
-def _moved(skin: Skin, turns_hz: float, seed: int, duration_us: int) -> BenchStream:
-    scene = load_scene("quiet")
-    discs = replace(scene.optics.discs, radius_mm=skin.radius_mm)
-    lens = replace(
-        scene.optics,
-        size=skin.size,
-        px_per_mm=skin.px_per_mm,
-        distance_mm=FAR_MM,
-        k1=0.0,
-        discs=discs,
-    )
-    optics = Optics(lens, seed=scene.skin.serial)
-    settings = scene.camera.resolve(skin.size)
-    settings = replace(settings, readout=replace(settings.readout, cap_mev_s=None))
-    camera = EventCamera(settings, seed, serial=scene.skin.serial)
-    rest = replace(scene.skin, grid=skin.grid).at_rest()
-    events, truth = circling(
-        (optics, camera), scene.history.references, rest, turns_hz, duration_us
-    )
-    trial = Trial(case="skin", scene="quiet", seed=seed, camera="typical")
-    return BenchStream(events, truth, len(events) / (duration_us * 1e-6), trial)
+    scene, guess_hz = skin.scene(), FIRST_TURNS_HZ * rate_mev_s * SKINS[0].count / skin.count
+    turns_hz = turns_for(scene, seed, rate_mev_s * 1e6, guess_hz, TRY_US, capped=False)
+    return circling(scene, seed, turns_hz, duration_us, capped=False)
 
 
 def run(options: RunOptions) -> dict[str, Any]:
@@ -138,18 +114,10 @@ def run(options: RunOptions) -> dict[str, Any]:
     for number, (skin, rate) in enumerate(cases, 1):
         stream = skin_stream(skin, rate, options.seed, duration_us)
         for method in METHODS:
-            for metric, value in _measured(method, skin, stream).items():
-                rows.append(
-                    Row(
-                        method=method,
-                        case=f"{skin.count}@{rate}",
-                        metric=metric,
-                        value=value,
-                        unit=UNITS.get(metric, "us"),
-                        n=duration_us // PACE_US,
-                        definition=DEFINITIONS[metric],
-                    )
-                )
+            rows += [
+                METRICS[name].row(method, f"{skin.count}@{rate}", value, duration_us // PACE_US)
+                for name, value in _measured(method, skin, stream).items()
+            ]
         options.report_progress(number, len(cases))
     report = Report(
         experiment=NAME,
@@ -162,8 +130,13 @@ def run(options: RunOptions) -> dict[str, Any]:
 
 
 def _measured(method: str, skin: Skin, stream: BenchStream) -> dict[str, float]:
-    windows, calibration = windows_of(stream, PACE_US), _at_rest(skin, stream)
-    build = main_methods()[method].build
+    windows, build = windows_of(stream, PACE_US), main_methods()[method].build
+    calibration = Calibration(
+        reference_px=stream.truth.reference_px,
+        radius_px=stream.truth.radius_px,
+        grid=skin.grid,
+        size=skin.size,
+    )
     free_run(build(calibration), windows[:20], stream)  # compiles, and fills the caches
     begun_s = time.perf_counter()
     tracker = build(calibration)

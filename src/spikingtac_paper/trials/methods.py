@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from spikingtac import Calibration, MarkerTracker, make_tracker, plugins
+from spikingtac import Calibration, MarkerTracker, follow, make_tracker, plugins
 from spikingtac.config import Config, digest, load_config
-from spikingtac.denoise import make_denoiser
 from spikingtac.markers import (
     TRACKERS,
     AnchoredLaw,
@@ -25,21 +24,18 @@ from spikingtac.markers import (
 )
 from spikingtac.schema import to_mapping
 from spikingtac.types import EventPacket
+from spikingtac_paper.baselines.ekalibr import RATE_HZ as EKALIBR_HZ
 from spikingtac_paper.baselines.ekalibr import EkalibrConfig, EkalibrTracker
+from spikingtac_paper.baselines.evetac import RATE_HZ as EVETAC_HZ
 from spikingtac_paper.baselines.evetac import EvetacConfig, EvetacTracker
+from spikingtac_paper.baselines.neutac import RATE_HZ as NEUTAC_HZ
 from spikingtac_paper.baselines.neutac import NeutacConfig, neutac_tracker
 from spikingtac_paper.harness.run import code_digest
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
 
-Builder = Callable[[Calibration], MarkerTracker]
-Before = Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]]
-
 READ_BY_BASELINES = ("reference_px", "radius_px", "polarity", "size")
 """Calibration fields of trackers that use neither steps nor contrast nor lag."""
-
-EVETAC_HZ = 500.0
-"""Rate at which Evetac's dots are read out, Hz; they move in slices of 1 ms at any rate."""
 
 TRUTH = "truth"
 """Name of the method that returns the truth; its return distance is the gel's own residual."""
@@ -47,79 +43,78 @@ TRUTH = "truth"
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A tracking method of an experiment.
+    """A tracking method of an experiment, or an output law over the estimates of one.
 
     Attributes:
         name: Name in the report.
         about: One line about it.
+        tracker: Name under which the estimates are kept: that of the method without a law.
         rate_hz: Estimates per second of data time.
         build: Creates the tracker for a calibration.
         settings: All its settings, for the digest and the report.
         reads: Calibration fields that it reads; empty means all.
         before: Filter of the events before the tracker, or None.
+        law: Creates the output law that takes the place of the tracker's own, or None.
+        law_settings: All settings of the law.
     """
 
     name: str
     about: str
+    tracker: str
     rate_hz: float
-    build: Builder
+    build: Callable[[Calibration], MarkerTracker]
     settings: Any
     reads: tuple[str, ...] = ()
-    before: Before | None = None
+    before: Callable[[Iterable[EventPacket], Calibration], Iterable[EventPacket]] | None = None
+    law: Callable[[], OutputLaw] | None = None
+    law_settings: Any = None
 
     def key(self) -> str:
-        """Return the digest of configuration and code."""
-        about = {"name": self.name, "rate_hz": self.rate_hz, "settings": self.settings}
-        code = code_digest()
-        return digest({"method": about, "code": code})
+        """Return the digest of the tracker's configuration and code; a law is no part of it."""
+        about = {"name": self.tracker, "rate_hz": self.rate_hz, "settings": self.settings}
+        return digest({"method": about, "code": code_digest()})
+
+    def track(
+        self, events: Iterable[EventPacket], calibration: Calibration, kept_hz: float
+    ) -> Prediction:
+        """Return the estimates of the tracker on a recording, at ``kept_hz`` at most."""
+        if self.before is not None:
+            events = self.before(events, calibration)
+        frames = follow(events, self.build(calibration), self.rate_hz)
+        every = max(1, round(self.rate_hz / kept_hz))
+        return Prediction.collect(frames, calibration.reference_px, every)
+
+    def with_law(
+        self, suffix: str, about: str, law: Callable[[], OutputLaw], settings: Any = None
+    ) -> Method:
+        """Return the method that lays a law over the estimates of this one."""
+        name = f"{self.name}-{suffix}"
+        return replace(self, name=name, about=about, law=law, law_settings=to_mapping(settings))
 
 
-def of_preset(name: str, about: str) -> Method:
-    """Return the tracker of a preset as a method."""
-    return of_config(name, about, load_config(name))
-
-
-def of_config(name: str, about: str, config: Config) -> Method:
-    """Return the tracker of a configuration as a method."""
+def of_config(name: str, about: str, config: Config | None = None) -> Method:
+    """Return the tracker of a configuration, or of the preset of that name, as a method."""
+    tracking = (config or load_config(name)).tracking
     return Method(
         name=name,
         about=about,
-        rate_hz=config.tracking.rate_hz,
-        build=lambda calibration: make_tracker(config.tracking, calibration),
-        settings={"about": about, **to_mapping(config.tracking)},
-        reads=READ_BY_BASELINES if config.tracking.method == "blobs" else (),
+        tracker=name,
+        rate_hz=tracking.rate_hz,
+        build=lambda calibration: make_tracker(tracking, calibration),
+        settings={"about": about, **to_mapping(tracking)},
+        reads=READ_BY_BASELINES if tracking.method == "blobs" else (),
     )
 
 
-def _evetac(name: str, about: str, config: EvetacConfig) -> Method:
+def _baseline(
+    name: str, about: str, config: Any, tracker: Callable[..., MarkerTracker], rate_hz: float
+) -> Method:
     return Method(
         name=name,
         about=about,
-        rate_hz=EVETAC_HZ,
-        build=lambda calibration: EvetacTracker(config, calibration),
-        settings=to_mapping(config),
-        reads=READ_BY_BASELINES,
-    )
-
-
-def _neutac(name: str, about: str, config: NeutacConfig) -> Method:
-    denoiser = load_config("paper").tracking.denoiser
-    return Method(
-        name=name,
-        about=f"{about}, denoiser {denoiser}",
-        rate_hz=config.rate_hz,
-        build=lambda calibration: neutac_tracker(config, calibration, make_denoiser(denoiser)),
-        settings={"denoiser": denoiser, **to_mapping(config)},
-        reads=READ_BY_BASELINES,
-    )
-
-
-def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
-    return Method(
-        name=name,
-        about=about,
-        rate_hz=config.rate_hz,
-        build=lambda calibration: EkalibrTracker(config, calibration),
+        tracker=name,
+        rate_hz=rate_hz,
+        build=lambda calibration: tracker(config, calibration),
         settings=to_mapping(config),
         reads=READ_BY_BASELINES,
     )
@@ -127,31 +122,38 @@ def _ekalibr(name: str, about: str, config: EkalibrConfig) -> Method:
 
 def main_methods() -> dict[str, Method]:
     """Return the methods of the main table in its order; the runner adds ``truth``."""
-    methods = (
-        of_preset("default", "graded map, disc fit, no law"),
-        of_preset("fast", "the same tracker at 10 kHz"),
-        of_preset("paper", "filter of isolated events and refreshed map (ours), binary map, "
-                              "network, blobs, k-d tree, hold, published law, 350 Hz"),
-        as_published("paper-printed", "the same without filter and refresh, as printed"),
-        _evetac("evetac", "attraction law, weak regulariser", EvetacConfig()),
-        _evetac("evetac-strong", "attraction law, strong regulariser", EvetacConfig.strong()),
-        _neutac("neutac", "time surface, detection, no law", NeutacConfig()),
-        _ekalibr("ekalibr", "arcs paired, circle that moves in time", EkalibrConfig()),
+    evetac, strong, neutac, ekalibr = (
+        EvetacConfig(), EvetacConfig.strong(), NeutacConfig(), EkalibrConfig()
     )  # fmt: skip
-    return {method.name: method for method in (*methods, *plugin_methods())}
+    methods = (
+        of_config("default", "graded map, disc fit, no law"),
+        of_config("fast", "the same tracker at 10 kHz"),
+        of_config("paper", "filter of isolated events and refreshed map (ours), binary map, "
+                           "network, blobs, k-d tree, hold, published law, 350 Hz"),
+        as_published("paper-printed", "the same without filter and refresh, as printed"),
+        _baseline("evetac", "attraction law, weak regulariser", evetac, EvetacTracker, EVETAC_HZ),
+        _baseline("evetac-strong", "attraction law, strong regulariser", strong, EvetacTracker,
+                  EVETAC_HZ),
+        _baseline("neutac", "time surface, denoiser of paper, detection, no law", neutac,
+                  neutac_tracker, NEUTAC_HZ),
+        _baseline("ekalibr", "arcs paired, circle that moves in time", ekalibr, EkalibrTracker,
+                  EKALIBR_HZ),
+        *plugin_methods(),
+    )  # fmt: skip
+    return {method.name: method for method in methods}
 
 
 def plugin_methods() -> list[Method]:
     """Return the trackers that other packages register, each with its default options."""
     return [
-        of_config(name, f"of {plugins.origin(plugins.TRACKERS, name)}", _with_method(name))
+        of_config(
+            name,
+            f"of {plugins.origin(plugins.TRACKERS, name)}",
+            load_config("default").with_tracking(method=name),
+        )
         for name in trackers()
         if name not in TRACKERS
     ]
-
-
-def _with_method(name: str) -> Config:
-    return load_config("default").with_tracking(method=name)
 
 
 def as_published(name: str, about: str) -> Method:
@@ -159,30 +161,6 @@ def as_published(name: str, about: str) -> Method:
     config = load_config("paper")
     blobs = replace(config.tracking.blobs, support_us=0, refresh_us=0)
     return of_config(name, about, config.with_tracking(blobs=blobs))
-
-
-@dataclass(frozen=True, kw_only=True)
-class LawMethod:
-    """An output law that uses the estimates of another method.
-
-    Attributes:
-        name: Name in the report.
-        about: One line about it.
-        of: Name of the method whose estimates it uses.
-        law: Creates the law.
-        settings: All its settings.
-    """
-
-    name: str
-    about: str
-    of: str
-    law: Callable[[], OutputLaw]
-    settings: Any
-
-    def key(self) -> str:
-        """Return the digest of configuration and code, without those of ``of``."""
-        code = code_digest()
-        return digest({"name": self.name, "of": self.of, "law": self.settings, "code": code})
 
 
 def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Prediction:
@@ -204,45 +182,34 @@ def apply_law(prediction: Prediction, law: OutputLaw, truth: GroundTruth) -> Pre
     return replace(prediction, position_px=given)
 
 
-def compared_laws(of: str = "default") -> list[LawMethod]:
-    """Return the laws of the main tables on the estimates of one method."""
+def compared_laws() -> list[Method]:
+    """Return the laws of the main tables on the estimates of ``default``."""
+    default = main_methods()["default"]
     paper, anchored = PaperLawConfig(), AnchoredLawConfig()
+    anchored_about = f"gamma {anchored.gamma:g}, {anchored.delta1_px:g} to {anchored.delta2_px:g}"
     return [
-        LawMethod(
-            name=f"{of}-law-paper",
-            about=f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px",
-            of=of,
-            law=PaperLaw,
-            settings=to_mapping(paper),
+        default.with_law(
+            "law-paper",
+            f"published law, gamma {paper.gamma:g}, delta {paper.delta_px:g} px",
+            PaperLaw,
+            paper,
         ),
-        LawMethod(
-            name=f"{of}-law-anchored",
-            about=f"anchored law, gamma {anchored.gamma:g}, {anchored.delta1_px:g} to "
-            f"{anchored.delta2_px:g} px",
-            of=of,
-            law=AnchoredLaw,
-            settings=to_mapping(anchored),
+        default.with_law(
+            "law-anchored", f"anchored law, {anchored_about} px", AnchoredLaw, anchored
         ),
-        LawMethod(
-            name=f"{of}-law-rezero",
-            about="anchored law around a zero that is learnt between contacts",
-            of=of,
-            law=ReZero,
-            settings=to_mapping(ReZeroConfig()),
+        default.with_law(
+            "law-rezero",
+            "anchored law around a zero that is learnt between contacts",
+            ReZero,
+            ReZeroConfig(),
         ),
     ]
 
 
-def all_methods() -> dict[str, Method | LawMethod]:
+def all_methods() -> dict[str, Method]:
     """Return the methods of the main tables, and the output laws that use their estimates."""
-    methods: dict[str, Method | LawMethod] = {}
-    for name, method in main_methods().items():
-        methods[name] = method
-        if name == "neutac":
-            # NeuTac on the binary map equals ``paper`` without its law.
-            about = "binary map, detection, no law: the estimates of paper before its law"
-            binary = LawMethod(
-                name="neutac-binary", about=about, of="paper", law=NoLaw, settings={}
-            )
-            methods[binary.name] = binary
-    return methods | {method.name: method for method in compared_laws()}
+    methods = main_methods()
+    # NeuTac on the binary map equals ``paper`` without its law.
+    about = "binary map, detection, no law: the estimates of paper before its law"
+    binary = replace(methods["paper"], name="neutac-binary", about=about, law=NoLaw)
+    return methods | {method.name: method for method in (binary, *compared_laws())}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import RecordingError
-from spikingtac.markers import AnchoredLaw, AnchoredLawConfig, smallest_spacing_px
+from spikingtac.markers import AnchoredLaw
 from spikingtac_paper.harness.report import Metric
 from spikingtac_paper.trials.ground_truth import GroundTruth
 from spikingtac_paper.trials.prediction import Prediction
@@ -21,13 +21,6 @@ SUCCESS_PX = 5.0
 
 LOST_US = 50_000
 """Shortest time with a large error after which a marker counts as lost, us (ours)."""
-
-
-MOVING_PX_S = 5.0
-"""Smallest true speed at which a marker counts as moving, px/s (ours)."""
-
-SETTLED_US = 200_000
-"""Time span before the next touch in which the gel's creep has mostly ended, us (ours)."""
 
 
 POINT_METRICS: tuple[Metric, ...] = (
@@ -40,27 +33,9 @@ POINT_METRICS: tuple[Metric, ...] = (
     Metric(
         "return_error_mean_px", "px", "mean distance of detected_px to the truth after the release"
     ),
-    Metric(
-        "lead_px",
-        "px",
-        f"mean error along the true motion, where it is faster than {MOVING_PX_S:g} px/s; positive "
-        "is ahead of the marker",
-    ),
     Metric("zeroed_return_mean_px", "px", "return_mean_px under the anchored law"),
     Metric("zeroed_return_std_px", "px", "return_std_px under the anchored law"),
-    Metric(
-        "return_growth_px",
-        "px",
-        "mean error against the truth in the last 0.2 s before the next touch: last return minus "
-        "first",
-    ),
     Metric("lost_markers", "markers", "markers more than 5 px off for more than 50 ms", "sum"),
-    Metric(
-        "lost_boundary_markers",
-        "markers",
-        "those of lost_markers that are on the rim of the grid",
-        "sum",
-    ),
     Metric("id_swaps", "markers", "markers nearest another's true place for over 50 ms", "sum"),
 )
 """All metrics, in the order of the tables."""
@@ -70,7 +45,6 @@ def point_scores(
     prediction: Prediction,
     truth: GroundTruth,
     damaged: tuple[int, ...] = (),
-    law: AnchoredLawConfig | None = None,
 ) -> dict[str, float]:
     """Return every metric of one trial.
 
@@ -78,10 +52,9 @@ def point_scores(
         prediction: The estimates of the method.
         truth: The true positions.
         damaged: Broken and missing markers; they are not scored.
-        law: Law of the zeroed output; None takes the default.
 
     Returns:
-        Values by the names of :data:`POINT_METRICS`, without those that the trial does not define.
+        Values by the names of :data:`POINT_METRICS`.
 
     Raises:
         RecordingError: The recording holds no events, so that nothing was estimated.
@@ -94,12 +67,12 @@ def point_scores(
     true_px = truth.at(prediction.t_us)
     error_px = np.linalg.norm(detected_px - true_px[:, whole], axis=2)
     given_px = _distance_px(prediction.position_px[-1, whole], reference_px)
-    zeroed = AnchoredLaw(law).update(detected_px[-1], reference_px)
+    zeroed = AnchoredLaw().update(detected_px[-1], reference_px)
     zeroed_px = _distance_px(zeroed, reference_px)
     released = error_px[prediction.t_us > truth.released_us]
     away = longest_duration_us(error_px > SUCCESS_PX, prediction.t_us)
     elsewhere = longest_duration_us(nearest_another(detected_px, true_px, whole), prediction.t_us)
-    scores = {
+    return {
         "success_rate": float(given_px.max() <= SUCCESS_PX),
         "return_mean_px": float(given_px.mean()),
         "return_std_px": float(given_px.std()),
@@ -110,62 +83,8 @@ def point_scores(
         "zeroed_return_mean_px": float(zeroed_px.mean()),
         "zeroed_return_std_px": float(zeroed_px.std()),
         "lost_markers": float((away > LOST_US).sum()),
-        "lost_boundary_markers": float(
-            (away > LOST_US)[on_rim(prediction.reference_px)[whole]].sum()
-        ),
         "id_swaps": float((elsewhere > LOST_US).sum()),
     }
-    growth_px = return_growth_px(error_px, prediction.t_us, truth.free_us)
-    ahead_px = lead_px(detected_px, true_px[:, whole], prediction.t_us)
-    optional = {"return_growth_px": growth_px, "lead_px": ahead_px}
-    return scores | {name: value for name, value in optional.items() if value is not None}
-
-
-def lead_px(
-    detected_px: NDArray[np.float64], true_px: NDArray[np.float64], t_us: NDArray[np.int64]
-) -> float | None:
-    """Return the mean error along the true motion, px; None if no marker moves.
-
-    Args:
-        detected_px: ``(n, m, 2)`` estimates, px.
-        true_px: ``(n, m, 2)`` true positions, px.
-        t_us: ``(n,)`` their times, us.
-    """
-    if len(t_us) < 2:
-        return None
-    velocity_px_s = np.gradient(true_px, 1e-6 * t_us, axis=0)
-    speed_px_s = np.hypot(velocity_px_s[..., 0], velocity_px_s[..., 1])
-    moving = speed_px_s > MOVING_PX_S
-    if not moving.any():
-        return None
-    error_px, along = (detected_px - true_px)[moving], velocity_px_s[moving]
-    return float(((error_px * along).sum(axis=1) / speed_px_s[moving]).mean())
-
-
-def on_rim(reference_px: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask ``(m,)`` of the markers in an outermost row or column of the grid."""
-    half_px = 0.5 * smallest_spacing_px(reference_px) if len(reference_px) > 1 else 0.0
-    low, high = reference_px.min(axis=0) + half_px, reference_px.max(axis=0) - half_px
-    return np.logical_or(reference_px < low, reference_px > high).any(axis=1)
-
-
-def return_growth_px(
-    error_px: NDArray[np.float64], t_us: NDArray[np.int64], free_us: NDArray[np.int64]
-) -> float | None:
-    """Return the error at the last return minus that at the first one, px.
-
-    Args:
-        error_px: ``(n, m)`` errors, px.
-        t_us: ``(n,)`` their times, us.
-        free_us: ``(k, 2)`` time spans between two contacts, us.
-
-    Returns:
-        None where there are fewer than two returns.
-    """
-    ends = [(max(start, end - SETTLED_US), end) for start, end in free_us.tolist()]
-    errors = [error_px[(t_us >= start) & (t_us < end)] for start, end in ends]
-    means = [float(error.mean()) for error in errors if len(error)]
-    return means[-1] - means[0] if len(means) > 1 else None
 
 
 def longest_duration_us(state: NDArray[np.bool_], t_us: NDArray[np.int64]) -> NDArray[np.int64]:

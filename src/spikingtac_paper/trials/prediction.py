@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -22,14 +22,12 @@ class Prediction:
         t_us: ``(n,)`` int64 times, us.
         detected_px: ``(n, m, 2)`` float32, the truthful estimate, px.
         position_px: ``(n, m, 2)`` float32, after the method's own law, px.
-        coasted: ``(n, m)`` True where a position is predicted without an observation.
         reference_px: ``(m, 2)`` the rest positions of the calibration, px.
     """
 
     t_us: NDArray[np.int64]
     detected_px: NDArray[np.float32]
     position_px: NDArray[np.float32]
-    coasted: NDArray[np.bool_]
     reference_px: NDArray[np.float64]
 
     @classmethod
@@ -56,17 +54,10 @@ class Prediction:
             t_us=np.array([frame.t_us for frame in kept], np.int64),
             detected_px=_stacked([frame.detected_px for frame in kept], count),
             position_px=_stacked([frame.position_px for frame in kept], count),
-            coasted=np.array([frame.coasted for frame in kept], np.bool_).reshape(-1, count),
             reference_px=reference_px,
         )
 
-    def save(self, path: Path, key: str) -> None:
-        """Write the arrays, whole or not at all.
-
-        Args:
-            path: ``.npz`` file.
-            key: Digest of everything that the prediction depends on.
-        """
+    def _save(self, path: Path, key: str) -> None:
         same = np.array_equal(self.detected_px, self.position_px)
         with replacing(path) as temporary:
             np.savez(
@@ -75,27 +66,24 @@ class Prediction:
                 t_us=self.t_us,
                 detected_px=self.detected_px,
                 position_px=np.empty(0, np.float32) if same else self.position_px,
-                coasted=np.packbits(self.coasted),
                 reference_px=self.reference_px,
             )
 
     @classmethod
-    def load(cls, path: Path, key: str | None = None) -> Self | None:
-        """Read a prediction; return None where there is none with this key."""
+    def kept(cls, path: Path, key: str, make: Callable[[], Self]) -> Self:
+        """Return the prediction of a file if it has this key; else make it, and write it."""
         try:
             with np.load(path, allow_pickle=False) as archive:
-                if key is not None and str(archive["key"]) != key:
-                    return None
                 values = {name: archive[name] for name in archive.files}
         except (OSError, ValueError, EOFError, KeyError):
-            return None
-        detected_px = values["detected_px"]
-        shape = detected_px.shape[:2]
-        coasted = np.unpackbits(values["coasted"], count=shape[0] * shape[1]).astype(np.bool_)
-        position_px = values["position_px"] if values["position_px"].size else detected_px
-        return cls(
-            values["t_us"], detected_px, position_px, coasted.reshape(shape), values["reference_px"]
-        )
+            values = {}
+        if str(values.get("key")) != key:
+            made = make()
+            made._save(path, key)
+            return made
+        detected_px, position_px = values["detected_px"], values["position_px"]
+        given_px = position_px if position_px.size else detected_px
+        return cls(values["t_us"], detected_px, given_px, values["reference_px"])
 
 
 def _stacked(arrays: list[NDArray[np.float64]], markers: int) -> NDArray[np.float32]:

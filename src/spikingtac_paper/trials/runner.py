@@ -11,20 +11,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from spikingtac import Calibration, follow
+import numpy as np
+
+from spikingtac import Calibration
 from spikingtac.config import digest
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import Progress, Record, RunOptions, code_digest, kept
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import TRUTH, LawMethod, Method, apply_law
+from spikingtac_paper.trials.methods import TRUTH, Method, apply_law
 from spikingtac_paper.trials.metrics import point_scores
 from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.trial import V2E, Trial, calibration_digest, calibration_of
 
 KEPT_HZ = 500.0
 """Rate at which predictions are stored and scored, Hz. Faster trackers still run at their rate."""
-
-Methods = Callable[[], Mapping[str, Method | LawMethod]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,7 +42,7 @@ class TrialJob:
 
     trial: Trial
     methods: tuple[str, ...]
-    table: Methods
+    table: Callable[[], Mapping[str, Method]]
     folder: Path
     data: Path | None = None
     calibrate: bool = True
@@ -79,8 +79,7 @@ def _split(job: TrialJob) -> Iterator[TrialJob]:
     table = job.table()
     groups: dict[str, list[str]] = {}
     for name in job.methods:
-        method = table.get(name)
-        groups.setdefault(method.of if isinstance(method, LawMethod) else name, []).append(name)
+        groups.setdefault(table[name].tracker if name in table else name, []).append(name)
     for names in groups.values():
         yield replace(job, methods=tuple(names))
 
@@ -101,41 +100,30 @@ def run_job(job: TrialJob) -> list[Record]:
 
 
 def _score_method(
-    job: TrialJob, method: Method | LawMethod | None, name: str, calibration: Calibration
+    job: TrialJob, method: Method | None, name: str, calibration: Calibration
 ) -> Record:
-    trial, law = job.trial, method if isinstance(method, LawMethod) else None
-    if isinstance(method, LawMethod):
-        base = job.table()[method.of]
-        assert isinstance(base, Method)
-        method = base
-    key = _key(trial, method, calibration)
-    about = {"prediction": key, "law": law.key() if law else "", "scoring": code_digest()}
-    stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
-    file = job.folder / "predictions" / (method.name if method else TRUTH) / f"{stem}.npz"
-
-    def scored() -> Record:
-        events, truth = trial.open(job.folder, job.data)
-        prediction = Prediction.load(file, key)
-        if prediction is None:
-            prediction = predict(method, events, calibration, truth)
-            prediction.save(file, key)
-        if law:
-            prediction = apply_law(prediction, law.law(), truth)
-        scores = point_scores(prediction, truth, trial.damaged_markers)
-        return {"method": name, "trial": asdict(trial), "scores": scores}
-
-    return kept(job.folder / "scores" / name / f"{stem}.json", digest(about), scored)
-
-
-def _key(trial: Trial, method: Method | None, calibration: Calibration) -> str:
-    """Return the digest of everything that a prediction depends on; no method means the truth."""
+    """Return the record of one method; None is the truth."""
+    trial = job.trial
     about = {
         "trial": trial.key(),
         "calibration": calibration_digest(calibration, method.reads) if method else "",
         "method": method.key() if method else TRUTH,
         "kept_hz": KEPT_HZ,
     }
-    return digest(about)
+    key = digest(about)
+    stem = f"{trial.case.replace('/', '_')}-{trial.scene}-{trial.serial}-{trial.seed}"
+    file = job.folder / "predictions" / (method.tracker if method else TRUTH) / f"{stem}.npz"
+
+    def scored() -> Record:
+        events, truth = trial.open(job.folder, job.data)
+        prediction = Prediction.kept(file, key, lambda: predict(method, events, calibration, truth))
+        if method is not None and method.law is not None:
+            prediction = apply_law(prediction, method.law(), truth)
+        scores = point_scores(prediction, truth, trial.damaged_markers)
+        return {"method": name, "trial": asdict(trial), "scores": scores}
+
+    scoring = {"prediction": key, "law": method and method.law_settings, "scoring": code_digest()}
+    return kept(job.folder / "scores" / name / f"{stem}.json", digest(scoring), scored)
 
 
 def predict(
@@ -145,16 +133,7 @@ def predict(
     truth: GroundTruth,
 ) -> Prediction:
     """Return the estimates of a method on a recording; None gives the truth itself."""
-    if method is None:
-        return _truth_itself(truth)
-    if method.before is not None:
-        events = method.before(events, calibration)
-    frames = follow(events, method.build(calibration), method.rate_hz)
-    every = max(1, round(method.rate_hz / KEPT_HZ))
-    return Prediction.collect(frames, calibration.reference_px, every)
-
-
-def _truth_itself(truth: GroundTruth) -> Prediction:
-    position_px = truth.marker_px.astype("float32")
-    coasted = (position_px[..., 0] * 0).astype(bool)
-    return Prediction(truth.t_us, position_px, position_px, coasted, truth.reference_px)
+    if method is not None:
+        return method.track(events, calibration, KEPT_HZ)
+    position_px = truth.marker_px.astype(np.float32)
+    return Prediction(truth.t_us, position_px, position_px, truth.reference_px)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from spikingtac import Calibration, calibrate
 from spikingtac.atomic_files import replacing
 from spikingtac.config import digest, load_config
 from spikingtac.events import MANIFEST, TRUTH, RandomDrop, open_events
-from spikingtac.schema import to_mapping
 from spikingtac.sim import ContactConfig, IndenterMotion, Scene, load_scene
 from spikingtac.types import EventPacket
 from spikingtac_paper.harness.run import code_digest
@@ -116,7 +115,7 @@ class Trial:
         return target
 
     def open(self, folder: Path, data: Path | None) -> tuple[Iterable[EventPacket], GroundTruth]:
-        """Return the events, which can be iterated repeatedly, and the truth.
+        """Return the events and the truth.
 
         Args:
             folder: Folder of the run, which holds the recordings.
@@ -129,7 +128,8 @@ class Trial:
         target = self.record(folder)
         events: Iterable[EventPacket] = open_events(target)
         if self.loss:
-            events = Dropped(events, self.loss, self.seed)
+            drop = RandomDrop(self.loss, self.seed)
+            events = (drop(packet) for packet in open_events(target))
         return events, GroundTruth.load(target / TRUTH)
 
     def _scene(self) -> Any:
@@ -144,25 +144,6 @@ class Trial:
             discs = replace(scene.optics.discs, missing=markers[::2], broken=markers[1::2])
             scene = replace(scene, optics=replace(scene.optics, discs=discs))
         return scene
-
-
-@dataclass(frozen=True, slots=True)
-class Dropped:
-    """A recording that loses a fraction of its events, the same ones at each reading.
-
-    Attributes:
-        packets: The recording.
-        fraction: Fraction of the events that is lost.
-        seed: Seed of the selection.
-    """
-
-    packets: Iterable[EventPacket]
-    fraction: float
-    seed: int
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        drop = RandomDrop(self.fraction, self.seed)
-        return (drop(packet) for packet in self.packets)
 
 
 def shortened(scene: Scene, motion_s: float) -> Scene:
@@ -224,24 +205,28 @@ def calibration_of(trial: Trial, folder: Path, data: Path | None = None) -> Cali
         data: Folder of recordings from elsewhere.
     """
     slides = trial.bootstrap()
-    settings = load_config("default").calibration
-    key = digest(
-        {
-            "slides": slides.key(),
-            "settings": to_mapping(settings),
-            "code": code_digest(),
-        }
-    )
-    path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"
-    if path.is_file():
-        return Calibration.load(path)
-    if trial.camera == V2E:
+    key = digest({"slides": slides.key(), "code": code_digest()})
+
+    def recorded() -> Path:
+        if trial.camera != V2E:
+            return slides.record(folder)
         assert data is not None
-        source = open_events(data / V2E / "bootstrap.raw")
-    else:
-        source = open_events(slides.record(folder))
-    calibration = calibrate(source, settings)
-    with replacing(path) as temporary:
-        calibration.save(temporary)
+        return data / V2E / "bootstrap.raw"
+
+    path = folder / "calibrations" / f"{trial.camera}-{trial.serial}-{key}.json"
+    return kept_calibration(path, recorded)
+
+
+def kept_calibration(path: Path, recorded: Callable[[], Path]) -> Calibration:
+    """Return the calibration of a file; if there is none, make it as a user would, and write it.
+
+    Args:
+        path: File of the calibration.
+        recorded: Returns the recording that it is made from.
+    """
+    if not path.is_file():
+        calibration = calibrate(open_events(recorded()), load_config("default").calibration)
+        with replacing(path) as temporary:
+            calibration.save(temporary)
     # Read it back: a run that continues sees the same rounded numbers as one that began.
     return Calibration.load(path)

@@ -7,7 +7,7 @@ import pytest
 from spikingtac_paper.collision.experiment import RunSize, fast_detectors, plan, series
 from spikingtac_paper.collision.jobs import QUIET_SEED, STRETCH_STEPS, CollisionJob
 from spikingtac_paper.collision.scene import CollisionScene, run_up_mm, travel_time_s
-from spikingtac_paper.collision.scoring import DEFINITIONS, SPEEDS, collision_rows, garwood
+from spikingtac_paper.collision.scoring import METRICS, SPEEDS, collision_rows, garwood
 from spikingtac_paper.harness.report import Row
 from spikingtac_paper.harness.run import RunOptions
 
@@ -61,7 +61,7 @@ def test_all_is_the_mean_over_the_speeds_and_the_worst_of_them() -> None:
     assert value(rows, "default", "typical/0.18", "overshoot_max_mm") == 3.0
     assert value(rows, "default", "typical/all", "decision_p99_us") == 50.0
     assert value(rows, "default", "all", "deviation_mean_mm") == pytest.approx(expected)
-    assert {row.metric for row in rows} <= set(DEFINITIONS)
+    assert {row.metric for row in rows} <= set(METRICS)
 
 
 def test_misses_and_premature_stops_are_counted_and_left_out_of_the_means() -> None:

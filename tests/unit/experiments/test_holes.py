@@ -17,12 +17,17 @@ from spikingtac.sim.rig.wall_calibration import (
     WALL_MM,
     travel_of,
 )
-from spikingtac_paper.harness.report import find_row
+from spikingtac_paper.harness.report import Row
 from spikingtac_paper.holes.jobs import RADII_MM, trial_of
-from spikingtac_paper.holes.scoring import DEFINITIONS, METHODS, PUBLISHED, hole_rows, score
+from spikingtac_paper.holes.scoring import METHODS, METRICS, PUBLISHED, hole_rows, laid_onto, score
 from stand_ins.touching import IdealProber
 
 HEADING_RAD, TRAVEL_MM = 0.3, 0.12
+
+
+def row_of(rows: list[Row], *key: str) -> Row:
+    (found,) = [row for row in rows if (row.method, row.case, row.metric) == key]
+    return found
 
 
 def kept(touched: Touched, rng: np.random.Generator) -> dict[str, Any]:
@@ -88,12 +93,10 @@ def test_every_method_case_and_metric_has_its_row(plates: Any) -> None:
     rows = hole_rows(*plates, list(METHODS))
     for prefix in ("rep028", "rep008"):
         for method in METHODS:
-            for metric in DEFINITIONS:
-                assert find_row(rows, method, f"{prefix}/all", metric) is not None
-            assert find_row(rows, method, f"{prefix}/hole-10", "radius_rmse_mm") is not None
-    printed = find_row(rows, "cross4-published", "rep028/all", "radius_rmse_mm")
-    assert printed is not None
-    assert printed.paper == 0.0780
+            for metric in METRICS:
+                row_of(rows, method, f"{prefix}/all", metric)
+            row_of(rows, method, f"{prefix}/hole-10", "radius_rmse_mm")
+    assert row_of(rows, "cross4-published", "rep028/all", "radius_rmse_mm").paper == 0.0780
 
 
 def test_repeatability_alone_gives_the_bound(plates: Any) -> None:
@@ -101,14 +104,9 @@ def test_repeatability_alone_gives_the_bound(plates: Any) -> None:
     rows = hole_rows(*plates, ["default-4", "default-12"])
     for prefix, sigma_mm in (("rep028", 0.028), ("rep008", 0.008)):
         for method, contacts in (("default-4", 4), ("default-12", 12)):
-            row = find_row(rows, method, f"{prefix}/all", "position_rmse_mm")
-            assert row is not None
-            assert row.value is not None
-            assert row.value == pytest.approx(2.0 * sigma_mm / np.sqrt(contacts), rel=0.35)
-            cover = find_row(rows, method, f"{prefix}/all", "coverage95")
-            assert cover is not None
-            assert cover.value is not None
-            assert cover.value >= 0.85
+            error_mm = row_of(rows, method, f"{prefix}/all", "position_rmse_mm").value
+            assert error_mm == pytest.approx(2.0 * sigma_mm / np.sqrt(contacts), rel=0.35)
+            assert (row_of(rows, method, f"{prefix}/all", "coverage95").value or 0.0) >= 0.85
 
 
 def test_a_search_that_ended_with_an_error_counts_as_diverged(plates: Any) -> None:
@@ -118,8 +116,7 @@ def test_a_search_that_ended_with_an_error_counts_as_diverged(plates: Any) -> No
     assert found.diverged
     assert not found.covered
     rows = hole_rows([failed, *records[1:]], calibrations, ["cross4"])
-    row = find_row(rows, "cross4", "rep028/all", "diverged")
-    assert row is not None
+    row = row_of(rows, "cross4", "rep028/all", "diverged")
     assert (row.value, row.n) == (1.0, len(records))
 
 
@@ -132,3 +129,14 @@ def test_the_printed_numbers_follow_from_the_printed_errors() -> None:
     position, radius = np.array(errors_mm).T
     rms = [float(np.sqrt(np.mean(column**2))) for column in (position, radius)]
     np.testing.assert_allclose([*rms, radius.mean()], list(PUBLISHED.values()), atol=6e-5)
+
+
+def test_a_plate_is_laid_onto_the_truth_by_a_proper_motion() -> None:
+    rng = np.random.default_rng(1)
+    points, angle, shift = rng.normal(size=(10, 2)), 2.5, np.array([3.0, -1.0])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved = points @ turn.T + shift
+    np.testing.assert_allclose(laid_onto(points, moved), moved, atol=1e-9)
+    np.testing.assert_allclose(laid_onto(points[:1], moved[:1]), moved[:1])
+    mirrored = moved * [-1.0, 1.0]
+    assert np.abs(laid_onto(points, mirrored) - mirrored).max() > 0.1

@@ -8,9 +8,7 @@ from spikingtac_paper.trials.metrics import (
     POINT_METRICS,
     longest_duration_us,
     nearest_another,
-    on_rim,
     point_scores,
-    return_growth_px,
 )
 from spikingtac_paper.trials.prediction import Prediction
 
@@ -25,10 +23,7 @@ def truth(marker_px: np.ndarray | None = None, released_us: int = 600_000) -> Gr
 
 def said(detected_px: np.ndarray, position_px: np.ndarray | None = None) -> Prediction:
     given = detected_px if position_px is None else position_px
-    held = np.zeros(detected_px.shape[:2], np.bool_)
-    return Prediction(
-        TIMES_US, detected_px.astype(np.float32), given.astype(np.float32), held, REST
-    )
+    return Prediction(TIMES_US, detected_px.astype(np.float32), given.astype(np.float32), REST)
 
 
 def moving() -> np.ndarray:
@@ -39,8 +34,7 @@ def moving() -> np.ndarray:
 
 def test_the_truth_scores_perfectly() -> None:
     scores = point_scores(said(moving()), truth(moving()))
-    assert set(scores) == {metric.name for metric in POINT_METRICS} - {"return_growth_px"}
-    assert scores["lead_px"] == pytest.approx(0.0, abs=1e-5)
+    assert set(scores) == {metric.name for metric in POINT_METRICS}
     assert scores["success_rate"] == 1.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
     assert scores["lost_markers"] == scores["id_swaps"] == 0.0
@@ -109,28 +103,9 @@ def test_only_what_comes_after_the_release_counts_as_return_error() -> None:
     assert point_scores(said(off), truth(moving()))["return_error_mean_px"] < 1e-5
 
 
-def test_what_runs_ahead_of_the_motion_leads_and_what_rests_does_not() -> None:
-    course = moving()
-    speed_px_s = np.gradient(course, 2e-3, axis=0)
-    ahead = course + 0.4 * np.sign(np.round(speed_px_s, 3))
-    assert point_scores(said(ahead), truth(course))["lead_px"] == pytest.approx(0.4, abs=0.01)
-    late = course - 0.4 * np.sign(np.round(speed_px_s, 3))
-    assert point_scores(said(late), truth(course))["lead_px"] == pytest.approx(-0.4, abs=0.01)
-    still = np.tile(REST, (len(TIMES_US), 1, 1))
-    assert "lead_px" not in point_scores(said(still + 0.4), truth(still))
-
-
-def test_the_rim_is_the_outermost_rows_and_columns() -> None:
-    rows, columns = np.mgrid[0:4, 0:5]
-    grid = 40.0 * np.stack([columns, rows], axis=-1).reshape(-1, 2) + [[0.5, 0.0]] * 20
-    grid += np.random.default_rng(1).normal(0.0, 0.5, grid.shape)
-    inside = (rows % 3 > 0) & (columns % 4 > 0)
-    assert np.array_equal(on_rim(grid), ~inside.ravel())
-
-
 def test_no_estimates_are_no_score() -> None:
     none = np.empty((0, 4, 2), np.float32)
-    nothing = Prediction(TIMES_US[:0], none, none, np.empty((0, 4), np.bool_), REST)
+    nothing = Prediction(TIMES_US[:0], none, none, REST)
     with pytest.raises(RecordingError, match="no events"):
         point_scores(nothing, truth())
 
@@ -185,13 +160,3 @@ def test_the_release_is_the_end_of_the_last_contact() -> None:
     assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 9_000]]
     columns["force_n"][7, 0] = -1.0
     assert GroundTruth.of(columns).free_us.tolist() == [[5_000, 7_000], [8_000, 9_000]]
-
-
-def test_growth_compares_the_last_return_with_the_first() -> None:
-    free_us = np.array([[100_000, 400_000], [500_000, 600_000], [700_000, 1_000_000]])
-    error_px = np.full((len(TIMES_US), 4), 9.0)
-    error_px[(TIMES_US >= 200_000) & (TIMES_US < 400_000)] = 0.1
-    error_px[TIMES_US >= 800_000] = 0.3
-    growth = return_growth_px(error_px, TIMES_US, free_us)
-    assert growth == pytest.approx(0.2)
-    assert return_growth_px(error_px, TIMES_US, free_us[:1]) is None

@@ -40,9 +40,8 @@ def places() -> np.ndarray:
 def prediction(offset_px: float) -> Prediction:
     plateau = np.searchsorted(BURST_US[:, 1], T_US, side="right")
     detected_px = places()[:, plateau].transpose(1, 0, 2) + np.array([offset_px, 0.0])
-    coasted = np.zeros(detected_px.shape[:2], bool)
     shown = detected_px.astype(np.float32)
-    return Prediction(T_US + 77, shown, shown, coasted, REST_PX)
+    return Prediction(T_US + 77, shown, shown, REST_PX)
 
 
 @pytest.fixture
@@ -69,8 +68,7 @@ def test_a_marker_that_stays_away_is_lost(plateaus: Plateaus) -> None:
 
 def test_a_marker_that_was_not_calibrated_is_missing(plateaus: Plateaus) -> None:
     part = prediction(0.0)
-    part = Prediction(part.t_us, part.detected_px[:, :2], part.position_px[:, :2],
-                      part.coasted[:, :2], REST_PX[:2])  # fmt: skip
+    part = Prediction(part.t_us, part.detected_px[:, :2], part.position_px[:, :2], REST_PX[:2])
     assert plateau_scores(part, plateaus, calibration(REST_PX[:2]))["missing_markers"] == 1
 
 
@@ -86,7 +84,7 @@ def test_errors_against_truth() -> None:
          "reference_px": REST_PX, "radius_px": np.full(3, 6.0)}
     )  # fmt: skip
     still_px = np.tile(REST_PX + np.array([0.0, 0.5]), (len(T_US), 1, 1)).astype(np.float32)
-    still = Prediction(T_US, still_px, still_px, np.zeros(still_px.shape[:2], bool), REST_PX)
+    still = Prediction(T_US, still_px, still_px, REST_PX)
     scores = truth_scores(still, truth, calibration(REST_PX + np.array([0.2, 0.0])))
     assert scores["error_mean_px"] == pytest.approx(0.5, abs=1e-5)
     assert scores["rest_max_px"] == pytest.approx(0.2)

@@ -27,17 +27,14 @@ def test_an_interrupted_bench_goes_on_where_it_was(
         if measured == ["typical"] and not resumed:
             raise KeyboardInterrupt
         measured.append(camera)
-        trial = SimpleNamespace(camera=camera)
-        return SimpleNamespace(rate_hz=2e6, trial=trial, events=None)
+        return SimpleNamespace(rate_hz=2e6, events=None)
 
-    def rows(stream: Any, *_: Any) -> Iterator[Row]:
-        case = stream.trial.camera
-        yield Row(method="default", case=case, metric="step_p50_us", value=1.0, unit="us", n=1,
-                  definition="")  # fmt: skip
+    def rows(camera: str, *_: Any) -> Iterator[Row]:
+        yield bench.METRICS["step_p50_us"].row("default", camera, 1.0, 1)
 
     monkeypatch.setattr(bench, "bench_stream", stream)
     monkeypatch.setattr(bench, "calibration_of", lambda *_: None)
-    monkeypatch.setattr(bench, "decoder_figures", lambda *_: ())
+    monkeypatch.setattr(bench, "decoder_rows", lambda *_: ())
     monkeypatch.setattr(bench, "_camera_rows", rows)
     folder, resumed = tmp_path / "bench", False
     with pytest.raises(KeyboardInterrupt):
@@ -72,7 +69,7 @@ def test_a_skin_has_its_rate_and_every_case_its_figures(
     skins.run(RunOptions(output=tmp_path / "bench", quick=True))
     rows = json.loads((tmp_path / "bench" / "report.json").read_text())["rows"]
     assert {row["case"] for row in rows} == {"6@0.3"}
-    steps = {(method, metric) for method in skins.METHODS for metric in skins.DEFINITIONS}
+    steps = {(method, metric) for method in skins.METHODS for metric in skins.METRICS}
     assert {(row["method"], row["metric"]) for row in rows} == steps
     assert all(row["value"] > 0.0 for row in rows)
     errors = [row["value"] for row in rows if row["metric"] == "error_mean_px"]

@@ -24,7 +24,7 @@ from spikingtac_paper.point_tracking.cases import (
 )
 from spikingtac_paper.trials import runner as runner_module
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import LawMethod, Method, apply_law, main_methods
+from spikingtac_paper.trials.methods import Method, apply_law, main_methods
 from spikingtac_paper.trials.prediction import Prediction
 from spikingtac_paper.trials.runner import TrialJob, predict, run_all, run_job
 from spikingtac_paper.trials.trial import Trial, shortened
@@ -53,18 +53,14 @@ class Still:
 
 
 def table(gain: float = 1.0) -> dict[str, Method]:
-    return {
-        "still": Method(
-            name="still", about="", rate_hz=1_000.0, build=Still, settings={"gain": gain}
-        )
-    }
+    settings = {"gain": gain}
+    still = Method(name="still", about="", tracker="still", rate_hz=1_000.0, build=Still,
+                   settings=settings)  # fmt: skip
+    return {"still": still}
 
 
-def table_with_laws() -> dict[str, Method | LawMethod]:
-    law = LawMethod(
-        name="pulled", about="", of="still", law=AnchoredLaw, settings={"gamma": "default"}
-    )
-    return {**table(), "pulled": law}
+def table_with_laws() -> dict[str, Method]:
+    return {**table(), "pulled": table()["still"].with_law("pulled", "", AnchoredLaw)}
 
 
 def other_table() -> dict[str, Method]:
@@ -215,7 +211,7 @@ def test_every_method_of_the_contract_is_there() -> None:
 def test_re_zero_learns_between_contacts_and_is_frozen_in_them() -> None:
     rest, t_us = np.array([[50.0, 50.0], [90.0, 50.0]]), np.arange(0, 10_000_000, 2_000)
     there = np.tile(rest + np.array([0.6, 0.0]), (len(t_us), 1, 1)).astype(np.float32)
-    off = Prediction(t_us, there, there, np.zeros(there.shape[:2], np.bool_), rest)
+    off = Prediction(t_us, there, there, rest)
     course = np.tile(rest, (len(t_us), 1, 1))
     spans = (np.empty((0, 2), np.int64), np.array([[0, 10_000_000]]))
     frozen, learnt = (

@@ -1,0 +1,54 @@
+"""The rule of docs/explanation/architecture.md by which an error is chosen."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from pathlib import Path
+
+from spikingtac import errors
+from stand_ins.source_trees import FILES, SOURCES, tree_of
+
+OURS = {name for name, _ in inspect.getmembers(errors, inspect.isclass) if name.endswith("Error")}
+ARGUMENTS = {"ValueError", "TypeError", "AttributeError", "NotImplementedError"}
+"""What a wrong use of code raises."""
+WITHIN = {
+    "CommandError": "viewer/web/wire.py",
+    "DamagedPieceError": "events/formats/limits.py",
+    "_MisfitError": "robot/adaptive_search.py",
+    "NoCalibrationError": "viewer/opening.py",
+}
+"""Errors of one room: they descend from those of ``errors``, or its callers turn them into one."""
+SYSTEM = {"EOFError", "TimeoutError", "ConnectionResetError", "KeyError", "RuntimeError"}
+"""What stands for the operating system, a map, or a fault of this package."""
+
+
+def raised(path: Path) -> set[str]:
+    """Return the names of the classes that a file raises; re-raised variables are left out."""
+    calls = [node.exc for node in ast.walk(tree_of(path)) if isinstance(node, ast.Raise)]
+    named = [call.func if isinstance(call, ast.Call) else call for call in calls]
+    return {name.id for name in named if isinstance(name, ast.Name) and name.id.endswith("Error")}
+
+
+def test_every_error_is_one_of_the_rule() -> None:
+    allowed = {*OURS, *ARGUMENTS, *SYSTEM, *WITHIN}
+    found = {str(path.relative_to(SOURCES)): raised(path) - allowed for path in FILES}
+    assert {name: wrong for name, wrong in found.items() if wrong} == {}
+
+
+def test_errors_are_defined_in_one_place() -> None:
+    defined = {
+        node.name: str(path.relative_to(SOURCES / "spikingtac"))
+        for path in FILES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ClassDef) and node.name.endswith("Error")
+    }
+    assert {name: where for name, where in defined.items() if where != "errors.py"} == WITHIN
+
+
+def test_ours_descend_from_one_base_and_tell_who_is_at_fault() -> None:
+    for name in OURS:
+        error = getattr(errors, name)
+        assert issubclass(error, errors.SpikingTacError)
+        assert error.exit_code in (1, 2, 3)
+    assert issubclass(errors.ConfigError, ValueError), "a setting may be an argument in code"
