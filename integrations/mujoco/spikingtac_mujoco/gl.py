@@ -8,25 +8,25 @@ import sys
 
 OFF = "disabled"
 BACKENDS = {"egl": "EGL", "osmesa": "OSMesa"}
-"""What MuJoCo draws with where there is no display -> its library."""
+"""What MuJoCo draws with where there is no display -> its library, in the order of trial."""
 
 
 def choose() -> str:
-    """Set ``MUJOCO_GL`` where it is not set and there is no display, and return it."""
+    """Set ``MUJOCO_GL`` where there is no display, or where its library is missing; return it."""
+    wanted = os.environ.get("MUJOCO_GL", "").lower()
     shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if sys.platform == "linux" and "MUJOCO_GL" not in os.environ and not shown:
-        found = (name for name, library in BACKENDS.items() if ctypes.util.find_library(library))
-        os.environ["MUJOCO_GL"] = next(found, OFF)
+    found = [name for name, library in BACKENDS.items() if ctypes.util.find_library(library)]
+    hidden = sys.platform == "linux" and not wanted and not shown
+    if hidden or (wanted in BACKENDS and wanted not in found):
+        os.environ["MUJOCO_GL"] = next(iter(found), OFF)
     return os.environ.get("MUJOCO_GL", "")
 
 
 def missing() -> str:
     """Say what is missing for pictures."""
-    lacks = [
-        f"lib{library}.so" for library in BACKENDS.values() if not ctypes.util.find_library(library)
-    ]
+    absent = [f"lib{lib}.so" for lib in BACKENDS.values() if not ctypes.util.find_library(lib)]
     return (
-        f"pictures need OpenGL without a display, MUJOCO_GL is {os.environ.get('MUJOCO_GL', '')!r} "
-        f"and this machine lacks {' and '.join(lacks) or 'a working driver'}; install libegl1 or "
-        "libosmesa6 and set MUJOCO_GL=egl or osmesa; everything but pictures works without"
+        f"pictures need OpenGL; MUJOCO_GL is {os.environ.get('MUJOCO_GL', '')!r}, "
+        f"and this machine lacks {' and '.join(absent) or 'a working driver'}; install libegl1 or "
+        "libosmesa6; everything but pictures works without"
     )

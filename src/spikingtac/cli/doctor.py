@@ -111,9 +111,9 @@ def _libraries() -> Iterator[Finding]:
         else:
             todo = "pip install --force-reinstall spikingtac"
             yield Finding("libraries", "fail" if absent else "ok", found, todo if absent else "")
-    for module, folder in INTEGRATIONS.items():
+    for module, place in INTEGRATIONS.items():
         installed = find_spec(module) is not None
-        todo = f"pip install {folder} in a copy of the repository if you need it"
+        todo = f"pip install {place} in a copy of the repository if you need it"
         found = f"{'' if installed else 'not '}installed"
         yield _noted(f"integration {module}", installed, found, todo)
     for name, kind in KINDS.items():  # those of extras are told with the extras

@@ -64,6 +64,31 @@ def pressed(module: Any, shape: str, mu: float, force_n: float, fidelity: str = 
 
 
 @pytest.mark.parametrize("shape", SHAPES)
+def test_heights_are_those_of_rays(module: Any, shape: str) -> None:
+    from spikingtac_mujoco.shapes import NO_SURFACE_MM, BodyIndenter
+
+    asset = PRESS[PRESS.index("<asset>") : PRESS.index("<worldbody>")]
+    body = f'<body name="body" mocap="true"><geom {SHAPES[shape][0]}/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{asset}<worldbody>{body}</worldbody></mujoco>")
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    indenter = BodyIndenter(model, [0], np.full(2, 50.0))
+    x, y = rng.uniform(-12.0, 12.0, (2, 300))
+    for _ in range(4):
+        data.mocap_quat[0] = rng.standard_normal(4)
+        mujoco.mj_forward(model, data)
+        rotation = data.xmat[1].reshape(3, 3)
+        found = indenter.heights_mm(x, y, rotation) - indenter.center_mm(rotation)
+        geom = np.zeros(1, np.int32)
+        down = [
+            mujoco.mj_ray(model, data, (u, v, 1.0), (0.0, 0.0, -1.0), None, 1, -1, geom)
+            for u, v in zip(1e-3 * x, 1e-3 * y, strict=True)
+        ]
+        hit = np.array(down) >= 0.0
+        np.testing.assert_allclose(found[hit], 1e3 * (1.0 - np.array(down)[hit]), atol=1e-6)
+        assert (found[~hit] < 0.5 * NO_SURFACE_MM).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
 def test_the_gel_carries_what_mujoco_presses_and_drags(module: Any, shape: str) -> None:
     reading = pressed(module, shape, 0.9, 0.5)
     np.testing.assert_allclose(reading.skin.force_n[[0, 2]], [0.5, WEIGHT_N], rtol=0.05)
