@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli import guard
 from spikingtac.cli.main import main
+from spikingtac.cli.verbs import guard
 from spikingtac.sim.scene.catalog import load
 from spikingtac.sim.scene.render import simulate
 from spikingtac.viewer.opening import open_view_source

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from spikingtac.cli import guard
 from spikingtac.cli.main import main
+from spikingtac.cli.verbs import guard
 from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.guard import ContactProcess

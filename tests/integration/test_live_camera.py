@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli import probe_arm
 from spikingtac.cli.main import main
+from spikingtac.cli.verbs import probe_arm
 from spikingtac.events.create import create_events
 from spikingtac.robot.watchdog import WatchdogConfig
 from spikingtac.stream.arrivals import stream_arrivals

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli import probe_arm
 from spikingtac.cli.main import main
-from spikingtac.cli.probe import Args
+from spikingtac.cli.verbs import probe_arm
+from spikingtac.cli.verbs.probe import Args
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.event_count import EventCountConfig, EventCountDetector
 from spikingtac.robot.arm import Arm, ArmState
@@ -132,7 +132,7 @@ def test_a_fault_of_an_arm(
     monkeypatch.setattr(probe_arm, "listen", listen)
     monkeypatch.setattr(probe_arm, "connect", connect)
     if fault is whole:
-        monkeypatch.setattr("spikingtac.cli.probe_arm.make_detector", deaf)
+        monkeypatch.setattr("spikingtac.cli.verbs.probe_arm.make_detector", deaf)
     finger = ["--events", "finger.raw", "--calibration", str(tmp_path / "finger.json")]
     given = ["--arm", "192.0.2.1", *finger, "--rehearsal", "--detector", "event_count"]
     found = failed(given, capsys, tmp_path)

@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from spikingtac.cli.messages import Table, progress, remark, tell
 from spikingtac.cli.options import ReadArgs, WriteArgs
 from spikingtac.errors import ConfigError
+
+if TYPE_CHECKING:
+    from spikingtac.batch.run import BatchResult
 
 SHOWN = 20
 """Failures that are printed; the table holds all."""
@@ -28,6 +31,15 @@ class ManyArgs(WriteArgs, ReadArgs):
     """Many recordings: a Dask scheduler, tcp://127.0.0.1:8786 or tls://HOST:8786."""
     resume: bool = False
     """Many recordings: go on with the run in the folder."""
+
+    @property
+    def named(self) -> Sequence[Path]:
+        """The recordings: the one list of paths that is given without an option."""
+        return next(
+            getattr(self, name)
+            for name in ("recordings", "sources", "files")
+            if hasattr(self, name)
+        )
 
 
 SomeArgs = TypeVar("SomeArgs", bound=ManyArgs)
@@ -71,24 +83,22 @@ def check_workers(workers: int | None, scheduler: str | None) -> None:
 def run_many(
     name: str,
     args: SomeArgs,
-    given: Sequence[Path],
     work: Callable[[SomeArgs, Path, Path], Mapping[str, Any]],
     ending: str,
     check: Callable[[], object] = lambda: None,
-    **options: Any,
+    members: Sequence[str] | None = None,
 ) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise.
 
     Args:
         name: The verb.
-        args: Its arguments.
-        given: What was named: files, folders, patterns.
+        args: Its arguments; the recordings are those that are given without an option.
         work: Takes the arguments, a recording and its output; writes the output, returns its row.
         ending: Ending of the outputs.
         check: Refuses what is wrong for all of them, before any work is done.
-        **options: Of :func:`spikingtac.batch.inputs.find_recordings`.
+        members: Arrays that tell a recording from other archives; events unless given.
     """
-    from spikingtac.batch.inputs import find_recordings
+    from spikingtac.batch.inputs import EVENT_MEMBERS, find_recordings
     from spikingtac.batch.run import Batch, Workers, run_batch
 
     folder = _require_folder(getattr(args, "output", None), name)
@@ -97,7 +107,7 @@ def run_many(
     batch = Batch(
         name=name,
         work=partial(work, fixed),
-        recordings=find_recordings(given, apart_from=folder, **options),
+        recordings=find_recordings(args.named, members or EVENT_MEMBERS, folder),
         folder=folder,
         ending=ending,
         settings=_settings(fixed),
@@ -109,13 +119,17 @@ def run_many(
     except KeyboardInterrupt:
         remark("interrupted; what is done is kept, go on with the same command and --resume")
         raise
+    return _told(result, folder, args.json)
+
+
+def _told(result: BatchResult, folder: Path, as_json: bool) -> int:
     count = {"recordings": len(result.rows), "done": len(result.rows) - result.failed}
     document = {"output": str(folder), **count, "failed": result.failed, "kept": result.kept}
     document |= {"table": str(result.table), "rows": result.rows}
     failures = [(Path(row["source"]).name, row["error"]) for row in result.rows if row["error"]]
     kept = f", {result.kept} of them kept from before" if result.kept else ""
     tell(
-        args.json,
+        as_json,
         document,
         *([Table("failed", ("recording", "why"), failures[:SHOWN], words=2)] if failures else []),
         f"{count['done']} of {len(result.rows)} recordings done{kept}, {result.failed} failed",

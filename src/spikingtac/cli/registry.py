@@ -85,7 +85,7 @@ def overview() -> str:
 
 def module_of(verb: str) -> str:
     """Return the full name of the module of a verb."""
-    return f"spikingtac.cli.{verb}" if verb in VERBS else added_verbs()[verb]
+    return f"spikingtac.cli.verbs.{verb}" if verb in VERBS else added_verbs()[verb]
 
 
 def _first_line(module: str) -> str:

@@ -113,7 +113,7 @@ def for_each(
 
 
 def _cameras(first: Path, second: Path, strict: bool) -> list[FileSource]:
-    from spikingtac.cli.record import camera_address
+    from spikingtac.cli.verbs.record import camera_address
     from spikingtac.events.address import Address
     from spikingtac.events.cameras.source import CameraSource
     from spikingtac.events.clocks.live_pair import live_pair

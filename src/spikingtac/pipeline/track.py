@@ -118,12 +118,10 @@ def track_to_file(
         for frame in follow(runs.passing(checked), tracker, config.rate_hz, checked.losses):
             moved = frame.detected_px - calibration.reference_px
             runs.follow(moved)
-            if estimator is not None:
-                wrench = estimator.update(frame.t_us, moved)
+            if wrench := estimator.update(frame.t_us, moved) if estimator else None:
                 writer.measure(_columns(wrench))
-                counts.feel(wrench)
             writer.write(frame)
-            counts.add(frame)
+            counts.add(frame, wrench)
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         _mark(writer, source, before=False)
@@ -204,10 +202,9 @@ class _Counts:
         self._largest_px = 0.0
         self._largest_n: float | None = None
 
-    def feel(self, wrench: Wrench) -> None:
-        self._largest_n = max(self._largest_n or 0.0, float(np.linalg.norm(wrench.force_n)))
-
-    def add(self, frame: MarkerFrame) -> None:
+    def add(self, frame: MarkerFrame, wrench: Wrench | None) -> None:
+        if wrench is not None:
+            self._largest_n = max(self._largest_n or 0.0, float(np.linalg.norm(wrench.force_n)))
         self.estimates += 1
         self._coasted += frame.coasted
         largest2 = float((frame.displacement_px**2).sum(axis=1).max(initial=0.0))

@@ -9,6 +9,7 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing
 from spikingtac.errors import ConfigError
+from spikingtac.plots.field_view import view_aspect
 from spikingtac.plots.theme import Theme, new_figure, style_axes
 from spikingtac.plots.tracks import (
     US_PER_S,
@@ -16,7 +17,6 @@ from spikingtac.plots.tracks import (
     draw_course_thinned,
     draw_field,
     require_estimates,
-    view_aspect,
 )
 from spikingtac.tracks import Tracks
 

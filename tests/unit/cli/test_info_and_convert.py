@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikingtac.cli import convert
 from spikingtac.cli.main import main
+from spikingtac.cli.verbs import convert
 from spikingtac.errors import ConfigError
 from spikingtac.events import create_events, open_events
 from spikingtac.types import EventPacket

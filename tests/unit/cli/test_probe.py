@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.cli import probe_arm, probe_twin
 from spikingtac.cli.main import main
-from spikingtac.cli.probe import Args, run
+from spikingtac.cli.verbs import probe_arm, probe_twin
+from spikingtac.cli.verbs.probe import Args, run
 from spikingtac.errors import ConfigError
 from spikingtac.robot.robotiq import RobotiqConfig, RobotiqGripper
 from spikingtac.types import EventPacket

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.cli.interrupt import ended_by_sigterm
-from spikingtac.cli.probe import (
+from spikingtac.cli.verbs.probe import (
     ASSUMPTIONS,
     Args,
     probing_style,
     resolved_config,
     search,
 )
-from spikingtac.cli.probe_result import ProbedHole, readings
+from spikingtac.cli.verbs.probe_result import ProbedHole, readings
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.contact.window import Window, count_of

@@ -105,15 +105,9 @@ def _convert(
     from spikingtac.events.open import open_events
     from spikingtac.events.transform import Transform
 
-    change = Transform(
-        from_us=args.from_us,
-        to_us=args.to_us,
-        shift_us=args.shift_us,
-        flip_polarity=args.flip_polarity,
-        crop_px=args.crop,
-        flip=args.flip,
-        rotate_deg=args.rotate or 0,
-    )
+    same = ("from_us", "to_us", "shift_us", "flip_polarity", "flip")
+    given = {name: getattr(args, name) for name in same}
+    change = Transform(**given, crop_px=args.crop, rotate_deg=args.rotate or 0)
     source = open_events(path, strict=args.strict, sensor=args.sensor, size=args.size)
     size, written, edges = change.size(source.size), 0, 0
     hot_px = _hot_pixels(source) if args.hot_pixels == "drop" else None
@@ -190,7 +184,7 @@ def _run_many(args: Args) -> int:
     means_many(args, args.files)  # refuses options that do not go together
     if args.to is None:
         raise ConfigError("of many files, convert needs the format to write: --to npz")
-    return run_many("convert", args, args.files, convert_one, _ending(args.to, args.encoding))
+    return run_many("convert", args, convert_one, _ending(args.to, args.encoding))
 
 
 def _ending(name: str, encoding: str | None) -> str:

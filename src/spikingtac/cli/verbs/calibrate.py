@@ -90,15 +90,9 @@ def run(args: Args) -> int:
     args.claim(args.output, args.plot)
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
-    config = CalibrationConfig(
-        grid=grid_shape(args.grid),
-        pitch_mm=args.pitch_mm,
-        lens=args.lens,
-        polarity=args.polarity,
-        layout=args.layout,
-        method=args.method,
-        allow_missing=args.allow_missing,
-    )
+    same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
+    given = {name: getattr(args, name) for name in same}
+    config = CalibrationConfig(grid=_grid_shape(args.grid), **given)
     source = open_events(recording, strict=args.strict, sensor=args.sensor)
     guided = _guided(source, config, args)
     with ending_on_interrupt(source), progress(f"calibrating from {recording.name}"):
@@ -160,12 +154,8 @@ def _guided(source: EventSource, config: CalibrationConfig, args: Args) -> Event
     )
 
 
-def grid_shape(text: str | None) -> tuple[int, int] | None:
-    """Return ``(rows, columns)`` from text such as ``8x8``.
-
-    Raises:
-        ConfigError: The text is of another form.
-    """
+def _grid_shape(text: str | None) -> tuple[int, int] | None:
+    """Return ``(rows, columns)`` from text such as ``8x8``."""
     if text is None:
         return None
     parts = text.lower().split("x")
@@ -265,7 +255,7 @@ def _check(args: Args, calibration: Path) -> int:
 
     if means_many(args, args.recordings):
         check = partial(Calibration.load, calibration)
-        return run_many("calibrate --check", args, args.recordings, check_one, ".json", check)
+        return run_many("calibrate --check", args, check_one, ".json", check)
     recording = args.recordings[0]
     with progress(f"checking {recording.name}"):
         found = _checked(args, recording)

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.cli.messages import progress, remark
-from spikingtac.cli.probe import (
+from spikingtac.cli.verbs.probe import (
     ASSUMPTIONS,
     Args,
     probing_style,
     resolved_config,
     search,
 )
-from spikingtac.cli.probe_result import ProbedHole, readings
+from spikingtac.cli.verbs.probe_result import ProbedHole, readings
 from spikingtac.contact.detector import ContactDetector
 from spikingtac.geometry.travel import TravelModel
 from spikingtac.plots.hole import HolePicture

@@ -132,7 +132,7 @@ def _is_there(library: str) -> bool:
 
 def _settings() -> Iterator[Finding]:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[1]
+    folder = Path(chosen) if chosen else Path(__file__).resolve().parents[2]
     # Numba makes the folder itself; what counts is whether its nearest ancestor may be written.
     standing = next(path for path in (folder, *folder.parents) if path.exists())
     yield _noted("kernel cache", os.access(standing, os.W_OK), f"{folder}", CACHE_REMEDY)

@@ -81,12 +81,7 @@ class ProbedHole:
             "sigma_mm": _rounded(circle.sigma_mm),
             "covariance_mm2": circle.covariance_mm2.tolist(),
             "contacts": [
-                {
-                    "start_mm": _rounded(touch.start_mm),
-                    "direction": _rounded(touch.direction),
-                    "reading_mm": _rounded(touch.reading_mm),
-                    "residual_mm": round(float(residual), DIGITS),
-                }
+                _contact(touch, float(residual))
                 for touch, residual in zip(self.touches, circle.residual_mm, strict=True)
             ],
             "travel": {
@@ -165,6 +160,12 @@ def write(found: ProbedHole, paths: tuple[Path, Path]) -> dict[str, str]:
 def readings(touches: Sequence[Touched]) -> FloatArray:
     """Return the arm's positions ``(n, 2)`` at the decisions, mm."""
     return np.array([touch.reading_mm for touch in touches])
+
+
+def _contact(touch: Touched, residual_mm: float) -> dict[str, Any]:
+    vectors = ("start_mm", "direction", "reading_mm")
+    told: dict[str, Any] = {name: _rounded(getattr(touch, name)) for name in vectors}
+    return told | {"residual_mm": round(residual_mm, DIGITS)}
 
 
 def _rounded(values: FloatArray) -> list[float]:

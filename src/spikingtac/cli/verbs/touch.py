@@ -16,7 +16,7 @@ from spikingtac.cli.many import ManyArgs, means_many, run_many
 from spikingtac.cli.messages import Table, progress, tell, warn
 from spikingtac.cli.options import Output, TrackerArgs
 from spikingtac.cli.second import SecondArgs, second_name, work_on_two
-from spikingtac.cli.touch_rows import (
+from spikingtac.cli.verbs.touch_rows import (
     touch_row,
     touch_table,
     vibration_row,
@@ -149,7 +149,7 @@ def _run_many(args: Args) -> int:
     if args.vibration:
         raise ConfigError("--vibration works on one recording at a time; name one")
     check, members = partial(load_config, args.preset), SERIES_MEMBERS
-    return run_many("touch", args, args.sources, touch_one, ".csv", check, members=members)
+    return run_many("touch", args, touch_one, ".csv", check, members=members)
 
 
 def touch_one(args: Args, recording: Path, output: Path) -> dict[str, Any]:

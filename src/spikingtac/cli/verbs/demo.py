@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spikingtac.cli.messages import remark
-from spikingtac.cli.view import PageArgs, check_seconds, report, show_source
+from spikingtac.cli.verbs.view import PageArgs, check_seconds, report, show_source
 
 SCENE = "demo"
 

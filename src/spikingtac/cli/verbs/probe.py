@@ -90,8 +90,8 @@ class Args(WriteArgs):
 
 def run(args: Args) -> int:
     """Probe a hole, write the result, and print it."""
-    from spikingtac.cli import probe_arm, probe_twin
-    from spikingtac.cli.probe_result import output_paths, write
+    from spikingtac.cli.verbs import probe_arm, probe_twin
+    from spikingtac.cli.verbs.probe_result import output_paths, write
 
     check(args)
     paths = output_paths(args.output, args.overwrite)

@@ -68,7 +68,7 @@ def run(args: Args) -> int:
         return _run_two(args, args.second, many)
     if many:
         check = partial(_configured, args, args.calibration)
-        return run_many("track", args, args.recordings, track_one, ".npz", check)
+        return run_many("track", args, track_one, ".npz", check)
     recording, output = args.recordings[0], args.output or TRACKS
     args.claim(output)
     with progress(f"tracking {recording.name}") as advance:

@@ -91,9 +91,7 @@ def run(args: Args) -> int:
     if args.realtime:
         ask_for_real_time()
     found = _found(sources, checked, detector, live, first)
-    anomalies: Counter[str] = Counter()
-    for source in sources:
-        anomalies.update(dict(source.losses.kinds()))
+    anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
     misfits = filter(None, (getattr(one, "misfit", None) for one in checked))
     document = {
         "contacts": [_contact(contact) for contact in found],
@@ -108,10 +106,9 @@ def run(args: Args) -> int:
     }
     if args.json:
         return tell(True, document)
-    fallback = config.detector is None and not calibrations
-    notes = [f"note: {kind} {count} times in the recording" for kind, count in anomalies.items()]
-    table = _table(document, args)
-    return tell(False, document, *([FALLBACK] if fallback else []), *notes, learned.rule, table)
+    notes = [FALLBACK] if config.detector is None and not calibrations else []
+    notes += [f"note: {kind} {count} times in the recording" for kind, count in anomalies.items()]
+    return tell(False, document, *notes, learned.rule, _table(document, args))
 
 
 def _found(
