@@ -129,22 +129,15 @@ def approach(rig: Rig, speed_mm_s: float, observers: Observers) -> ApproachRun:
                 run.costs_us[name][round((time.perf_counter() - begun) * 1e6)] += 1
                 if contact is not None:
                     run.decided_us[name] = float(rig.t_us)
-        before_us, centers = known
-        known = float(rig.t_us), rig.markers_px[0]
-        _show_to_frames(
-            observers, run, (np.array([before_us, known[0]]), np.array([centers, known[1]]))
-        )
+        before, known = known, (float(rig.t_us), rig.markers_px[0])
+        if observers.frames is not None and FRAMES not in run.decided_us:
+            times_us, centers = (np.array(column) for column in zip(before, known, strict=True))
+            found = observers.frames.look((times_us, centers))
+            if found is not None:
+                run.decided_us[FRAMES] = found
     if rig.first_contact is not None:
         run.touch = rig.first_contact
     return run
-
-
-def _show_to_frames(observers: Observers, run: ApproachRun, truth: tuple[Vector, Vector]) -> None:
-    """Give the frame sampler the true markers since the last window."""
-    if observers.frames is not None and FRAMES not in run.decided_us:
-        found = observers.frames.look(truth)
-        if found is not None:
-            run.decided_us[FRAMES] = found
 
 
 def _cruise(rig: Rig, config: ApproachConfig) -> list[Vector]:

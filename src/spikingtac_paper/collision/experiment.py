@@ -134,46 +134,44 @@ def plan(size: RunSize, base: CollisionJob) -> tuple[list[CollisionJob], list[Co
     """Return approaches, and motions without contact, the longest first."""
     counts = {SLOW: size.slow, **dict.fromkeys(SPEEDS, size.seeds), FASTEST: size.fastest}
     approaches = [
-        replace(
-            base,
-            scene=scene_of(size, preset, seed),
-            case=f"{preset}/{speed}",
-            seed=seed,
-            speed_mm_s=1000.0 * float(speed),
-            patience_mm=max(FORCED_MM, 1000.0 * float(speed) * FRAMES_S),
-        )
+        job
         for speeds in ((SLOW,), SPEEDS)
         for preset in PRESETS
         for speed in speeds
-        for seed in range(size.first_seed, size.first_seed + counts[speed])
+        for job in _approaches(size, base, f"{preset}/{speed}", 0, counts[speed])
     ]
     first = STRETCH_SEED + 1_000 * size.first_seed
     stretches = [
-        replace(
-            base,
-            scene=scene_of(size, preset, number),
-            case=f"{preset}/{ALL}",
-            seed=first + number,
-        )
+        replace(base, scene=scene_of(size, preset, k), case=f"{preset}/{ALL}", seed=first + k)
         for preset in reversed(PRESETS)
-        for number in range(size.stretches)
+        for k in range(size.stretches)
     ]
     return approaches, stretches
 
 
 def series(size: RunSize, base: CollisionJob) -> list[CollisionJob]:
     """Return the long series at 0.8 mm/s."""
-    first = size.first_seed + size.slow
+    jobs = _approaches(size, base, f"{PRESETS[0]}/{SLOW}", size.slow, size.series)
+    return [replace(job, patience_mm=SERIES_MM) for job in jobs]
+
+
+def _approaches(
+    size: RunSize, base: CollisionJob, case: str, first: int, count: int
+) -> list[CollisionJob]:
+    """Return approaches of one case with consecutive seeds."""
+    preset, _, speed = case.partition("/")
+    speed_mm_s, first = 1000.0 * float(speed), size.first_seed + first
+    patience_mm = max(FORCED_MM, speed_mm_s * FRAMES_S)
     return [
         replace(
             base,
-            scene=scene_of(size, PRESETS[0], seed),
-            case=f"{PRESETS[0]}/{SLOW}",
+            scene=scene_of(size, preset, seed),
+            case=case,
             seed=seed,
-            speed_mm_s=1000.0 * float(SLOW),
-            patience_mm=SERIES_MM,
+            speed_mm_s=speed_mm_s,
+            patience_mm=patience_mm,
         )
-        for seed in range(first, first + size.series)
+        for seed in range(first, first + count)
     ]
 
 

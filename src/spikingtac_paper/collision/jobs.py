@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikingtac import windows
 from spikingtac.config import digest
@@ -28,8 +27,10 @@ from spikingtac_paper.collision.approach import (
     stop_at,
 )
 from spikingtac_paper.collision.frames import (
+    FIRST_FRAMES,
+    PERIOD_US,
     FrameSampler,
-    FrameSamplingConfig,
+    Truth,
     displacement_sum_px,
     exposures_us,
     measured_px,
@@ -39,9 +40,6 @@ from spikingtac_paper.collision.scene import CollisionScene
 from spikingtac_paper.free_motion.free_rig import FreeRig
 from spikingtac_paper.harness.run import Record, code_digest, kept
 from spikingtac_paper.harness.window_file import load_windows, save_windows
-
-Centers = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Times ``(n,)``, us, and true marker centres ``(n, m, 2)``, px."""
 
 BUDGET_PER_HOUR = 1.0
 """Budget of false stops of every detector."""
@@ -59,18 +57,16 @@ and the listening of the next approach. Past motions leave the pixels' reference
 first swings after them remove that."""
 FRAME_STREAM, START_STREAM = 1, 2
 """Numbers of the random streams of a trial's frames and of its starting place."""
-FRAME_DELAYS_US = {"frame_sampling": 0.0, "frame_plus_one": FrameSamplingConfig().period_us}
+FRAME_DELAYS_US = {"frame_sampling": 0.0, "frame_plus_one": PERIOD_US}
 """Methods that decide by frames -> their delay, us."""
 TOUCH_DELAYS_US = {"frame_paper": 135_000.0, "zero_delay": 0.0}
 """Methods that decide by the true first touch -> their delay, us. The paper's largest deviation of
 its frame baseline, 24.3 mm at 0.18 m/s, is 135 ms."""
-METHODS: dict[str, str] = {
-    name: {
-        "event_count": "as published: events of 1 ms above a threshold, taken from the moving arm",
-        "default": "sequential test of the signed rim events over nine time scales",
-    }.get(name, "a contact detector")
-    for name in DETECTORS
-} | {
+ABOUT = {
+    "event_count": "as published: events of 1 ms above a threshold, taken from the moving arm",
+    "default": "sequential test of the signed rim events over nine time scales",
+}
+METHODS: dict[str, str] = {name: ABOUT.get(name, "a contact detector") for name in DETECTORS} | {
     "frame_sampling": "displacement sum over the markers at 32 fps, no other latency",
     "frame_plus_one": "the same with one more frame of latency",
     "frame_paper": "135 ms after the touch: the paper's baseline with its undocumented latency",
@@ -137,21 +133,21 @@ def _quiet_record(folder: Path, scene: CollisionScene) -> Record:
         calibration = scene.calibration(free)
         quiet: list[tuple[EventPacket, ...]] = []
         sums: list[float] = []
-        config, rng = FrameSamplingConfig(), np.random.default_rng([QUIET_SEED, scene.serial])
+        rng = np.random.default_rng([QUIET_SEED, scene.serial])
         for packet, centers in _chunks(free, QUIET_STEPS):
             quiet += [(window,) for window in windows([packet], 1000)]
-            sums += _frame_sums(config, centers, rng)
+            sums += _frame_sums(centers, rng)
         save_windows(events_path, quiet)
         return {
             "reference_px": calibration.reference_px.tolist(),
             "radius_px": calibration.radius_px.tolist(),
-            "frame_threshold_px": quiet_threshold_px(config, sums),
+            "frame_threshold_px": quiet_threshold_px(sums),
         }
 
     return kept(record_path, record_path.stem, recorded)
 
 
-def _chunks(free: FreeRig, steps: int) -> Iterator[tuple[EventPacket, Centers]]:
+def _chunks(free: FreeRig, steps: int) -> Iterator[tuple[EventPacket, Truth]]:
     """Yield the events of each chunk, and the true marker centres over it."""
     for first in range(0, steps, CHUNK_STEPS):
         (packet,), (centers,) = free.advance(min(CHUNK_STEPS, steps - first))
@@ -159,14 +155,12 @@ def _chunks(free: FreeRig, steps: int) -> Iterator[tuple[EventPacket, Centers]]:
         yield packet, (times, centers)
 
 
-def _frame_sums(
-    config: FrameSamplingConfig, truth: Centers, rng: np.random.Generator
-) -> list[float]:
+def _frame_sums(truth: Truth, rng: np.random.Generator) -> list[float]:
     """Return the displacement sums of the frames; the first frames give the initial coordinates."""
-    times = exposures_us(config, rng.uniform(), int(truth[0][0]), int(truth[0][-1]))
-    frames = measured_px(config, times, truth, rng)
-    initial = frames[: config.first_frames].mean(axis=0)
-    return displacement_sum_px(frames[config.first_frames :], initial).tolist()
+    times = exposures_us(rng.uniform(), int(truth[0][0]), int(truth[0][-1]))
+    frames = measured_px(times, truth, rng)
+    initial = frames[:FIRST_FRAMES].mean(axis=0)
+    return displacement_sum_px(frames[FIRST_FRAMES:], initial).tolist()
 
 
 @functools.lru_cache(maxsize=64)
@@ -189,7 +183,7 @@ def _approach(job: CollisionJob) -> Record:
     frames = None
     if any(name in FRAME_DELAYS_US for name in job.methods):
         threshold = _quiet_record(job.folder, job.scene)["frame_threshold_px"]
-        frames = FrameSampler(FrameSamplingConfig(), threshold, rng.uniform(), rng)
+        frames = FrameSampler(threshold, rng.uniform(), rng)
     observers = Observers(
         detectors=detectors,
         frames=frames,
@@ -218,7 +212,6 @@ def _free_motion(job: CollisionJob) -> Record:
     detectors = job.detectors
     free = job.scene.make_free_rig(job.seed, "random")
     rng = np.random.default_rng([job.seed, FRAME_STREAM])
-    config = FrameSamplingConfig()
     threshold = _quiet_record(job.folder, job.scene)["frame_threshold_px"]
     stops: Counter[str] = Counter({name: 0 for name in detectors})
     listened = 0
@@ -227,7 +220,7 @@ def _free_motion(job: CollisionJob) -> Record:
             if number >= LEAD_WINDOWS:
                 _listen(detectors, window, stops)
         listened += len(centers[0])
-        beyond = np.array(_frame_sums(config, centers, rng)) > threshold
+        beyond = np.array(_frame_sums(centers, rng)) > threshold
         stops[FRAMES] += int((np.diff(beyond.astype(np.int8), prepend=0) == 1).sum())
     return {"stops": dict(stops), "seconds": (listened - LEAD_WINDOWS) * 1e-3}
 
