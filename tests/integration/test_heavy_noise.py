@@ -24,17 +24,19 @@ def recording():
 
 
 def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
-    clean = recording.clean
-    events = with_background(clean.events, NOISE_HZ, np.random.default_rng(0))
+    events = with_background(recording.events, NOISE_HZ, np.random.default_rng(0))
     calibration = Calibration(
-        reference_px=clean.reference_px, radius_px=clean.radius_px, grid=(8, 8), size=events.size
+        reference_px=recording.reference_px,
+        radius_px=recording.radius_px,
+        grid=(8, 8),
+        size=events.size,
     )
     tracker = make_tracker(config.tracking, calibration)
     frames = []
     for window in windows([events], PERIOD_US):
         tracker.absorb(window)
         frames.append(tracker.estimate(window.t_end_us))
-    true_px = recording.at(np.array([frame.t_us for frame in frames]))
+    true_px = recording.true_px(np.array([frame.t_us for frame in frames]))
     detected_px = np.array([frame.detected_px for frame in frames])
     held = np.array([frame.coasted for frame in frames])
     return np.linalg.norm(detected_px - true_px, axis=2), held
@@ -47,7 +49,7 @@ def test_no_marker_is_lost_at_five_hertz_a_pixel(recording, preset):
     error_px, held = errors_px(recording, load_config(preset))
     assert error_px.shape[1] == 64
     assert not held.any()
-    assert error_px.max() < 0.5 * smallest_spacing_px(recording.clean.reference_px)
+    assert error_px.max() < 0.5 * smallest_spacing_px(recording.reference_px)
     assert error_px.mean() < 0.5
 
 

@@ -28,7 +28,6 @@ from spikingtac_paper.denoise.scoring import (
     Degradation,
     MapKind,
     Score,
-    TrueRecording,
     clean_centroids,
     open_v2e,
     render,
@@ -196,20 +195,20 @@ def denoiser_of(method: str) -> Denoiser:
     return NetworkDenoiser(SUPERVISED) if method == "supervised" else make_denoiser(method)
 
 
-def score_all(recording: TrueRecording, config: DenoiseConfig, seed: int) -> Samples:
+def score_all(recording: CleanRecording, config: DenoiseConfig, seed: int) -> Samples:
     """Score every method in every case on one recording."""
     denoisers = {name: denoiser_of(name) for name in METHODS}
     samples: Samples = defaultdict(list)
     for kind in config.maps:
-        reference = clean_centroids(recording.clean, kind, config.every_us, config.first_us)
-        _warm_up(denoisers, recording.clean)
+        reference = clean_centroids(recording, kind, config.every_us, config.first_us)
+        _warm_up(denoisers, recording)
         for noise_hz in config.noise_hz:
             for drop in config.drop:
                 case = f"{kind}@{float(noise_hz)}-{float(drop)}"
                 degradation = Degradation(
                     noise_hz=noise_hz, drop=drop, window_us=config.window_us(noise_hz), seed=seed
                 )
-                scores = score_recording(recording.clean, kind, degradation, reference, denoisers)
+                scores = score_recording(recording, kind, degradation, reference, denoisers)
                 for method, score in scores.items():
                     for prefix, sample in _samples(recording, reference, score, config):
                         samples[prefix + case, method].append(sample)
@@ -237,11 +236,13 @@ def _warm_up(denoisers: Mapping[str, Denoiser], recording: CleanRecording) -> No
 
 
 def _samples(
-    recording: TrueRecording, reference: Centroids, score: Score, config: DenoiseConfig
+    recording: CleanRecording, reference: Centroids, score: Score, config: DenoiseConfig
 ) -> list[tuple[str, Sample]]:
     """Return (prefix of the case, sample) for every case to which a score contributes."""
-    source = recording.clean.source
-    centroid_px = np.hypot(*np.moveaxis(score.center_px - recording.at(reference.at_us), -1, 0))
+    source = recording.source
+    centroid_px = np.hypot(
+        *np.moveaxis(score.center_px - recording.true_px(reference.at_us), -1, 0)
+    )
 
     def sample_of(where: NDArray[np.bool_]) -> Sample:
         scored = where & reference.found
@@ -252,7 +253,7 @@ def _samples(
         return [(f"{source}/", sample_of(every))]
     fast = reference.speed_px_s > FAST_PX_S
     out = [("", sample_of(every)), ("fast/", sample_of(fast)), ("slow/", sample_of(~fast))]
-    if recording.clean.name == HELD_OUT:
+    if recording.name == HELD_OUT:
         out.append(("heldout/", sample_of(every)))
     return out
 

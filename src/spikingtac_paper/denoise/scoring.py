@@ -54,6 +54,8 @@ class CleanRecording:
         reference_px: ``(m, 2)`` rest positions, from which the first map is painted, px.
         radius_px: ``(m,)`` radii of the markers, px.
         source: ``twin`` or ``v2e``.
+        t_us: ``(n,)`` times of the truth, us.
+        marker_px: ``(n, m, 2)`` true centres, px.
     """
 
     name: str
@@ -61,23 +63,10 @@ class CleanRecording:
     reference_px: NDArray[np.float64]
     radius_px: NDArray[np.float64]
     source: str
-
-
-@dataclass(frozen=True, slots=True)
-class TrueRecording:
-    """A clean recording with its true marker positions.
-
-    Attributes:
-        clean: The recording.
-        t_us: ``(n,)`` times of the truth, us.
-        marker_px: ``(n, m, 2)`` true centres, px.
-    """
-
-    clean: CleanRecording
     t_us: NDArray[np.int64]
     marker_px: NDArray[np.float32]
 
-    def at(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    def true_px(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
         rows = np.minimum(np.searchsorted(self.t_us, t_us), len(self.t_us) - 1)
         return self.marker_px[rows].astype(np.float64)
@@ -88,26 +77,24 @@ def noise_free(scene: Scene) -> Scene:
     return replace(scene, camera=QUIET)
 
 
-def render(scene_name: str, seed: int, duration_s: float) -> TrueRecording:
+def render(scene_name: str, seed: int, duration_s: float) -> CleanRecording:
     """Render one recording of the twin without noise, with its truth."""
     source = SceneSource(noise_free(load_scene(scene_name)), seed, duration_s)
     steps = list(source.steps())
     events = EventPacket.concatenate([step.packet for step in steps])
-    clean = CleanRecording(scene_name, events, source.reference_px, source.radius_px, "twin")
-    times = np.concatenate([step.truth.marker_t_us for step in steps])
-    return TrueRecording(clean, times, np.concatenate([step.truth.marker_px for step in steps]))
+    times_us = np.concatenate([step.truth.marker_t_us for step in steps])
+    marker_px = np.concatenate([step.truth.marker_px for step in steps])
+    reference_px, radius_px = source.reference_px, source.radius_px
+    return CleanRecording(scene_name, events, reference_px, radius_px, "twin", times_us, marker_px)
 
 
-def open_v2e(folder: str | Path, name: str = "mix") -> TrueRecording:
+def open_v2e(folder: str | Path, name: str = "mix") -> CleanRecording:
     """Open a v2e recording; its own noise (0.1 Hz/px) remains in it."""
     source = open_events(Path(folder) / f"{name}.raw")
     events = EventPacket.concatenate([packet for packet in source if len(packet)])
     with np.load(Path(folder) / f"{name}.truth.npz", allow_pickle=False) as truth:
-        clean = CleanRecording(
-            name, events, truth["reference_px"].astype(float), truth["radius_px"].astype(float),
-            "v2e",
-        )  # fmt: skip
-        return TrueRecording(clean, truth["marker_t_us"], truth["marker_px"])
+        rests = [truth[key].astype(float) for key in ("reference_px", "radius_px")]
+        return CleanRecording(name, events, *rests, "v2e", truth["marker_t_us"], truth["marker_px"])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

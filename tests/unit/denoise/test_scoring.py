@@ -29,7 +29,8 @@ def recording() -> CleanRecording:
     clip = moving_disc()
     y, x = np.nonzero(clip.start)
     second = np.array([[x.mean(), y.mean()], [200.0, 200.0]])  # beyond the border: never found
-    return CleanRecording("disc", clip.events, second, np.full(2, RADIUS_PX), "twin")
+    truth = np.zeros(1, np.int64), np.zeros((1, 2, 2), np.float32)
+    return CleanRecording("disc", clip.events, second, np.full(2, RADIUS_PX), "twin", *truth)
 
 
 def scored(recording: CleanRecording, noise_hz: float, drop: float, kind="binary"):
