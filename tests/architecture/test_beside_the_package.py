@@ -48,10 +48,6 @@ def is_module(name: str) -> bool:
         pytest.skip(f"{name} needs {error.name}")
 
 
-def test_there_are_programs_to_read() -> None:
-    assert {path.parent.name for path in PROGRAMS} >= {"benchmarks", "examples", "scripts"}
-
-
 def test_a_moved_module_and_a_renamed_function_are_noticed() -> None:
     source = "from spikingtac.stream.nowhere import f\nfrom spikingtac.types import Nothing\n"
     missing = [name for found in own_imports(ast.parse(source)) for name in missing_from(*found)]

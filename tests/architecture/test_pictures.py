@@ -60,13 +60,3 @@ def test_the_commands_exist_with_their_options() -> None:
         assert first in verbs(), command
         if rest:  # a bare verb is a mention, no command
             assert _parsed(importlib.import_module(module_of(first)).Args, first, rest) is not None
-
-
-def test_a_picture_on_two_pages_is_made_by_one_command() -> None:
-    named: dict[str, set[str]] = {}
-    for page in PAGES:
-        for command in COMMAND.findall(page.read_text(encoding="utf-8")):
-            for picture in re.findall(r"docs/images/[\w.-]+", command):
-                named.setdefault(picture, set()).add(" ".join(command.split()))
-    assert len(named) > 2
-    assert {picture: made for picture, made in named.items() if len(made) > 1} == {}

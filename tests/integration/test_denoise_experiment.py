@@ -1,6 +1,5 @@
 import pytest
 
-from spikingtac.sim.scene import catalog
 from spikingtac_paper.denoise.experiment import (
     METHODS,
     METRICS,
@@ -8,7 +7,7 @@ from spikingtac_paper.denoise.experiment import (
     report_rows,
     score_all,
 )
-from spikingtac_paper.denoise.scoring import ACTIVITY, noise_free, render
+from spikingtac_paper.denoise.scoring import ACTIVITY, render
 
 SEED, DURATION_S = 1001, 1.2
 
@@ -38,12 +37,3 @@ def test_the_filter_and_the_network_find_every_marker(rows):
     assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "recall"] == 1.0
     noisy = table[f"{ACTIVITY}none", "binary@1.0-0.5", "excess_mean_px"]
     assert table[f"{ACTIVITY}network-int8", "binary@1.0-0.5", "excess_mean_px"] < noisy
-
-
-def test_the_noise_free_camera_is_the_typical_one_but_for_its_noise():
-    scene = catalog.load("quiet")
-    typical, clean = scene.camera.resolve(scene.size), noise_free(scene).camera.resolve(scene.size)
-    assert clean.background.rate_hz == clean.background.hot_fraction == clean.pixel.leak_hz == 0.0
-    assert clean.pixel.mismatch == typical.pixel.mismatch
-    assert clean.pixel.bandwidth_hz == typical.pixel.bandwidth_hz
-    assert clean.light == typical.light

@@ -15,7 +15,6 @@ from spikingtac_paper.baselines.ekalibr_kernels import (
     NEVER,
     moving_circle_kernel,
     normal_flow_kernel,
-    solve_kernel,
 )
 from spikingtac_paper.baselines.evetac import (
     SliceBuffer,
@@ -51,15 +50,6 @@ def test_attraction(count: int) -> None:
     np.testing.assert_array_equal(support, expected[1])
 
 
-def test_attraction_moves_the_dot_towards_the_events() -> None:
-    x, y = np.array([40], np.uint16), np.array([30], np.uint16)
-    pull, support = np.empty((1, 2)), np.empty(1, np.int64)
-    attraction_kernel(x, y, np.array([[30.0, 30.0]]), 0.0, 15.0, 18.0, pull, support)
-    assert -pull[0, 0] == pytest.approx(2.0 * (18.0 - 10.0))
-    assert pull[0, 1] == 0.0
-    assert support[0] == 1
-
-
 def test_regularizer() -> None:
     rng = np.random.default_rng(2)
     rest = np.array([[37.0 * i, 37.0 * j] for i in range(3) for j in range(3)])
@@ -76,13 +66,6 @@ def test_regularizer() -> None:
         np.testing.assert_allclose(regularizer[i], 8.0 / len(near) * total, rtol=1e-9)
     regularizer_kernel(rest, index, distance, regularizer)
     np.testing.assert_allclose(regularizer, 0.0, atol=1e-6)
-
-
-def test_a_lone_dot_has_no_tension() -> None:
-    index, distance = neighbours(np.array([[5.0, 5.0]]), 60.0)
-    regularizer = np.empty((1, 2))
-    regularizer_kernel(np.array([[9.0, 9.0]]), index, distance, regularizer)
-    np.testing.assert_array_equal(regularizer, 0.0)
 
 
 @pytest.mark.parametrize("velocity", [(0.002, 0.0), (0.0, -0.001), (0.001, 0.001)])
@@ -109,16 +92,6 @@ def test_normal_flow_needs_enough_neighbours_and_leaves_outliers_out() -> None:
     ramp[1, 1] += 9_000
     normal_flow_kernel(ramp, 0, 2, 3_500.0, 0.6, flow)
     assert flow[:, 2, 2] == pytest.approx([0.001, 0.0], abs=1e-4)
-
-
-@pytest.mark.parametrize("size", [1, 6])
-def test_linear_equations_are_solved(size: int) -> None:
-    rng = np.random.default_rng(size)
-    factor, right = rng.normal(size=(size, size)), rng.normal(size=size)
-    matrix = factor @ factor.T + 0.1 * np.eye(size)
-    found = right.copy()
-    solve_kernel(matrix.copy(), found)
-    np.testing.assert_allclose(found, np.linalg.solve(matrix, right), rtol=1e-9)
 
 
 def test_moving_circle_is_recovered() -> None:

@@ -15,14 +15,11 @@ from spikingtac_paper.free_motion.small_motion import (
     edge_level_kernel,
     idle_steps_kernel,
     small_motion_kernel,
-    time_to_threshold_kernel,
     update_band_kernel,
 )
 from spikingtac_paper.free_motion.small_motion_camera import lag_coefficients
 from spikingtac_paper.free_motion.timing_wheel import (
     make_timing_wheel,
-    pop_due_kernel,
-    schedule_kernel,
 )
 
 STEP_US = 1000.0
@@ -47,26 +44,6 @@ def rims_of(count: int, rng: np.random.Generator) -> EdgePixels:
     return EdgePixels(edges, record)
 
 
-def test_swayed_distance() -> None:
-    rng = np.random.default_rng(0)
-    edge_pixels, motion = rims_of(9, rng), rng.normal(size=(2, 6, 4)).astype(np.float32)
-    edge_pixels.edges["filter_index"] = rng.integers(0, 2, 9)
-    for record in range(9):
-        edge = edge_pixels.edges[record]
-        plain = edge["inside_px"] + edge["slope"] @ motion[edge["filter_index"], :, 3]
-        assert edge_distance_kernel(edge, motion, 3) == pytest.approx(plain, abs=1e-5)
-
-
-def test_level_is_the_log_of_the_covered_light() -> None:
-    sensor = sensor_of(1)
-    px, chip = sensor.pixels[0, 0], sensor.chip[0]
-    for inside in (-9.0, -0.5, 0.0, 0.7, 9.0):
-        width = math.sqrt(0.81 + 1.0 / 12.0)
-        covered = 0.5 * (1.0 + math.erf(inside / width / math.sqrt(2.0)))
-        plain = math.log(px["ground_intensity"] + px["marker_increment"] * covered)
-        assert edge_level_kernel(px, chip, inside) == pytest.approx(plain, abs=4e-3)
-
-
 def test_a_pixel_does_not_fire_within_its_band() -> None:
     sensor, rng = sensor_of(200), np.random.default_rng(2)
     chip, span_us = sensor.chip[0], 64 * STEP_US
@@ -86,32 +63,6 @@ def test_a_pixel_does_not_fire_within_its_band() -> None:
             )
             assert px["difference"] + moved > -px["threshold_off"] - 1e-5
     assert banded > 100
-
-
-def test_sleep_lasts_until_the_leak_could_reach_the_threshold() -> None:
-    sensor = sensor_of(50)
-    for px in sensor.pixels[0]:
-        level = float(px["level"])
-        plain = (px["threshold_on"] - px["difference"]) / px["leak_per_us"]
-        assert time_to_threshold_kernel(px, level, level) == pytest.approx(plain, rel=1e-5)
-        assert time_to_threshold_kernel(px, level, level + 9.0) == 0.0
-        assert time_to_threshold_kernel(px, level - 9.0, level) == 0.0
-
-
-def test_the_wheel_returns_each_pixel_once_and_in_time() -> None:
-    wheel, rng = make_timing_wheel(40, 16), np.random.default_rng(3)
-    wheel.active_count[0] = 0
-    asked = {pixel: int(rng.integers(2, 40)) for pixel in range(40)}
-    for pixel, steps in asked.items():
-        schedule_kernel(wheel, pixel, float(steps))
-    put_off = min(40, wheel.first.shape[0] - 1)
-    due: dict[int, int] = {}
-    for step in range(16):
-        wheel.slot[0] = step
-        before = int(wheel.active_count[0])
-        pop_due_kernel(wheel)
-        due |= {int(pixel): step for pixel in wheel.active[before : int(wheel.active_count[0])]}
-    assert due == {pixel: min(steps, put_off) for pixel, steps in asked.items()}
 
 
 def plain_events(

@@ -30,9 +30,3 @@ def test_what_could_not_be_made_is_tried_again(
     with pytest.raises(AssertionError, match="twice"):
         made_once("numbers", made_again)
     assert made_once("numbers", lambda: 7) == 7
-
-
-def test_a_test_run_has_a_folder_and_a_program_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.delenv(FOLDER_VARIABLE)  # conftest has set it
-        assert [made_once("number", lambda value=value: value) for value in (1, 2)] == [1, 2]

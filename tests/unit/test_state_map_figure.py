@@ -44,12 +44,6 @@ def test_before_that_a_crescent_is_missing() -> None:
     assert 0.5 < share < 0.75
 
 
-def test_it_stays_whole_in_further_motion() -> None:
-    values, end = rebuilt(2.0, 0.0)
-    ideal = paint_binary_discs(SIZE, end, np.array([RADIUS_PX]))
-    assert np.minimum(values, ideal).sum() / ideal.sum() > 0.95
-
-
 def test_the_painted_disc_runs_ahead_of_the_marker() -> None:
     """The bias of Eq. 1, without noise: errata.md tells why."""
     ahead = []

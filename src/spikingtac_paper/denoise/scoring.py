@@ -93,8 +93,11 @@ def open_v2e(folder: str | Path, name: str = "mix") -> CleanRecording:
     source = open_events(Path(folder) / f"{name}.raw")
     events = EventPacket.concatenate([packet for packet in source if len(packet)])
     with np.load(Path(folder) / f"{name}.truth.npz", allow_pickle=False) as truth:
-        rests = [truth[key].astype(float) for key in ("reference_px", "radius_px")]
-        return CleanRecording(name, events, *rests, "v2e", truth["marker_t_us"], truth["marker_px"])
+        reference_px = truth["reference_px"].astype(float)
+        radius_px = truth["radius_px"].astype(float)
+        return CleanRecording(
+            name, events, reference_px, radius_px, "v2e", truth["marker_t_us"], truth["marker_px"]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

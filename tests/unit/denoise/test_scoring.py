@@ -49,14 +49,6 @@ def test_without_degradation_nothing_is_in_excess(recording, kind):
     assert np.isnan(scores["none"].error_px[:, 1]).all()
 
 
-def test_the_centroid_follows_the_disc(recording):
-    reference, _ = scored(recording, 0.0, 0.0)
-    moved = reference.center_px[-1, 0] - recording.reference_px[0]
-    random = np.random.default_rng(0)
-    random.uniform(20, 28, 2)
-    assert moved == pytest.approx(40 * random.uniform(-0.3, 0.3, 2), abs=1.5)
-
-
 def test_noise_and_drops_cost_and_the_filter_is_named(recording):
     _, scores = scored(recording, 1.0, 0.5)
     assert set(scores) == {*CLASSICAL_DENOISERS, *(ACTIVITY + name for name in CLASSICAL_DENOISERS)}
@@ -78,13 +70,6 @@ def test_rows_count_what_was_found():
     assert values["excess_mean_px"] == (pytest.approx(0.3), 2)
     assert values["centroid_mean_px"] == (pytest.approx(2.0), 2)
     assert values["step_p50_us"] == (5.0, 1)
-
-
-def test_a_method_that_finds_nothing_has_no_excess():
-    lost = Sample(np.full(3, np.nan), np.full(3, np.nan), np.array([5.0]), "twin")
-    rows = {row.metric: row.value for row in report_rows([{("c", "none"): [lost]}])}
-    assert rows["excess_mean_px"] is None
-    assert rows["recall"] == 0.0
 
 
 def test_the_window_follows_the_background():

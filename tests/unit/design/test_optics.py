@@ -17,7 +17,7 @@ from spikingtac.sim.scene import catalog
 from spikingtac.sim.scene.scene import Scene
 from spikingtac_hardware.design import Design, load_design, names
 from spikingtac_hardware.layout import Layout
-from spikingtac_hardware.light import illuminance_lux, light_figures
+from spikingtac_hardware.light import illuminance_lux
 from spikingtac_hardware.optics import Imaging
 from spikingtac_hardware.twin import scene_with_design
 
@@ -42,15 +42,6 @@ def test_without_plates_and_distortion_it_is_a_pinhole() -> None:
     assert (lens.k1, lens.k2) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-def test_scale_and_distance_follow_from_the_data_sheet() -> None:
-    design = load_design()
-    seen = imaging(design)
-    reduced = seen.air_mm + 2.0 / 1.49 + 2.5 / 1.41
-    assert seen.reduced_mm == pytest.approx(reduced)
-    magnification = 0.93 / (reduced - 0.93)
-    assert seen.px_per_mm == pytest.approx(magnification / 0.0063)
-
-
 @pytest.mark.parametrize("degrees", [5.0, 30.0, 57.0])
 def test_rays_obey_snell(degrees: float) -> None:
     seen = imaging(load_design())
@@ -65,23 +56,10 @@ def test_rays_obey_snell(degrees: float) -> None:
     assert seen.radius_mm(tangent, 2.0)[0] == pytest.approx(at_window + 2.0 * math.tan(inside[0]))
 
 
-def test_plates_alone_stretch_the_edge() -> None:
-    plates = load_design().changed(lens={"distortion": 0.0})
-    assert (imaging(plates).image_px(RADII_MM) > imaging(plates).px_per_mm * RADII_MM).all()
-
-
 def test_the_field_is_where_the_sensor_ends() -> None:
     seen = imaging(load_design())
     assert seen.image_px(np.array([seen.field_mm[0] / 2]))[0] == pytest.approx(160.0, abs=1e-3)
     assert min(seen.field_mm) >= 20.6
-
-
-def test_blur_grows_with_the_press_and_with_the_aperture() -> None:
-    design = load_design()
-    wide = design.changed(lens={"f_number": 1.4})
-    assert imaging(design).blur_px(0.0) == 0.0
-    assert imaging(wide).blur_px(1.0) == pytest.approx(2 * imaging(design).blur_px(1.0))
-    assert imaging(design).blur_px(2.0) > 2 * imaging(design).blur_px(1.0)
 
 
 def projected_px(scene: Scene, indentation_mm: float) -> np.ndarray:
@@ -158,14 +136,6 @@ def test_pillars_cast_shadows() -> None:
     corner, middle = [[10.2, 10.2]], [[0.0, 0.0]]
     assert lit(slim, corner)[0] > 1.05 * lit(design, corner)[0]
     assert lit(slim, middle) == pytest.approx(lit(design, middle))
-
-
-def test_current_and_heat() -> None:
-    figures = light_figures(layout := Layout(load_design()), Imaging(layout))
-    assert figures.supply_ma == 32.0
-    assert figures.power_mw == pytest.approx(32.0 * 5.0 + 50.0)
-    area_m2 = (4 * 22 * 19 + 22 * 22) * 1e-6
-    assert figures.warming_k == pytest.approx((0.75 * 160 + 50) / 1000 / (10 * area_m2))
 
 
 def test_a_recording_of_a_design(tmp_path: Path) -> None:

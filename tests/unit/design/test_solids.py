@@ -72,12 +72,6 @@ def test_an_overlap_is_found(parts: dict[str, Part]) -> None:
     assert interferences((aside, plate))["lens", "shading-plate"] > 0.1
 
 
-def test_common_volume_of_boxes() -> None:
-    one, other = box((2.0, 2.0), (0.0, 0.0), 0.0, 2.0), box((2.0, 2.0), (1.0, 1.0), 1.0, 3.0)
-    assert common_volume_mm3(one, other) == pytest.approx(1.0)
-    assert common_volume_mm3(one, box((1.0, 1.0), (9.0, 9.0), 0.0, 1.0)) == 0.0
-
-
 def test_every_screw_meets_its_holes(parts: dict[str, Part]) -> None:
     layout = Layout(load_design())
     for place in layout.screw_places_mm:

@@ -68,12 +68,6 @@ def test_the_return_is_that_of_the_given_position_and_the_error_that_of_the_dete
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
 
 
-def test_one_marker_beyond_five_pixels_fails_the_trial() -> None:
-    off = moving()
-    off[-1, 2, 1] += 5.1
-    assert point_scores(said(off), truth(moving()))["success_rate"] == 0.0
-
-
 @pytest.mark.parametrize(("samples", "lost"), [(25, 0.0), (27, 1.0)])
 def test_lost_means_more_than_fifty_milliseconds(samples: int, lost: float) -> None:
     off = moving()
@@ -95,12 +89,6 @@ def test_damaged_markers_are_not_asked_for_but_stay_as_a_place_to_be_mistaken_fo
     stolen = moving()
     stolen[:, 2] = stolen[:, 3]
     assert point_scores(said(stolen), truth(moving()), damaged=(3,))["id_swaps"] == 1.0
-
-
-def test_only_what_comes_after_the_release_counts_as_return_error() -> None:
-    off = moving()
-    off[TIMES_US <= 600_000] += 3.0
-    assert point_scores(said(off), truth(moving()))["return_error_mean_px"] < 1e-5
 
 
 def test_no_estimates_are_no_score() -> None:

@@ -24,9 +24,9 @@ from spikingtac_paper.point_tracking.cases import (
 )
 from spikingtac_paper.trials import runner as runner_module
 from spikingtac_paper.trials.ground_truth import GroundTruth
-from spikingtac_paper.trials.methods import Method, apply_law, main_methods
+from spikingtac_paper.trials.methods import Method, apply_law
 from spikingtac_paper.trials.prediction import Prediction
-from spikingtac_paper.trials.runner import TrialJob, predict, run_all, run_job
+from spikingtac_paper.trials.runner import TrialJob, run_all, run_job
 from spikingtac_paper.trials.trial import Trial, shortened
 
 TRIAL = Trial(case="short", scene="finger-presses", camera="typical", duration_s=0.1)
@@ -124,17 +124,6 @@ def test_a_damaged_prediction_is_made_again(tmp_path: Path) -> None:
     assert BUILT == ["still", "still"]
 
 
-def test_the_truth_method_scores_zero_error(tmp_path: Path) -> None:
-    truth = GroundTruth(
-        np.array([0, 1_000]), np.zeros((2, 1, 2)), np.zeros((1, 2)), np.ones(1), 500
-    )
-    calibration = Calibration(
-        reference_px=np.zeros((1, 2)), radius_px=np.ones(1), grid=(1, 1), size=(9, 9)
-    )
-    prediction = predict(None, [], calibration, truth)
-    assert np.array_equal(prediction.detected_px, truth.marker_px)
-
-
 def test_keys_tell_configuration_camera_seed_and_loss_apart() -> None:
     assert table()["still"].key() != table(2.0)["still"].key()
     assert table()["still"].key() == table()["still"].key()
@@ -146,13 +135,6 @@ def test_keys_tell_configuration_camera_seed_and_loss_apart() -> None:
         Trial(case="short", scene="finger-presses", camera="noisy", duration_s=0.1),
     ]
     assert len({trial.key() for trial in trials}) == len(trials)
-
-
-def test_bootstrap_is_of_the_same_sensor_and_camera_without_loss_and_damage() -> None:
-    trial = Trial(case="x", scene="mixed", seed=4, serial=5, camera="noisy", loss=0.3, damaged=4)
-    slides = trial.bootstrap()
-    assert (slides.scene, slides.serial, slides.camera) == ("bootstrap", 5, "noisy")
-    assert (slides.loss, slides.damaged) == (0.0, 0)
 
 
 def test_the_slides_have_noise_of_their_own(tmp_path: Path) -> None:
@@ -202,10 +184,6 @@ def test_a_quick_run_shortens_the_sequences_and_keeps_the_rest_after_the_release
     assert all(trial.motion_s is None for trial in main_trials(range(0, 1), False))
     loops = [trial for trial in main_trials(range(0, 1), True) if trial.scene == LOOPS]
     assert [trial.motion_s for trial in loops] == [None], "a loop that is cut short is not closed"
-
-
-def test_every_method_of_the_contract_is_there() -> None:
-    assert {"default", "fast", "paper", "evetac", "neutac", "ekalibr"} <= set(main_methods())
 
 
 def test_re_zero_learns_between_contacts_and_is_frozen_in_them() -> None:
