@@ -34,7 +34,9 @@ SOLMIX = 1e3
 FRICTION, TURNING_M = 0.8, (0.002, 0.0001)
 # The skin's axes (x right, y down in the image, z into the sensor) in the frame of the site.
 AXES = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
-JOINT = mujoco.mjtJoint
+# Names in the model, after that of the site.
+PLATE, SKIN = "pad", "skin"
+JOINTS = ("slide_x", "slide_y", "slide_z", "turn_x", "turn_y", "turn_z")
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,9 @@ def add_sensor(
         )
     mount = Mount(
         site=site,
-        body=f"{site}_pad",
-        joints=tuple(f"{site}_{kind}{axis}" for kind in ("slide_", "turn_") for axis in "xyz"),
-        geom=f"{site}_skin",
+        body=f"{site}_{PLATE}",
+        joints=tuple(f"{site}_{name}" for name in JOINTS),
+        geom=f"{site}_{SKIN}",
         pad_mm=sides,
         rest_mm=rest_mm,
         grid=grid,
@@ -159,10 +161,10 @@ def _sides_mm(rest_mm: Floats) -> Floats:
 
 
 def _add_plate(place: mujoco.MjsSite, mount: Mount, friction: float) -> None:
-    plate = place.parent.add_body(name=mount.body, pos=place.pos, quat=place.quat)
-    plate.alt = place.alt
-    slide, hinge = JOINT.mjJNT_SLIDE, JOINT.mjJNT_HINGE
-    for number, name in enumerate(mount.joints):
+    """Attach the plate; made in a model of its own, so that no default of the user's applies."""
+    plate = mujoco.MjSpec().worldbody.add_body(name=PLATE)
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for number, name in enumerate(JOINTS):
         turns = number >= len(AXES)
         plate.add_joint(
             name=name,
@@ -172,7 +174,7 @@ def _add_plate(place: mujoco.MjsSite, mount: Mount, friction: float) -> None:
         )
     half = np.append(mount.pad_mm, THICKNESS_MM) / 2e3
     plate.add_geom(
-        name=mount.geom,
+        name=SKIN,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=half,
         pos=(0.0, 0.0, -half[2]),
@@ -184,6 +186,7 @@ def _add_plate(place: mujoco.MjsSite, mount: Mount, friction: float) -> None:
         solimp=SOLIMP,
         rgba=(0.1, 0.1, 0.12, 1.0),
     )
+    place.attach_body(plate, f"{mount.site}_", "")
 
 
 def _keyframes(spec: mujoco.MjSpec) -> list[dict[str, Floats]]:

@@ -20,8 +20,12 @@ PRESS = """<mujoco>
 <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
 <asset><mesh name="block" vertex="-4 -4 -4 4 -4 -4 -4 4 -4 4 4 -4 -4 -4 4 4 -4 4 -4 4 4 4 4 4"
  scale=".001 .001 .001"/></asset>
-<worldbody><body name="finger"><geom size=".01" mass=".5" contype="0" conaffinity="0"/>
-<joint name="base" type="slide" axis="0 1 0" damping="1"/><site name="tip"/></body>
+<default><default class="arm"><geom margin=".001" group="3"/>
+<joint limited="true" range="-1 1" frictionloss="3" stiffness="5"/></default></default>
+<worldbody><body name="finger" childclass="arm">
+<geom size=".01" mass=".5" contype="0" conaffinity="0"/>
+<joint name="base" type="slide" axis="0 1 0" damping="1"/>
+<frame pos="0 0 .01"><site name="tip" pos="0 0 -.01"/></frame></body>
 <body name="body" pos="0 0 {height}"><joint name="x" type="slide" axis="1 0 0" damping="2"/>
 <joint name="z" type="slide" axis="0 0 1" damping="2"/>
 <geom {geom} mass=".2" friction="{mu}"/></body>
