@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac import windows
 from spikingtac.contact.registry import DetectionConfig, make_detector
 from spikingtac.robot.approacher import ApproachConfig, Approacher
 from spikingtac_paper.collision import experiment, jobs
@@ -32,7 +33,7 @@ NAMES = ("event_count", "default")
 @pytest.fixture(scope="module")
 def detectors():
     free = SCENE.make_free_rig(SEED, "rested")
-    quiet = list(free.windows(4_000))
+    quiet = list(windows([free.advance(4_000)[0]], 1_000))
     calibrations = [SCENE.calibration(free)]
     return {n: make_detector(n, DetectionConfig(), calibrations, quiet) for n in NAMES}
 

@@ -112,9 +112,9 @@ def test_rates_of_false_stops_agree(both: Both, name: str) -> None:
 
 def test_any_cutting_into_stretches_gives_the_same_events() -> None:
     config, finger = rig_config("noisy"), FingerConfig(camera="noisy")
-    whole, cut = (FreeRig(config, [finger], [SEED], np.random.default_rng(SEED)) for _ in range(2))
-    (at_once,), _ = whole.advance(1_200)
-    parts = [cut.advance(400)[0][0] for _ in range(3)]
+    whole, cut = (FreeRig(config, finger, SEED, np.random.default_rng(SEED)) for _ in range(2))
+    at_once, _ = whole.advance(1_200)
+    parts = [cut.advance(400)[0] for _ in range(3)]
     for name in "xypt":
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(joined, getattr(at_once, name))

@@ -14,13 +14,11 @@ from spikingtac_paper.free_motion.small_motion import (
     edge_distance_kernel,
     edge_level_kernel,
     idle_steps_kernel,
+    make_timing_wheel,
     small_motion_kernel,
     update_band_kernel,
 )
 from spikingtac_paper.free_motion.small_motion_camera import lag_coefficients
-from spikingtac_paper.free_motion.timing_wheel import (
-    make_timing_wheel,
-)
 
 STEP_US = 1000.0
 

@@ -150,7 +150,7 @@ def _quiet_record(folder: Path, scene: CollisionScene) -> Record:
 def _chunks(free: FreeRig, steps: int) -> Iterator[tuple[EventPacket, Truth]]:
     """Yield the events of each chunk, and the true marker centres over it."""
     for first in range(0, steps, CHUNK_STEPS):
-        (packet,), (centers,) = free.advance(min(CHUNK_STEPS, steps - first))
+        packet, centers = free.advance(min(CHUNK_STEPS, steps - first))
         times = packet.t_start_us + np.float64(1000.0) * np.arange(1.0, len(centers) + 1)
         yield packet, (times, centers)
 

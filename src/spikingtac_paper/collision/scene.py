@@ -78,12 +78,11 @@ class CollisionScene:
     def make_free_rig(self, seed: int, history: Literal["rested", "random"]) -> FreeRig:
         """Return the fast path of the same sensor and probe, without a wall."""
         finger = replace(self.finger(), history=history)
-        return FreeRig(self.rig_config(), [finger], [seed], np.random.default_rng(seed))
+        return FreeRig(self.rig_config(), finger, seed, np.random.default_rng(seed))
 
     def calibration(self, free: FreeRig) -> Calibration:
         """Return the true calibration of the sensor in the grip."""
-        image = free.images[0]
-        return self.calibration_of(image.center_px, image.radius_px)
+        return self.calibration_of(free.image.center_px, free.image.radius_px)
 
     def calibration_of(self, reference_px: ArrayLike, radius_px: ArrayLike) -> Calibration:
         """Return the calibration with these rest positions and radii, px."""

@@ -11,14 +11,12 @@ Without contact the rod is a linear system. Its impulse response is computed wit
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, oaconvolve
 
-from spikingtac import windows
 from spikingtac.arrays import FloatArray
 from spikingtac.sim import (
     CameraChoice,
@@ -127,7 +125,6 @@ COVARIANCE_SEED, COVARIANCE_STEPS = 0, 120_000
 
 Two minutes give it to 3 %.
 """
-CHUNK_STEPS = 10_000
 
 
 class SmallMotionFinger(SensingFinger):
@@ -163,57 +160,35 @@ class SmallMotionFinger(SensingFinger):
 
 
 class FreeRig:
-    """Fingers on a free probe under the vibration of the cruising arm.
+    """A finger on a free probe under the vibration of the cruising arm.
 
     Args:
         config: Probe, pads and vibration.
-        fingers: One or two fingers; the first is pad A.
-        seeds: Seed of each finger's noise.
+        finger: The finger, on pad A.
+        seed: Seed of its noise.
         rng: Source of the vibration.
     """
 
     def __init__(
-        self,
-        config: RigConfig,
-        fingers: Sequence[FingerConfig],
-        seeds: Sequence[int],
-        rng: np.random.Generator,
+        self, config: RigConfig, finger: FingerConfig, seed: int, rng: np.random.Generator
     ) -> None:
         self._motion = FreeMotion(config.probe, VibrationPath(config.vibration_mm, rng))
-        self._fingers = [
-            SmallMotionFinger(finger, seed, Pad(faces_back=bool(number)), config)
-            for number, (finger, seed) in enumerate(zip(fingers, seeds, strict=True))
-        ]
+        self._finger = SmallMotionFinger(finger, seed, Pad(), config)
 
     @property
-    def images(self) -> tuple[MarkerImage, ...]:
-        """The markers at rest, one image for each sensor."""
-        return tuple(finger.image for finger in self._fingers)
+    def image(self) -> MarkerImage:
+        """The markers at rest."""
+        return self._finger.image
 
-    def advance(
-        self, steps: int
-    ) -> tuple[tuple[EventPacket, ...], tuple[NDArray[np.float64], ...]]:
+    def advance(self, steps: int) -> tuple[EventPacket, NDArray[np.float64]]:
         """Advance by a number of milliseconds.
 
         Returns:
-            The events of each sensor, and its true marker centres ``(steps, m, 2)`` to first order,
-            px.
+            The events, and the true marker centres ``(steps, m, 2)`` to first order, px.
         """
         bushing = self._motion.advance(steps)
-        packets = tuple(finger.sparse_camera.render_motion(bushing) for finger in self._fingers)
-        markers = tuple(
-            finger.image.center_px + np.einsum("mcf,sf->smc", finger.slopes, bushing)
-            for finger in self._fingers
-        )
-        return packets, markers
-
-    def windows(self, steps: int, period_us: int = 1000, sensor: int = 0) -> Iterator[EventPacket]:
-        """Yield the windows of one sensor over a number of milliseconds."""
-        chunks = (
-            self.advance(min(CHUNK_STEPS, steps - first))[0][sensor]
-            for first in range(0, steps, CHUNK_STEPS)
-        )
-        return windows(chunks, period_us, silence_limit_us=None)
+        moved_px = np.einsum("mcf,sf->smc", self._finger.slopes, bushing)
+        return self._finger.sparse_camera.render_motion(bushing), self.image.center_px + moved_px
 
 
 @functools.lru_cache(maxsize=16)

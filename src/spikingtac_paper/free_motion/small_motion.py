@@ -4,7 +4,8 @@ A marker that moves by a tenth of a pixel changes the light of the pixels around
 fraction of a threshold. The distance of each pixel to the edge is linear in the motion of the rod,
 its light is looked up, and the change detector is that of :mod:`spikingtac.sim.camera.pixels`. A
 pixel that cannot reach a threshold for some time waits in a timing wheel for that time, which makes
-this fast.
+this fast. The wheel is that of Varghese & Lauck, SOSP 1987, doi:10.1145/41457.37504: a linked list
+of pixels for each coming step.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from spikingtac.sim import (
     intensity_kernel,
     log_intensity_kernel,
 )
-from spikingtac_paper.free_motion.timing_wheel import TimingWheel, pop_due_kernel, schedule_kernel
 
 EDGE_DTYPE = np.dtype(
     [
@@ -43,10 +43,62 @@ BAND_STEPS = 64
 """Steps for which a band of distances is computed; longer waits go to the timing wheel."""
 MIN_DELAY_STEPS = 2.0
 """Shortest wait for which a pixel is put into the timing wheel, steps."""
-UNROLLED_STEPS = 16
-"""Number of steps of the motion that are compared with a band at once."""
 _BISECTION_STEPS = 12
 """Bisection steps for the ends of a band: 1/1000 px, and never beyond the end."""
+
+
+EMPTY = -1
+"""End of a linked list."""
+
+
+class TimingWheel(NamedTuple):
+    """Pixels that are active now, and the step in which each other pixel becomes active again.
+
+    Attributes:
+        first: ``(slots,)`` first pixel of each slot's list; -1 if the list is empty.
+        following: ``(n,)`` next pixel of the same list; -1 at its end.
+        active: ``(n,)`` active pixels. The first ``active_count[0]`` are valid.
+        active_count: ``(1,)`` number of active pixels.
+        slot: ``(1,)`` slot of the present step.
+    """
+
+    first: NDArray[np.int32]
+    following: NDArray[np.int32]
+    active: NDArray[np.int32]
+    active_count: NDArray[np.int64]
+    slot: NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def schedule_kernel(wheel: TimingWheel, pixel: int, steps: float) -> None:
+    """Make a pixel inactive for a number of steps, at most one turn of the wheel."""
+    slots = wheel.first.shape[0]
+    slot = (wheel.slot[0] + int(min(steps, slots - 1.0))) % slots
+    wheel.following[pixel] = wheel.first[slot]
+    wheel.first[slot] = pixel
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pop_due_kernel(wheel: TimingWheel) -> None:
+    """Make the pixels of the present slot active and empty the slot."""
+    slot = wheel.slot[0]
+    pixel = wheel.first[slot]
+    wheel.first[slot] = EMPTY
+    while pixel >= 0:
+        wheel.active[wheel.active_count[0]] = pixel
+        wheel.active_count[0] += 1
+        pixel = wheel.following[pixel]
+
+
+def make_timing_wheel(pixels: int, slots: int) -> TimingWheel:
+    """Return a wheel with ``slots`` steps, in which all ``pixels`` pixels are active."""
+    return TimingWheel(
+        first=np.full(slots, EMPTY, np.int32),
+        following=np.full(pixels, EMPTY, np.int32),
+        active=np.arange(pixels, dtype=np.int32),
+        active_count=np.full(1, pixels, np.int64),
+        slot=np.zeros(1, np.int64),
+    )
 
 
 class EdgePixels(NamedTuple):
@@ -207,9 +259,6 @@ def idle_steps_kernel(
 ) -> int:
     """Return for how many steps from ``step`` on the stored band excludes an event.
 
-    Rows of steps are compared at once. The loop over the six degrees of freedom is written out and
-    the indices are unsigned, because the compiler does not vectorise it otherwise.
-
     Args:
         edge: Record of :data:`EDGE_DTYPE`.
         motion: ``(filters, 6, 1 + steps)`` low-passed bushing.
@@ -220,27 +269,7 @@ def idle_steps_kernel(
     if edge["band_until_us"] < start_us + step * step_us:
         return 0
     end = 1 + min(int((edge["band_until_us"] - start_us) / step_us), motion.shape[2] - 1)
-    rest, low, high = (
-        float(edge["inside_px"]),
-        float(edge["band_low_px"]),
-        float(edge["band_high_px"]),
-    )
-    filter_index, slope, now = np.uint64(edge["filter_index"]), edge["slope"], step
-    a, b, c = float(slope[0]), float(slope[1]), float(slope[2])
-    d, e, f = float(slope[3]), float(slope[4]), float(slope[5])
-    while now + UNROLLED_STEPS <= end:
-        outside = 0
-        for k in range(np.uint64(now), np.uint64(now + UNROLLED_STEPS)):
-            inside = rest + a * float(motion[filter_index, 0, k])
-            inside += b * float(motion[filter_index, 1, k])
-            inside += c * float(motion[filter_index, 2, k])
-            inside += d * float(motion[filter_index, 3, k])
-            inside += e * float(motion[filter_index, 4, k])
-            inside += f * float(motion[filter_index, 5, k])
-            outside += not (low < inside and inside < high)
-        if outside:
-            break
-        now += UNROLLED_STEPS
+    low, high, now = float(edge["band_low_px"]), float(edge["band_high_px"]), step
     while now < end and low < edge_distance_kernel(edge, motion, now) < high:
         now += 1
     return now - step

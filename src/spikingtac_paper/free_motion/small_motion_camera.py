@@ -25,10 +25,11 @@ from spikingtac.sim import (
 from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.small_motion import (
     EDGE_DTYPE,
+    EMPTY,
     EdgePixels,
+    make_timing_wheel,
     small_motion_kernel,
 )
-from spikingtac_paper.free_motion.timing_wheel import EMPTY, make_timing_wheel
 
 DEGREES_OF_FREEDOM = 6
 """Translations and rotations of the rod against the pads."""
